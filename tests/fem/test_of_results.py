@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -44,12 +44,19 @@ def along_x(mesh, values):
     return found
 
 
+@dataclass(frozen=True)
+class Case(Results):
+    """With the motion (m + s, n, 3) of the nodes."""
+
+    motion: np.ndarray
+
+
 def results_of(mesh, loads=(0,), **more):
     """Exact modes of unit mass, φ = √(2/ρAL) sin kx, and exact responses min(x, a)/EA."""
     x = mesh.position[:, 0]
     shapes = np.sqrt(2 / (RHO * AREA * L)) * np.sin(WAVE[:, None] * x)
     static = np.array([np.minimum(x, (L, L / 2)[j]) / (E * AREA) for j in loads]).reshape(len(loads), len(x))
-    own = Results(
+    own = Case(
         frequency=WAVE * np.sqrt(E / RHO) / (2 * np.pi),
         motion=along_x(mesh, np.concatenate([shapes, static])),
         load=np.array(loads, dtype=np.int64),
@@ -62,7 +69,8 @@ def results_of(mesh, loads=(0,), **more):
 
 def built(mesh, results, loads=LOADS[:1], scaled=None):
     names = tuple(load.name for load in loads)
-    found = results_model(mesh, results, lambda model: input_shape(model, loads), names, scaled or {})
+    given = given_motion(mesh, results.motion)
+    found = results_model(mesh, given, results, lambda model: input_shape(model, loads), names, scaled or {})
     return found, input_shape(found.model, loads)
 
 

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint
-from strainsight.fem.given_motion import GivenMotion, given_motion
+from strainsight.fem.given_motion import GivenMotion
 from strainsight.fem.mass_product import has_mass, mass_product
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.results_checks import check_modes, check_responses, check_rows, mass_normalised, unresolved_rows
@@ -37,16 +37,14 @@ Forces = Callable[[FiniteElementModel], np.ndarray]
 
 @dataclass(frozen=True)
 class Results:
-    """Modes and static responses in SI units, on the nodes of a mesh.
+    """What files say of m modes and s static responses to loads, in SI units; their motion is a `GivenMotion`.
 
-    frequency (m,) [Hz] ascending; motion (m + s, n, c) of the modes and of s static responses behind them, c translations [m] and
-    rotations [rad] of each node, 3 or 6, NaN of a node without; load (s,): which of the loads, by its place among them, a static
-    response is the answer to, per unit of it; modal_mass (m,) [kg m²]: ΦᵀMΦ of the shapes where it is known, else None; rounding:
-    largest relative error of a number; where (m + s,): file and step of each.
+    frequency (m,) [Hz] ascending; load (s,): which of the loads, by its place among them, a static response is the answer to, per
+    unit of it; modal_mass (m,) [kg m²]: ΦᵀMΦ of the shapes where it is known, else None; rounding: largest relative error of a
+    number; where (m + s,): file and step of each.
     """
 
     frequency: np.ndarray
-    motion: np.ndarray
     load: np.ndarray
     modal_mass: np.ndarray | None
     rounding: float
@@ -63,12 +61,18 @@ class ResultsModel:
 
 
 def results_model(
-    mesh: Mesh, results: Results, forces: Forces | None, names: tuple[str, ...], scaled: Mapping[str, tuple[str, float]]
+    mesh: Mesh,
+    given: GivenMotion,
+    results: Results,
+    forces: Forces | None,
+    names: tuple[str, ...],
+    scaled: Mapping[str, tuple[str, float]],
 ) -> ResultsModel:
     """K and M of the coordinates (Φ, r), and z = [Φ, r] q on the rows of the mesh.
 
-    forces: the loads, called `names`; None: modes alone. scaled: "stiffness" or "mass" → the parameter that it is proportional to
-    and the parameter's value [SI] that the results were made with.
+    given: motion of the modes [m, rad] and of the responses [m/N, rad/N]; forces: the loads, called `names`; None: modes alone;
+    scaled: "stiffness" or "mass" → the parameter that it is proportional to and the parameter's value [SI] that the results were
+    made with.
     The mass of residuals is the consistent mass of the mesh where all its nodes are in the results and all its regions have a
     density; else K = (10 ω_max)² M for them. A residual whose energy is not above the rounding of its file adds no coordinate.
     Raises UserError for modes that are rigid or have no known mass, for rows that the surface or a load needs and the results
@@ -76,7 +80,6 @@ def results_model(
     """
     m = len(results.frequency)
     check_modes(results.frequency, results.where)
-    given = given_motion(mesh, results.motion)
     check_rows(mesh, given)
     weighed = _weighed(mesh, given)
     own = None if weighed is None else np.einsum("ij,ij->j", given.field[:, :m], weighed[:, :m])

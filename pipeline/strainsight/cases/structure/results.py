@@ -18,6 +18,7 @@ from strainsight.decks.results.response import Response
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.assembly import density_of, modulus_of, regions_of
+from strainsight.fem.given_motion import given_motion
 from strainsight.fem.of_results import Results, ResultsModel, results_model
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
@@ -61,7 +62,6 @@ def model_of_results(
     names = tuple(loads or ())
     results = Results(
         frequency=np.array([own.frequency for own in responses[: len(order)]]),
-        motion=_stacked(motion, size, L),
         load=np.array([names.index(name) for name in static], dtype=np.int64),
         modal_mass=_modal_mass(stated, responses[: len(order)], M * L**2),
         rounding=max(own.rounding for own in responses),
@@ -70,6 +70,7 @@ def model_of_results(
     with blame("mesh.results"), mesh.located():
         built = results_model(
             mesh,
+            given_motion(mesh, _stacked(motion, size, L)),
             results,
             None if loads is None else lambda model: load_shapes(model, loads),
             names,
