@@ -45,7 +45,8 @@ class FullModel:
 
     def in_coordinates(self, shape: np.ndarray) -> np.ndarray:
         """Modes of the model without loads, on the free motions of this one: static responses stand behind the modes."""
-        return np.vstack([shape, np.zeros((self.model.size - len(shape), shape.shape[1]))])
+        behind = self.model.size - len(shape)
+        return np.vstack([shape, np.zeros((behind, shape.shape[1]))]) if behind else shape
 
 
 def full_model(
