@@ -18,8 +18,9 @@ class Response:
     static response; label: title of the step or subcase in the words of the file, "" where it has none; modal_mass: ΦᵀMΦ [mass
     of the file, times length² where the shape is a length] where the file states it; along_node_axes: the motion is along the
     displacement axes of each node (CD of a GRID), which the deck states, and not along the basic axes; rounding: largest relative
-    error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; where: file and step, or line,
-    for a message.
+    error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; scalar_points: how many
+    points that are no nodes (scalar, fluid) stand among these in the file and are left out; where: file and step, or line, for a
+    message.
     """
 
     kind: Literal["mode", "static"]
@@ -32,4 +33,5 @@ class Response:
     modal_mass: float | None = None
     along_node_axes: bool = False
     rounding: float = 6e-8
+    scalar_points: int = 0
     where: str = ""
