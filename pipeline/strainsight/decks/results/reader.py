@@ -7,6 +7,7 @@ from pathlib import Path
 
 from strainsight.decks.results.frd import frd_responses
 from strainsight.decks.results.op2 import op2_responses
+from strainsight.decks.results.punch import punch_responses
 from strainsight.decks.results.response import Response
 from strainsight.decks.text import UNPACKING
 from strainsight.errors import DeckError
@@ -14,6 +15,7 @@ from strainsight.errors import DeckError
 READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
     ".frd": frd_responses,
     ".op2": op2_responses,
+    ".pch": punch_responses,
 }
 """Ending of the name, without .gz → reader."""
 
