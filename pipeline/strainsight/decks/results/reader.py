@@ -9,6 +9,7 @@ from strainsight.decks.results.frd import frd_responses
 from strainsight.decks.results.op2 import op2_responses
 from strainsight.decks.results.punch import punch_responses
 from strainsight.decks.results.response import Response
+from strainsight.decks.results.universal import universal_responses
 from strainsight.decks.text import UNPACKING
 from strainsight.errors import DeckError
 
@@ -16,6 +17,8 @@ READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
     ".frd": frd_responses,
     ".op2": op2_responses,
     ".pch": punch_responses,
+    ".unv": universal_responses,
+    ".uff": universal_responses,
 }
 """Ending of the name, without .gz → reader."""
 
