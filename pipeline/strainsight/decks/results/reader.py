@@ -10,6 +10,7 @@ from strainsight.decks.results.op2 import op2_responses
 from strainsight.decks.results.punch import punch_responses
 from strainsight.decks.results.response import Response
 from strainsight.decks.results.universal import universal_responses
+from strainsight.decks.results.vtu import vtu_responses
 from strainsight.decks.text import UNPACKING
 from strainsight.errors import DeckError
 
@@ -19,6 +20,8 @@ READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
     ".pch": punch_responses,
     ".unv": universal_responses,
     ".uff": universal_responses,
+    ".vtu": vtu_responses,
+    ".vtk": vtu_responses,
 }
 """Ending of the name, without .gz → reader."""
 
