@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 # Extras of use beyond development. `meshes` is none: gmsh (GPL) writes the meshes of this repository and is never imported.
-EXTRAS = ("dask", "daq")
+EXTRAS = ("dask", "daq", "results")
 DOCS = Path("docs/dependencies.md")
 # What a package may say: SPDX expressions without their operators, classifiers, or one line.
 FREE = {
@@ -66,7 +66,12 @@ def licence(package: Distribution) -> str | None:
     ]
     # a licence in full is no name of one
     lines = [line] if line and "\n" not in line and len(line) < 80 else []
-    return (lines or named)[0] if named + lines and all(part in FREE | INTEL for part in named + lines) else None
+    return (lines or named)[0] if named + lines and all(map(_is_known, named + lines)) else None
+
+
+def _is_known(said: str) -> bool:
+    """One licence by its name, or several free ones as an expression."""
+    return said in FREE | INTEL or all(part in FREE for part in OPERATORS.split(said) if part)
 
 
 if __name__ == "__main__":

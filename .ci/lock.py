@@ -21,7 +21,7 @@ with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)["project"]
 lowest = "--lowest" in sys.argv
 extras = project["optional-dependencies"]
-used = project["dependencies"] + extras["dask"] + extras["daq"]
+used = project["dependencies"] + extras["dask"] + extras["daq"] + extras["results"]
 wanted = [line.replace(">=", "==") if lowest else line for line in used] + extras["dev"]
 resolve = ["install", "--quiet", "--dry-run", "--ignore-installed", "--report", "-", *wanted]
 report = json.loads(subprocess.run([sys.executable, "-m", "pip", *resolve], check=True, capture_output=True).stdout)

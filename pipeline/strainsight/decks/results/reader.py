@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from strainsight.decks.results.ansys import ansys_responses
 from strainsight.decks.results.frd import frd_responses
 from strainsight.decks.results.op2 import op2_responses
 from strainsight.decks.results.punch import punch_responses
@@ -18,6 +19,7 @@ READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
     ".frd": frd_responses,
     ".op2": op2_responses,
     ".pch": punch_responses,
+    ".rst": ansys_responses,
     ".unv": universal_responses,
     ".uff": universal_responses,
     ".vtu": vtu_responses,
