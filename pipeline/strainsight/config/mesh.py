@@ -158,8 +158,8 @@ class Results(Section):
     """Modes and static responses of another program, in place of stiffness and mass."""
 
     file: Text = Field(
-        description="File of results, in the units of the mesh: .frd of CalculiX. Modes and responses of all loads are taken "
-        "from it but where they name another."
+        description="File of results, in the units of the mesh: .frd of CalculiX, .op2 or .pch of Nastran, universal (.unv, "
+        ".uff), .rst of Ansys, .vtu or .vtk. Modes and responses of all loads are taken from it but where they name another."
     )
     modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")
     loads: dict[Name, ResponseOfLoad] = Field(

@@ -91,12 +91,14 @@ def _gather(wanted: list[Wanted], mesh: Mesh, files: Mapping[str, Path]) -> list
     for (key, path), here in by_file.items():
         known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         steps: dict[str, None] = {}
+        scalar_points = 0
         with blame(key):
             for response in read_responses(path):
                 steps.setdefault(_step_in_words(response), None)
                 takers = [own for own in here if _fits(own, response)]
                 if not takers:
                     continue
+                scalar_points = max(scalar_points, response.scalar_points)
                 if known is None or not np.array_equal(known[0], response.node_ids):
                     rows, missing = nodes.rows(response.node_ids)
                     known = response.node_ids, rows, ~missing
@@ -112,6 +114,8 @@ def _gather(wanted: list[Wanted], mesh: Mesh, files: Mapping[str, Path]) -> list
                     own.motion.append(placed)
         if known is not None and not known[2].all():
             notes.append(f"{path.name} has {int((~known[2]).sum())} nodes that the mesh lacks, which are left out")
+        if scalar_points:
+            notes.append(f"{path.name} has {scalar_points} scalar or fluid points, which are left out")
         for own in here:
             _check_found(own, path, list(steps))
     return notes
