@@ -58,7 +58,15 @@ def frd_responses(path: Path) -> Iterator[Response]:
             raw, motion = _table(file, block, where)
             if raw != known[0]:
                 known = raw, _ids(raw, block.format, where)
-            yield _response(block, known[1], motion, where)
+            try:
+                response = _response(block, known[1], motion, where)
+            except (ValueError, IndexError):
+                raise DeckError(
+                    "the lines 1P before a block of displacements are damaged",
+                    where=where,
+                    remedy="write the results again",
+                ) from None
+            yield response
 
 
 def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
@@ -103,9 +111,9 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[_Block, str]]:
         key = line[:6]
         if key == b"    1P":
             words = line[6:].split()
-            if words[0] == b"STEP":
+            if words[:1] == [b"STEP"]:
                 parameters = {}
-            parameters[words[0]] = words[1:]
+            parameters[b"".join(words[:1])] = words[1:]
         elif key in (b"    2C", b"    3C"):
             _skip_mesh(file, line, str(path))
         elif key == b"  100C":
@@ -152,12 +160,15 @@ def _table(file: BinaryIO, block: _Block, where: str) -> tuple[bytes, np.ndarray
             f"{k} numbers a node in a block of displacements", where=where, remedy="write the results again"
         )
     width = ID_WIDTH[block.format]
+    last = 3 + width + NUMBER * k
     start = file.tell()
     length = len(file.readline())
+    if length <= last or block.rows < 0:
+        raise _no_number(where)
     file.seek(start)
     text = np.frombuffer(whole(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
     if (text[:, :3] == np.frombuffer(b" -1", np.uint8)).all() and (text[:, -1] == ord("\n")).all():
-        ids, last = text[:, 3 : 3 + width].tobytes(), 3 + width + NUMBER * k
+        ids = text[:, 3 : 3 + width].tobytes()
         columns = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}")
         try:
             values = columns.astype(float)
