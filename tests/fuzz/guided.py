@@ -23,6 +23,7 @@ PLAIN = {
     "config": (".yaml",),
     "deck": (".bdf", ".inp", ".msh", ".op4", ".mtx", ".npz", ".csv"),
     "measurement": (".csv", ".uff"),
+    "results": (".op2", ".pch", ".unv", ".frd"),
 }
 """Group → endings of the files that this process reads itself; the first byte of an input says which it is."""
 
@@ -80,6 +81,7 @@ def _run(name: str, made: Path, seconds: int, seed: int, out: Path) -> None:
         import strainsight.decks.gmsh.mesh
         import strainsight.decks.matrices.files
         import strainsight.decks.nastran.deck
+        import strainsight.decks.results.reader
         import strainsight.measurements.assemble
         import strainsight.measurements.reader
         import strainsight.stages.import_mesh  # noqa: F401

@@ -85,10 +85,19 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     assemble(recording, settings, (None, 1e-3, 5e-4)[choice % 3])
 
 
+def read_results(path: Path, choice: int, sandboxed: bool = True) -> None:
+    """Every mode and static response."""
+    from strainsight.decks.results.reader import read_responses
+
+    for response in read_responses(path):
+        assert response.motion.shape[0] == response.node_ids.size
+
+
 READERS: dict[str, Callable[..., None]] = {
     "config": read_config,
     "deck": read_deck,
     "measurement": read_measurement,
+    "results": read_results,
 }
 
 

@@ -210,8 +210,9 @@ MESHIO += ("part.vol", "part.su2", "part.avs", "part.cgns", "part.node", "part.f
 
 
 def write_seeds(folder: Path) -> None:
-    """One folder a group: config, deck, measurement; beside the files stand those that they take in (`beside*`)."""
-    for group, write in {"config": _configs, "deck": _decks, "measurement": _measurements}.items():
+    """One folder a group: config, deck, measurement, results; beside the files stand those that they take in (`beside*`)."""
+    groups = {"config": _configs, "deck": _decks, "measurement": _measurements, "results": _results}
+    for group, write in groups.items():
         (folder / group).mkdir(parents=True)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -310,3 +311,14 @@ def _measurements(folder: Path) -> None:
             file.create_dataset("a", data=np.arange(24.0), **more).attrs["units"] = "um/m"
             file.create_dataset("group/table", data=np.arange(48.0, dtype="f4").reshape(24, 2))
             file["link"] = h5py.SoftLink("/group/table")
+
+
+def _results(folder: Path) -> None:
+    from ..decks.results import test_op2, test_punch, test_universal
+
+    for name, w in {"own.op2": test_op2.Writer(), "long.op2": test_op2.Writer(">", 8)}.items():
+        (folder / name).write_bytes(w.file(w.lama([(1, 4e4, 2.5)]), w.modes(), w.static(3)))
+    rows = test_punch.rows()
+    test_punch.written(folder, test_punch.mode(1, 4e4), rows, test_punch.comments("DISPLACEMENTS"), rows)
+    test_universal.written(folder, test_universal.dataset55(), test_universal.dataset2414(analysis=9), name="own.unv")
+    (folder / "own.frd").write_bytes((ROOT / "tests/decks/results/data/column.frd").read_bytes())

@@ -23,7 +23,7 @@ from .mutation import mutated
 from .readers import READERS, fault_of
 from .seeds import write_seeds
 
-SHARE = {"config": 250, "deck": 900, "measurement": 900}
+SHARE = {"config": 250, "deck": 900, "measurement": 900, "results": 900}
 """Group → damaged files that are read here."""
 SEED = 10
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the limits of a process are those of Linux")
