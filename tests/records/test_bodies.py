@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from strainsight.fem.affine import AffineOperator
+from strainsight.fem.affine import AffineOperator, Coefficient, Polynomial
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.record import read, written
 from strainsight.rom.inertia import InertiaInvariants
@@ -26,7 +26,11 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         frequency=np.array([1.0]),
         cut=5.0,
         mass=np.diag([1.0, 3.0]),
-        stiffness=AffineOperator(np.diag([1.0, 2.0]), {"E": np.diag([3.0, 4.0])}),
+        stiffness=AffineOperator(
+            np.diag([1.0, 2.0]),
+            {"E": np.diag([3.0, 4.0]), "E t": np.eye(2)},
+            {"E t": Coefficient((Polynomial("E"), Polynomial("t", (1.5, 0.0), 0.5, (-1.0, 2.0))))},
+        ),
         damping=AffineOperator(np.eye(2), {}),
         basis=np.eye(6, 2),
         interface={"7": np.eye(6, 2), "12": 2 * np.eye(6, 2)},
@@ -38,7 +42,8 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
     )
     found = read(ReducedBodies, artefact).bodies["b"]
     assert (found.clamped, found.cut) == (True, 5.0)
-    np.testing.assert_array_equal(found.stiffness.at({"E": 2.0}), np.diag([7.0, 10.0]))
+    assert found.stiffness.coefficients == own.stiffness.coefficients
+    np.testing.assert_array_equal(found.stiffness.at({"E": 2.0, "t": 2.0}), np.diag([15.0, 18.0]))
     np.testing.assert_array_equal(found.damping.at({"E": 2.0}), np.eye(2))
     np.testing.assert_array_equal(found.interface["12"], 2 * np.eye(6, 2))
     for name in ("frequency", "mass", "basis"):

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, expm_frechet, solve_sylvester, sqrtm
 
-from strainsight.fem.affine import AffineOperator
+from strainsight.fem.affine import AffineOperator, Coefficient, Polynomial
 from strainsight.rom.modal_step import modal_step, parameter_slopes, simulate
-from strainsight.rom.model import Damping, ReducedModel
+from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
 DAMPINGS = [Damping(), Damping("modal", ratio=0.02), Damping("rayleigh", alpha=0.5, beta=1e-4)]
 NAMES = ("E", "rho")
@@ -55,7 +57,7 @@ def system(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray]:
 
 def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.ndarray]:
     K, M, S = model.stiffness.at(theta), model.mass.at(theta), shape(model, theta)
-    dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+    dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
     X = np.linalg.solve(M, K)
     dX = np.linalg.solve(M, dK - dM @ X)
     d = model.damping
@@ -113,7 +115,7 @@ def assert_slopes_are_frechet(model: ReducedModel, theta, h: float, tolerance: f
     rng = np.random.default_rng(1)
     w = scales(model, theta)
     x, u = rng.standard_normal(2 * model.size) / w, rng.standard_normal((3, 2))
-    slopes = parameter_slopes(model, modal_step(model, theta, h), x, u, NAMES)
+    slopes = parameter_slopes(model, modal_step(model, theta, h), theta, x, u, NAMES)
     G = with_force_states(*system(model, theta), h)
     start = np.concatenate([x, u[0], u[1], 2 * u[2]])
     for i, name in enumerate(NAMES):
@@ -159,7 +161,7 @@ def test_one_material_scaled_as_a_whole_has_euler_homogeneous_slopes():
         step = modal_step(model, theta, 1e-3)
         rng = np.random.default_rng(2)
         x, u = rng.standard_normal(6), 1e5 * rng.standard_normal((3, 2))
-        slopes = parameter_slopes(model, step, x, u, NAMES)
+        slopes = parameter_slopes(model, step, theta, x, u, NAMES)
         forced = np.einsum("aju,ju->a", step.input, u)
         total = slopes @ np.array([2.0, 0.5]) + forced
         assert np.max(np.abs(total)) < 1e-10 * np.max(np.abs(slopes))
@@ -177,11 +179,47 @@ def test_slopes_agree_with_central_differences_of_the_step(damping, on_mass):
         step = modal_step(model, values, h)
         return step.transition @ x + np.einsum("aju,ju->a", step.input, u)
 
-    slopes = parameter_slopes(model, modal_step(model, theta, h), x, u, NAMES)
+    slopes = parameter_slopes(model, modal_step(model, theta, h), theta, x, u, NAMES)
     for i, name in enumerate(NAMES):
         d = 1e-5
         difference = (after({**theta, name: theta[name] + d}) - after({**theta, name: theta[name] - d})) / (2 * d)
         np.testing.assert_allclose(slopes[:, i], difference, atol=1e-7 * np.abs(difference).max())
+
+
+@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
+def test_slopes_in_a_thickness_agree_with_central_differences(damping):
+    """K = K₀ + E (t K₁ + t³ K₃), M = M₀ + ρ t M₁: at many values at once, of the step and of what it damps."""
+    plain = two_materials(12, damping)
+    E, t, t3, rho = Polynomial("E"), Polynomial("t"), Polynomial("t", (0.0, 0.0, 0.0)), Polynomial("rho")
+    K, M = plain.stiffness.terms["E"], plain.mass.terms["rho"]
+    thick = replace(
+        plain,
+        stiffness=AffineOperator(
+            plain.stiffness.constant,
+            {"E t": K, "E t^3": K[::-1, ::-1]},
+            {"E t": Coefficient((E, t)), "E t^3": Coefficient((E, t3))},
+        ),
+        mass=AffineOperator(plain.mass.constant, {"rho t": M}, {"rho t": Coefficient((rho, t))}),
+        reference={"E": 1.0, "rho": 1.0, "t": 1.0},
+    )
+    rng = np.random.default_rng(3)
+    x, u = rng.standard_normal((5, 8)), rng.standard_normal((5, 3, 2))
+    theta = {"E": rng.uniform(0.8, 1.2, 5), "rho": 1.1, "t": rng.uniform(0.8, 1.2, 5)}
+
+    def after(values):
+        step = modal_step(thick, values, 7e-3)
+        return np.einsum("kab,kb->ka", step.transition, x) + np.einsum("kaju,kju->ka", step.input, u)
+
+    names = ("E", "rho", "t")
+    slopes = parameter_slopes(thick, modal_step(thick, theta, 7e-3), theta, x, u, names)
+    for i, name in enumerate(names):
+        d = 1e-5
+        difference = (after({**theta, name: theta[name] + d}) - after({**theta, name: theta[name] - d})) / (2 * d)
+        np.testing.assert_allclose(slopes[..., i], difference, atol=1e-7 * np.abs(difference).max())
+        at = {"E": 0.9, "rho": 1.1, "t": 1.05}
+        C = [damping_matrix(thick, {**at, name: at[name] + s * d}) for s in (1, -1)]
+        slope = damping_derivative(thick, at, name)
+        np.testing.assert_allclose(slope, (C[0] - C[1]) / (2 * d), atol=1e-8 * np.abs(C[0]).max())
 
 
 @pytest.mark.parametrize("omega", [1e-1, 1e7])
@@ -192,7 +230,7 @@ def test_slow_and_fast_modes_beside_one_another(omega, damping):
     step = modal_step(model, model.reference, 1e-4)
     assert np.isfinite(step.transition).all()
     x = np.array([1.0, 0.0, 0.0, 0.0])
-    slopes = parameter_slopes(model, step, x, np.zeros((3, 2)), NAMES)
+    slopes = parameter_slopes(model, step, model.reference, x, np.zeros((3, 2)), NAMES)
     assert np.isfinite(slopes).all()
     if damping.ratio == 0:
         angle = omega * 1e-4
@@ -208,19 +246,19 @@ def test_a_batch_is_the_loop():
     E, rho = rng.uniform(0.5, 2, 6), rng.uniform(0.5, 2, 6)
     x, u = rng.standard_normal((6, 8)), rng.standard_normal((6, 3, 2))
     step = modal_step(model, {"E": E, "rho": rho}, 1e-3)
-    slopes = parameter_slopes(model, step, x, u, NAMES)
+    slopes = parameter_slopes(model, step, {"E": E, "rho": rho}, x, u, NAMES)
     for i in range(6):
         single = modal_step(model, {"E": E[i], "rho": rho[i]}, 1e-3)
         np.testing.assert_allclose(step.transition[i], single.transition, atol=1e-9)
         np.testing.assert_allclose(step.input[i], single.input, atol=1e-12)
-        alone = parameter_slopes(model, single, x[i], u[i], NAMES)
+        alone = parameter_slopes(model, single, {"E": E[i], "rho": rho[i]}, x[i], u[i], NAMES)
         np.testing.assert_allclose(slopes[i], alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
 def test_no_parameter_gives_no_slope():
     model = two_materials(6, DAMPINGS[1])
     step = modal_step(model, model.reference, 1e-3)
-    assert parameter_slopes(model, step, np.ones(8), np.ones((3, 2)), ()).shape == (8, 0)
+    assert parameter_slopes(model, step, model.reference, np.ones(8), np.ones((3, 2)), ()).shape == (8, 0)
 
 
 def test_two_half_steps_are_one_step():

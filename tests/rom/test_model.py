@@ -72,7 +72,7 @@ def test_the_derivative_of_modal_damping_solves_the_sylvester_equation_of_the_ro
     """X² = A, X dX + dX X = dA,  C = 2ζ M X."""
     model = two_materials(seed)
     K, M = model.stiffness.at(THETA), model.mass.at(THETA)
-    dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+    dK, dM = model.stiffness.derivative(name, THETA), model.mass.derivative(name, THETA)
     A = np.linalg.solve(M, K)
     dA = np.linalg.solve(M, dK - dM @ A)
     X = sqrtm(A).real

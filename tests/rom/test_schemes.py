@@ -80,7 +80,7 @@ def test_slopes_agree_with_central_differences(damping, kind):
         linear = built(theta)
         return linear.transition @ x + np.einsum("aju,ju->a", linear.input, u)
 
-    slopes = parameter_slopes(model, built(THETA), x, u, ("E", "rho"))
+    slopes = parameter_slopes(model, built(THETA), THETA, x, u, ("E", "rho"))
     assert slopes.shape == (len(after(THETA)), 2)
     for i, name in enumerate(("E", "rho")):
         d = 1e-5

@@ -56,9 +56,9 @@ def parameter_forces(
     forces = np.zeros((len(x), n, len(unknowns.parameters)))
     for i, name in enumerate(unknowns.parameters):
         dK, dC, dM = (
-            model.stiffness.derivative(name),
+            model.stiffness.derivative(name, theta),
             damping_derivative(model, theta, name),
-            model.mass.derivative(name),
+            model.mass.derivative(name, theta),
         )
         forces[:, :, i] = theta[name] * (q @ dK + v @ dC + a @ dM)
         if name in model.input_slope:

@@ -13,7 +13,7 @@ from strainsight.errors import did_you_mean
 
 PARALLEL = 1e-6
 """sin² of the least angle between the two axes of a datum, 0.06°."""
-RESERVED = {"constant"}  # names the terms of an affine operator that belong to no parameter
+RESERVED = {"constant", "factors", "roots"}  # what stands beside the terms of an affine operator in a file
 
 
 def model_problems(config: PlacementConfig) -> Iterator[Problem]:

@@ -115,7 +115,7 @@ def _map_jacobian(
     held = hold.shape[0] * hold.shape[1]
     J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], held) @ hold.reshape(held, -1 if held else 0)
     if names:
-        slopes = parameter_slopes(model.model, modal, state, u, names)
+        slopes = parameter_slopes(model.model, modal, theta, state, u, names)
         scale = np.stack(np.broadcast_arrays(*(theta[name] for name in names)), axis=-1)
         J[..., model.parameter_states] = slopes * scale[..., None, :]
     return J

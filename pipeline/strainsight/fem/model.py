@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError, StrainsightError
-from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.affine import AffineOperator, Parameter, sum_of
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
 from strainsight.fem.idle import idle_rotations
@@ -73,25 +73,19 @@ def build_model(
         stiffness, mass = (sum_of(own, more) for own, more in zip((stiffness, mass), thin, strict=True))
     if len(mesh.turning):
         idle = idle_rotations(mesh, constraint, at_reference(stiffness, parameters))
-        stiffness = AffineOperator(stiffness.constant + idle, stiffness.terms)
+        stiffness = replace(stiffness, constant=stiffness.constant + idle)
     if mesh.springs or any(own.springs for own in parameters):
         springs = spring_operator(mesh, constraint.reference_rows, parameters)
         stiffness = sum_of(stiffness, restricted(springs, constraint.transform))
     if mesh.point_masses:
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
-        mass = AffineOperator(mass.constant + points, mass.terms)
+        mass = replace(mass, constant=mass.constant + points)
     return FiniteElementModel(mesh, constraint, stiffness, mass, rigid)
 
 
 def at_reference(X: AffineOperator, parameters: Sequence[Parameter]) -> sparse.csr_array:
     """X at the reference values of its parameters."""
-    return sparse.csr_array(X.at({own.name: own.reference for own in parameters if own.name in X.terms}))
-
-
-def sum_of(X: AffineOperator, Y: AffineOperator) -> AffineOperator:
-    """X(θ) + Y(θ) term by term."""
-    terms = {name: X.terms.get(name, 0) + Y.terms.get(name, 0) for name in {**X.terms, **Y.terms}}
-    return AffineOperator(X.constant + Y.constant, terms)
+    return sparse.csr_array(X.at({own.name: own.reference for own in parameters if own.name in X.parameters}))
 
 
 def soft_springs(mesh: Mesh) -> str:
@@ -126,8 +120,7 @@ def _squared_wave_speeds(mesh: Mesh) -> list[float]:
 
 def restricted(operator: AffineOperator, T: sparse.csr_array) -> AffineOperator:
     """Tᵀ X(θ) T term by term; X (n, n), T CSR (n, n_free)."""
-    terms = {name: congruence(term, T) for name, term in operator.terms.items()}
-    return AffineOperator(congruence(operator.constant, T), terms)
+    return operator.of_all(lambda X: congruence(X, T))
 
 
 def congruence(X: sparse.csr_array, T: sparse.csr_array) -> sparse.csr_array:

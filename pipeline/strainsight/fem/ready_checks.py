@@ -33,7 +33,7 @@ def rows_used(operator: AffineOperator) -> np.ndarray:
 
 
 def check_diagonal(model: FiniteElementModel) -> None:
-    diagonal = model.stiffness.at(dict.fromkeys(model.stiffness.terms, 1.0)).diagonal()
+    diagonal = model.stiffness.at(dict.fromkeys(model.stiffness.parameters, 1.0)).diagonal()
     if not np.all(diagonal > 0):
         free = int(np.argmin(diagonal > 0))
         name = describe_row(model.mesh, model.constraint, int(model.constraint.free_rows[free]))

@@ -107,7 +107,7 @@ def surface_state(
     state = SurfaceState(strain, stress, mises, principal(stress))
     if covariance is None:
         return state
-    slopes = np.stack([np.asarray(model.modulus.derivative(name)) for name in free], axis=1) if free else None
+    slopes = np.stack([np.asarray(model.modulus.derivative(name, theta)) for name in free], axis=1) if free else None
     root = _root(covariance)
     strain_std, stress_std, mises_std = np.empty_like(strain), np.empty_like(stress), np.empty_like(mises)
     for start in range(0, len(E), CHUNK):

@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from strainsight.fem.affine import AffineOperator
+from strainsight.fem.affine import AffineOperator, Coefficient, Polynomial
 from strainsight.records.record import dataset, group, record
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
@@ -27,15 +27,53 @@ class AffineTerms:
 
     constant: np.ndarray = dataset("/constant", "<unit>", "coordinate × coordinate", "<what>: constant term")
     terms: dict[str, np.ndarray] = dataset(
-        "/<name>", "<unit> per SI unit", "coordinate × coordinate", "<what>: slope in <name>"
+        "/<name>", "<unit> per SI unit", "coordinate × coordinate", "<what>: slope in <name>, or in its coefficient"
+    )
+    factors: dict[str, tuple[str, ...]] = dataset(
+        "/factors/<name>",
+        "1",
+        "root of <name>",
+        "<what>: parameters of c = Π (θ − root)/scale, where <name> is none itself",
+    )
+    roots: dict[str, np.ndarray] = dataset(
+        "/roots/<name>",
+        "SI",
+        "root of <name> × 4",
+        "<what>: root and scale, lowest and highest value, beyond which c goes on along its tangent",
     )
 
     @classmethod
     def of(cls, operator: AffineOperator) -> AffineTerms:
-        return cls(constant=operator.constant, terms=dict(operator.terms))
+        own = {
+            label: [(each, root) for each in coefficient.factors for root in each.roots]
+            for label, coefficient in operator.coefficients.items()
+        }
+        return cls(
+            constant=operator.constant,
+            terms=dict(operator.terms),
+            factors={label: tuple(each.parameter for each, _ in found) for label, found in own.items()},
+            roots={
+                label: np.array([[root, each.scale, *each.within] for each, root in found])
+                for label, found in own.items()
+            },
+        )
 
     def made(self) -> AffineOperator:
-        return AffineOperator(self.constant, self.terms)
+        return AffineOperator(
+            self.constant,
+            self.terms,
+            {label: _coefficient(names, self.roots[label]) for label, names in self.factors.items()},
+        )
+
+
+def _coefficient(parameters: tuple[str, ...], roots: np.ndarray) -> Coefficient:
+    """roots (k, 4) of these parameters (k,)."""
+    factors = []
+    for name in dict.fromkeys(parameters):
+        own = roots[np.array(parameters) == name]
+        _, scale, low, high = own[0].tolist()
+        factors.append(Polynomial(name, tuple(own[:, 0].tolist()), scale, (low, high)))
+    return Coefficient(tuple(factors))
 
 
 @record

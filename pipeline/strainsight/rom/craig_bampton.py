@@ -81,9 +81,9 @@ def craig_bampton(
     """
     if (modes is None) == (cutoff is None):
         raise UserError("a reduction takes either a number of modes or a cut-off frequency", remedy="give one of them")
-    if model.mass.terms:
+    if model.mass.parameters:
         raise UserError(
-            f"the density {next(iter(model.mass.terms))} is a parameter of a body in motion, whose inertia is constant",
+            f"the density {model.mass.parameters[0]} is a parameter of a body in motion, whose inertia is constant",
             remedy="leave it out of the parameters, or give the material its density",
         )
     b, unit = _interface_motions(model, interface)
@@ -126,7 +126,7 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
     stay = np.flatnonzero(~held)
     square = np.ix_(stay, stay)
     return CraigBampton(
-        AffineOperator(body.stiffness.constant[square], {k: X[square] for k, X in body.stiffness.terms.items()}),
+        body.stiffness.of_all(lambda X: X[square]),
         body.mass[square],
         body.basis[:, stay],
         {other: rows[:, stay] for other, rows in body.interface.items()},
@@ -247,7 +247,7 @@ def _held_modes(
 
 
 def _at_reference(model: FiniteElementModel, reference: Mapping[str, float]) -> sparse.csr_array:
-    missing = [name for name in model.stiffness.terms if name not in reference]
+    missing = [name for name in model.stiffness.parameters if name not in reference]
     if missing:
         raise UserError(f"parameter {missing[0]} has no reference value", remedy="give the value to reduce the body at")
     return sparse.csr_array(model.stiffness.at(reference))

@@ -79,13 +79,19 @@ def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray
 
 
 def parameter_slopes(
-    model: ReducedModel, step: ModalMap, x: np.ndarray, u: np.ndarray, names: Sequence[str]
+    model: ReducedModel,
+    step: ModalMap,
+    theta: Mapping[str, Any],
+    x: np.ndarray,
+    u: np.ndarray,
+    names: Sequence[str],
 ) -> np.ndarray:
     """∂y/∂θᵢ of a modal map at fixed x and u: every block of A is a function f(M⁻¹K), so with the divided differences of f
 
         df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = ΦΦᵀ(dS − dM ΦΦᵀS)
 
-    x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters. Returns (..., i n, len(names)).
+    theta: where the map was made; x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters.
+    Returns (..., i n, len(names)).
     Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
     """
     n = model.size
@@ -97,7 +103,7 @@ def parameter_slopes(
     differences = divided_difference(lam, step.table, step.table_slope)
     columns = []
     for name in names:
-        dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+        dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
         PhiT_dM_Phi = PhiT @ dM @ Phi
         G = PhiT @ dK @ Phi - PhiT_dM_Phi * lam[..., None, :]
         by_block = np.einsum("ij...ab,...ab,...bj->i...a", differences, G, modal, optimize=True)

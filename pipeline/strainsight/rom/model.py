@@ -116,7 +116,7 @@ def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: st
     """
     K, M = model.stiffness.at(theta), model.mass.at(theta)
     lam, Phi = eigh(K, M)
-    dK, dM = model.stiffness.derivative(name), model.mass.derivative(name)
+    dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
     c, slope = model.damping.viscous(lam)
     G = Phi.T @ (dK @ Phi - (dM @ Phi) * lam)
     MPhi = M @ Phi

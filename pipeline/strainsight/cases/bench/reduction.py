@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -130,12 +130,12 @@ def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float
     omega = np.sqrt(lam)
     MPhi = body.mass @ Phi
     if law.kind == "rayleigh":
-        terms = {key: law.beta * X for key, X in body.stiffness.terms.items()}
         elastic = (MPhi * (omega > 0)) @ MPhi.T
-        return AffineOperator(law.alpha * elastic + law.beta * body.stiffness.constant, terms)
+        slope = body.stiffness.of_all(lambda X: law.beta * X)
+        return replace(slope, constant=law.alpha * elastic + slope.constant)
     return AffineOperator((MPhi * (2 * law.ratio * omega)) @ MPhi.T, {})
 
 
 def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
     square = np.ix_(stay, stay)
-    return AffineOperator(X.constant[square], {key: term[square] for key, term in X.terms.items()})
+    return X.of_all(lambda own: own[square])

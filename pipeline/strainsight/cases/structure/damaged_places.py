@@ -33,8 +33,7 @@ class Places:
 
     def take(self, which: np.ndarray) -> Places:
         """Some of them, by their numbers."""
-        E = self.modulus
-        part = AffineOperator(E.constant[which], {name: own[which] for name, own in E.terms.items()})
+        part = self.modulus.of_all(lambda E: E[which])
         return replace(
             self, position=self.position[which], element=self.element[which], rows=self.rows[which], modulus=part
         )

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
-from strainsight.fem.affine import AffineOperator, of_stiffness
+from strainsight.fem.affine import of_stiffness
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
 from strainsight.rom.model import ReducedModel
@@ -107,8 +107,7 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     elif own.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
     if own.model > 0 and not modulus_estimated(config):
-        terms = {name: scale * term for name, term in model.stiffness.terms.items()}
-        model = replace(model, stiffness=AffineOperator(scale * model.stiffness.constant, terms))
+        model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
     return model
 
 

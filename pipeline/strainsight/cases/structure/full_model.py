@@ -90,7 +90,7 @@ def _whole_mass(model: FiniteElementModel) -> None:
     """Raises UserError where densities vary that do not scale the whole mass: rigid and elastic motions of a free structure are
     orthogonal in M at one density of its parts only."""
     if len(model.mass.terms) > 1 or (model.mass.terms and abs(model.mass.constant).sum() > 0):
-        name = next(iter(model.mass.terms))
+        name = model.mass.parameters[0]
         raise UserError(
             "the density of a part of a free structure is unknown: its rigid motions would change with it",
             key=f"parameters.{name}",

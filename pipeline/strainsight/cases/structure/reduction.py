@@ -84,7 +84,7 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
 
 def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
     """Raises UserError for a load, columns of S (n_free, n_u), that a free structure follows as a whole."""
-    reference = dict.fromkeys(model.mass.terms, 1.0)  # of one density, which is a factor of the whole mass
+    reference = dict.fromkeys(model.mass.parameters, 1.0)  # of one density, which is a factor of the whole mass
     left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
     share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
     for name, own in zip(config.loads, share, strict=True):
