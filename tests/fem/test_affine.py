@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.fem.affine import AffineOperator, Coefficient, Polynomial, sum_of
+from strainsight.fem.affine import AffineOperator, Coefficient, Newton, sum_of
 
 rng = np.random.default_rng(0)
 X0, X1, X3, XE = rng.standard_normal((4, 3, 3))
@@ -13,19 +13,21 @@ PLATE = AffineOperator(
     X0,
     {"E": XE, "E t": X1, "E t^3": X3},
     {
-        "E t": Coefficient((Polynomial("E"), Polynomial("t", (0.0,), 2.0))),
-        "E t^3": Coefficient((Polynomial("E"), Polynomial("t", (1.0, 0.0, -0.5), 2.0))),
+        "E t": Coefficient((Newton("t", (0.0,), 2.0),), np.array([0.0, 1.0])).times("E"),
+        "E t^3": Coefficient(
+            (Newton("E"), Newton("t", (1.0, 0.0, -0.5), 2.0)), np.array([[0.0, 0, 0, 0], [0, 3.0, 0, 8.0]])
+        ),
     },
 )
 
 
 def written_out(E, t):
-    return X0 + E * XE + E * t / 2 * X1 + E * (t - 1) * t * (t + 0.5) / 8 * X3
+    return X0 + E * XE + E * t / 2 * X1 + E * (3 * (t - 1) / 2 + (t - 1) * t * (t + 0.5)) * X3
 
 
 def test_value_is_the_polynomial():
     assert PLATE.parameters == ("E", "t")
-    np.testing.assert_allclose(PLATE.at({"E": 3.0, "t": 0.7}), written_out(3.0, 0.7), rtol=1e-14)
+    np.testing.assert_allclose(PLATE.at({"E": 3.0, "t": 0.7}), written_out(3.0, 0.7), rtol=1e-13, atol=1e-14)
 
 
 @pytest.mark.parametrize("t", [0.7, 1.0, 0.0, -0.5])
@@ -49,11 +51,19 @@ def test_many_values_are_one_after_the_other():
         np.testing.assert_allclose(slope[i], PLATE.derivative("t", {"E": E[i], "t": t[i]}), rtol=1e-14)
 
 
-def test_beyond_its_range_a_polynomial_goes_on_along_its_tangent():
-    own = Polynomial("t", (0.0, 0.0, 0.0), 1.0, (0.5, 2.0))
-    t = np.array([0.1, 0.5, 1.0, 2.0, 5.0])
-    np.testing.assert_allclose(own.at({"t": t}), [0.125 - 0.75 * 0.4, 0.125, 1, 8, 8 + 12 * 3], rtol=1e-14)
-    np.testing.assert_allclose(own.derivative({"t": t}), [0.75, 0.75, 3, 12, 12], rtol=1e-14)
+@pytest.mark.parametrize("logarithm", [False, True])
+def test_beyond_its_range_a_polynomial_levels_off(logarithm):
+    """By a tenth of the end; slopes agree with differences, and at the ends with those within."""
+    own = Newton("t", (0.0, 0.0, 0.0), 1.0, (0.5, 2.0), 0.1, logarithm)
+    t = np.array([1e-5, 0.45, 0.5, 1.0, 2.0, 2.1, 90.0])
+    seen = np.array([0.45, 0.5 - 0.05 * np.tanh(1), 0.5, 1.0, 2.0, 2 + 0.2 * np.tanh(0.5), 2.2])
+    x, by_x = (np.log(seen), 1 / t) if logarithm else (seen, np.ones(7))
+    N, slope = own.at({"t": t})
+    np.testing.assert_allclose(N, [x**k for k in range(4)], rtol=1e-7, atol=1e-12)
+    d = 1e-6
+    differences = (own.at({"t": t + d})[0] - own.at({"t": t - d})[0]) / (2 * d)
+    np.testing.assert_allclose(slope, differences, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(slope[3, 2:5], (3 * x**2 * by_x)[2:5], rtol=1e-14)
 
 
 def test_what_is_linear_has_its_term_for_slope_whatever_the_values():
@@ -63,8 +73,8 @@ def test_what_is_linear_has_its_term_for_slope_whatever_the_values():
 
 def test_sums_and_maps_go_term_by_term():
     theta = {"E": 3.0, "t": 0.7}
-    both = sum_of(PLATE, AffineOperator(X1, {"E": X3, "E t": X0}, {"E t": PLATE.coefficients["E t"]}))
-    np.testing.assert_allclose(both.at(theta), PLATE.at(theta) + X1 + 3 * X3 + 3 * 0.35 * X0, rtol=1e-13, atol=1e-14)
+    both = sum_of(PLATE, AffineOperator(X1, {"E": X3, "t": X0}))
+    np.testing.assert_allclose(both.at(theta), PLATE.at(theta) + X1 + 3 * X3 + 0.7 * X0, rtol=1e-13, atol=1e-14)
     Psi = rng.standard_normal((3, 2))
     symmetric = PLATE.of_all(lambda X: X + X.T)
     np.testing.assert_allclose(

@@ -42,7 +42,7 @@ def records():
 
 def found_of(records, withheld=False):
     settings = DamageSettings(curve=SNCurve(slope=SLOPE, stress=STRESS, cycles=CYCLES), draws=DRAWS, repetitions=3.0)
-    place = Places(np.zeros((1, 3)), np.array([1]), ROWS[None, None], AffineOperator(np.array([MODULUS]), {}))
+    place = Places(np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {}))
     each = [
         Recorded(loaded_chain(), smoothed, np.arange(2), None if withheld else parts) for smoothed, parts, _ in records
     ]

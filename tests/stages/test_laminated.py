@@ -75,9 +75,33 @@ def test_factor_of_the_stiffness_is_found(strip):
     assert float(summary["estimate.s"]) == pytest.approx(1.1, rel=0.01)
 
 
+S = "s: {property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.25]}"
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+def test_modulus_along_the_fibres_is_found(strip, seed):
+    """10 % off the guess and within 3 σ, which is less than half of what was known before."""
+    config = CONFIG.replace("name: strip", "name: fibres").replace("modes: 6", "modes: 3, parameter_samples: 2")
+    config = config.replace(S, "e1: {property: e1, region: 1, material: 8, guess: 1.4e+11, range: [1.1e+11, 1.8e+11]}")
+    config = config.replace("[s]", "[e1]").replace("{s: 1.1}", "{e1: 1.54e+11}").replace("{s: 0.1}", "{e1: 0.1}")
+    (strip / "fibres.yaml").write_text(f"{config}\nseed: {seed}\n")
+    job = job_of(strip / "fibres.yaml", strip / "results")
+    summary = finished(job, stages_of(job, "validate"))["validate"][2].summary
+    error, std = (float(summary[f"{what}.e1"]) for what in ("error", "std"))
+    assert std < 0.05
+    assert abs(error) < 3 * std
+
+
 @pytest.mark.parametrize(
     ("old", "new", "what", "key"),
     [
+        (S, "s: {property: e1, region: 1, material: carbon, guess: 1.4e+11, range: [1.0e+11, 2.0e+11]}",
+         "no orthotropic material 'carbon'", "parameters.s.material"),
+        (S, "s: {property: e1, region: 1, guess: 1.4e+5, range: [1.0e+5, 2.0e+5]}",
+         "the deck has 1.4e\\+11", "parameters.s.guess"),
+        (S, "s: {property: area_factor, region: 1, guess: 1.0, range: [0.8, 1.2]}", "not of beams", "parameters.s.property"),
+        (S, "s: {property: density, region: 1, material: 8, guess: 1600, range: [1500, 1700]}",
+         "a density is not of one material", "parameters.s.material"),
         ("property: stiffness_factor", "property: youngs_modulus", "no single Young's modulus", "parameters.s.property"),
         ("guess: 1.0, range: [0.8, 1.25]", "guess: 30, range: [0.8, 40]", "is 30, the deck has 1 ", "parameters.s.guess"),
         ("strip.bdf}", "strip.bdf, materials: {m: {regions: all, youngs_modulus: 1.0e+9, poisson_ratio: .3, density: 1}}}",
@@ -86,7 +110,7 @@ def test_factor_of_the_stiffness_is_found(strip):
 )  # fmt: skip
 def test_what_is_of_no_laminate_is_refused(strip, old, new, what, key):
     assert old in CONFIG
-    (strip / "other.yaml").write_text(CONFIG.replace(old, new).replace("name: strip", "name: other"))
+    (strip / "other.yaml").write_text(CONFIG.replace(old, new).replace("name: strip", "name: other").replace("{s: 1.1}", "{}"))
     with pytest.raises(StrainsightError, match=what) as caught:
         finished(job_of(strip / "other.yaml", strip / "results"), PLACEMENT[:1])
     assert caught.value.key == key

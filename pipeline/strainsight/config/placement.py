@@ -41,10 +41,25 @@ Guess = Annotated[
 class MaterialParameter(Section):
     """A property of some regions, or a factor of some springs, that the reduced model keeps free."""
 
-    property: Literal["youngs_modulus", "density", "stiffness_factor"] = Field(
+    property: Literal[
+        "youngs_modulus",
+        "density",
+        "stiffness_factor",
+        "e1",
+        "e2",
+        "g12",
+        "g1z",
+        "g2z",
+        "area_factor",
+        "bending_factor",
+        "torsion_factor",
+    ] = Field(
         description="Which property: youngs_modulus [Pa], density [kg/m³], of a laminate the mean over its thickness, or "
         "stiffness_factor [-], which multiplies all stiffness of the regions as the deck has it, whatever they are made of: "
-        "laminates, several materials, beams whose section is uncertain; or the stiffness of `springs`."
+        "laminates, several materials, beams whose section is uncertain; or the stiffness of `springs`. Of plies of laminates: "
+        "e1 and e2 along and across their fibres, g12, and g1z and g2z of shear across [Pa]. Of beams, as factors of what the "
+        "deck has [-]: area_factor, with the mass, bending_factor of all second moments, torsion_factor of the torsion constant; "
+        "an area_factor of rods, too."
     )
     region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
         None,
@@ -55,6 +70,10 @@ class MaterialParameter(Section):
         None,
         description="In place of region, of a stiffness_factor: springs by the names that import lists (CELAS2 12, CBUSH 3, "
         "SPRINGA 7, of the config mesh.supports.0) or by patterns of names (CELAS2 *), as of a foundation.",
+    )
+    material: int | Text | None = Field(
+        None,
+        description="Of a modulus of plies: id or name of their orthotropic material (MAT8), where the regions have several.",
     )
     guess: Guess = Field(
         description="Value before anything is measured [Pa, kg/m³, or 1 for a factor], or {from: another run}."

@@ -86,7 +86,7 @@ parameters:
 FACTOR = """\
 parameters:
   stiffness:
-    property: stiffness_factor    # of the whole laminate; or density
+    property: stiffness_factor    # of the whole laminate; or density; or e1, e2, g12 of its plies [Pa]
     region: {region:<8}              # ← its id or name, or a list of them
     guess: 1.0                    # the stiffness that the deck has
     range: [0.8, 1.2]             # ← the true factor lies in here

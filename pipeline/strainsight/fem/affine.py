@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -12,62 +12,101 @@ import numpy as np
 @dataclass(frozen=True)
 class Parameter:
     """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
-    multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names."""
+    multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
+    are moduli of plies, material the id or name of theirs; factors of a section are those of beams. range: from which value to
+    which it is to be free; those that the stiffness is not proportional to need one."""
 
     name: str
-    property: Literal["youngs_modulus", "density", "stiffness_factor"]
+    property: Literal[
+        "youngs_modulus",
+        "density",
+        "stiffness_factor",
+        "e1",
+        "e2",
+        "g12",
+        "g1z",
+        "g2z",
+        "area_factor",
+        "bending_factor",
+        "torsion_factor",
+    ]
     regions: tuple[int, ...]
     reference: float
     springs: tuple[str, ...] = ()
+    range: tuple[float, float] | None = None
+    material: int | str | None = None
 
 
 def of_stiffness(property: str) -> bool:
-    """Whether the stiffness is proportional to such a parameter: a modulus, or a factor of all moduli."""
+    """Whether the stiffness depends on such a parameter."""
+    return property != "density"
+
+
+def scales_stiffness(property: str) -> bool:
+    """Whether the stiffness is proportional to it: a modulus, or a factor of all moduli."""
     return property in ("youngs_modulus", "stiffness_factor")
 
 
 @dataclass(frozen=True)
-class Polynomial:
-    """p(θ) = Π_k (θ − r_k)/s of one parameter, its roots r and s [SI]; beyond `within` it goes on along its tangent."""
+class Newton:
+    """N_k(θ) = Π_{l<k} (x − r_l)/s, k = 0 … m, of one positive parameter: m roots r and scale s; x = θ [SI] or its logarithm.
+
+    Beyond an end b of `within`, θ is b + w tanh((θ − b)/w), w = b · beyond: N_k levels off, smoothly, as a polynomial that is
+    made for that interval could do anything further off. With roots of zero these are the powers of θ.
+    """
 
     parameter: str
     roots: tuple[float, ...] = (0.0,)
     scale: float = 1.0
-    within: tuple[float, float] = (-np.inf, np.inf)
+    within: tuple[float, float] = (0.0, np.inf)
+    beyond: float = 0.0
+    logarithm: bool = False
 
-    def at(self, theta: Mapping[str, Any]) -> Any:
-        """p(θ) [-]; the value of θ may be an array."""
-        value, inside = self._inside(theta)
-        found = _product((inside - root) / self.scale for root in self.roots)
-        return found if inside is value else found + self._slope(inside) * (value - inside)
-
-    def derivative(self, theta: Mapping[str, Any]) -> Any:
-        """dp/dθ, by the product rule."""
-        return self._slope(self._inside(theta)[1])
-
-    def _inside(self, theta: Mapping[str, Any]) -> tuple[Any, Any]:
-        """θ, and the nearest value that is within."""
-        value = theta[self.parameter]
-        return value, value if np.isinf(self.within).all() else np.clip(value, *self.within)
-
-    def _slope(self, value: Any) -> Any:
-        each = [(value - root) / self.scale for root in self.roots]
-        return sum(_product(each[:i] + each[i + 1 :]) for i in range(len(each))) / self.scale
+    def at(self, theta: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+        """N_k and dN_k/dθ (m + 1, ...), for a value of shape (...)."""
+        value, slope = np.asarray(theta[self.parameter]), np.asarray(1.0)
+        if self.beyond:
+            end = np.clip(value, *self.within)
+            far = np.tanh((value - end) / (self.beyond * end))
+            value, slope = end + self.beyond * end * far, 1 - far**2
+        x, slope = (np.log(value), slope / value) if self.logarithm else (value, slope)
+        N, by_x = [np.ones_like(x)], [np.zeros_like(x)]
+        for root in self.roots:
+            factor = (x - root) / self.scale
+            by_x.append(by_x[-1] * factor + N[-1] / self.scale)
+            N.append(N[-1] * factor)
+        return np.stack(N), np.stack(by_x) * slope
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Coefficient:
-    """c(θ) = Π p(θ), each of another parameter: E t³ is that of E with one root, zero, and that of t with three."""
+    """c(θ) = Σ_ν w_ν Π_j N_{ν_j}(θ_j), a polynomial of some parameters: bases, one a parameter; weights (m₁ + 1, m₂ + 1, …)."""
 
-    factors: tuple[Polynomial, ...]
+    bases: tuple[Newton, ...]
+    weights: np.ndarray
 
     def at(self, theta: Mapping[str, Any]) -> Any:
         """c(θ); values of θ may be arrays of any common shape."""
-        return _product(own.at(theta) for own in self.factors)
+        return self._sum([own.at(theta)[0] for own in self.bases])
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
         """∂c/∂θ_name."""
-        return _product(own.derivative(theta) if own.parameter == name else own.at(theta) for own in self.factors)
+        return self._sum([own.at(theta)[own.parameter == name] for own in self.bases])
+
+    def times(self, name: str) -> Coefficient:
+        """θ_name c(θ), name none of its own parameters."""
+        return Coefficient((Newton(name), *self.bases), np.stack([0 * self.weights, self.weights]))
+
+    def _sum(self, tables: list[np.ndarray]) -> Any:
+        values = np.broadcast_arrays(*(table[0] for table in tables))[0].shape
+        total = self.weights.reshape(self.weights.shape + (1,) * len(values))
+        for table in tables:
+            # the first axis of the weights that are left, all others before those of the values
+            left = total.ndim - 1 - len(values)
+            total = (total * table.reshape(len(table), *(1,) * left, *table.shape[1:] or (1,) * len(values))).sum(
+                axis=0
+            )
+        return total
 
 
 @dataclass(frozen=True)
@@ -88,7 +127,7 @@ class AffineOperator:
         found: dict[str, None] = {}
         for label in self.terms:
             own = self.coefficients.get(label)
-            found |= dict.fromkeys([label] if own is None else [each.parameter for each in own.factors])
+            found |= dict.fromkeys([label] if own is None else [each.parameter for each in own.bases])
         return tuple(found)
 
     def at(self, theta: Mapping[str, Any]) -> Any:
@@ -106,7 +145,7 @@ class AffineOperator:
             own = self.coefficients.get(label)
             if own is None and label == name:
                 found.append(term)
-            elif own is not None and any(each.parameter == name for each in own.factors):
+            elif own is not None and any(each.parameter == name for each in own.bases):
                 found.append(_times(term, own.derivative(name, theta)))
         return sum(found[1:], start=found[0]) if found else 0 * self.constant
 
@@ -122,21 +161,15 @@ class AffineOperator:
 
 
 def sum_of(X: AffineOperator, Y: AffineOperator) -> AffineOperator:
-    """X(θ) + Y(θ) term by term; terms of one name have one coefficient."""
-    assert all(X.coefficients[label] == Y.coefficients[label] for label in X.coefficients if label in Y.terms)
+    """X(θ) + Y(θ) term by term; they share no coefficient."""
+    assert not X.coefficients.keys() & Y.terms.keys()
+    assert not Y.coefficients.keys() & X.terms.keys()
     terms = {label: X.terms.get(label, 0) + Y.terms.get(label, 0) for label in {**X.terms, **Y.terms}}
     return AffineOperator(X.constant + Y.constant, terms, {**X.coefficients, **Y.coefficients})
 
 
 def _times(X: Any, value: Any) -> Any:
     return X * value if np.ndim(value) == 0 else X * np.asarray(value)[..., None, None]
-
-
-def _product(values: Iterable[Any]) -> Any:
-    total: Any = 1.0
-    for value in values:
-        total = total * value
-    return total
 
 
 def _symmetric(X: np.ndarray) -> np.ndarray:

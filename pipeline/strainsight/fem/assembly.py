@@ -9,12 +9,13 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError
-from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
+from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.properties import SHAPING
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CHUNK = 2048
@@ -40,6 +41,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 
     D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³], and that
     of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
+    Properties of plies and sections (`SHAPING`) are none of solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
     and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
@@ -101,9 +103,14 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
             if p.property == "youngs_modulus" and mesh.laminate(number):
                 raise UserError(
                     f"parameter {p.name} is the youngs_modulus of region {number}, a laminate, which has several moduli",
-                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0",
+                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0; or one of e1, e2, g12",
                 )
-            if of_stiffness(p.property) == (kind == "stiffness") and (other := owner.setdefault(number, p)) is not p:
+            if p.property in SHAPING:
+                continue
+            if (
+                scales_stiffness(p.property) == (kind == "stiffness")
+                and (other := owner.setdefault(number, p)) is not p
+            ):
                 alike = p.property == other.property
                 raise UserError(
                     f"parameters {other.name} and {p.name} are both the {p.property if alike else kind} of region {number}",

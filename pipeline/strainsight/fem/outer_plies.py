@@ -2,40 +2,61 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.interpolation import interpolated
 from strainsight.fem.shell_sections import material_angle, plies_of, ply_stiffness
 from strainsight.fem.shells import shell_axes
 from strainsight.mesh.facets import UPPER, Facets
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import PLY_MODULI, with_value
 from strainsight.mesh.thin import ShellBlock
 
 
 @dataclass(frozen=True)
 class OuterPlies:
     """facet (m,) those on laminates, ascending; of the ply there, in plane stress, stiffness (m, 6, 6) [Pa] from strain to stress
-    in the order of `facet_strain`, shears γ, and contraction (m, 3, 3) c of ε_nn = −c : ε across the face.
+    in the order of `facet_strain`, shears γ, in the free moduli of plies, and contraction (m, 3, 3) c of ε_nn = −c : ε across
+    the face, at their references.
 
     A deck says nothing of ν₁₃ and ν₂₃: ε_nn is that of ν₁₃ = ν₂₃ = ν₁₂. Strain along the face, which gauges read, and stress
     do not depend on it.
     """
 
     facet: np.ndarray
-    stiffness: np.ndarray
+    stiffness: AffineOperator
     contraction: np.ndarray
 
 
-def outer_plies(mesh: Mesh, facets: Facets) -> OuterPlies | None:
+def outer_plies(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> OuterPlies | None:
     """None where no facet is on a laminate."""
-    parts = [_of_block(mesh, block, facets) for block in mesh.shells]
-    if not any(len(facet) for facet, _, _ in parts):
+    free = [own for own in parameters if own.property in PLY_MODULI]
+
+    def at(theta: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        other = mesh
+        for own in free:
+            other = with_value(other, own.property, own.regions, theta[own.name], own.material)
+        return _joined([_of_block(other, block, facets) for block in mesh.shells])
+
+    facet, stiffness, contraction = at({own.name: own.reference for own in free})
+    if not len(facet):
         return None
+    C = interpolated(lambda theta: at(theta)[1], free) if free else AffineOperator(stiffness, {})
+    return OuterPlies(facet, C, contraction)
+
+
+def _joined(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of all blocks, by facet."""
+    if not parts:
+        return np.zeros(0, dtype=np.int64), np.zeros((0, 6, 6)), np.zeros((0, 3, 3))
     facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
     order = np.argsort(facet)
-    return OuterPlies(facet[order], stiffness[order], contraction[order])
+    return facet[order], stiffness[order], contraction[order]
 
 
 def _of_block(mesh: Mesh, block: ShellBlock, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

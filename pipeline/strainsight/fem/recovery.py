@@ -5,12 +5,13 @@ The order is that of a symmetric tensor in VTK.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.fem.affine import Parameter
 from strainsight.fem.element_matrices import bubble_gradients, gradients, jacobians
 from strainsight.fem.outer_plies import OuterPlies, outer_plies
 from strainsight.mesh.facets import Facets
@@ -32,7 +33,7 @@ class StrainRows:
     plies: OuterPlies | None = None
 
 
-def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
+def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> StrainRows:
     """Strain at the centre of every facet, of the solid it belongs to:  ε = Σ_a sym(z_a ⊗ g_a),  g_a = J⁻ᵀ ∂N_a/∂ξ,
     and on a face of a shell or a side of a beam that along it, with what plane stress has across:
 
@@ -42,9 +43,10 @@ def facet_strain(mesh: Mesh, facets: Facets) -> StrainRows:
     Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
     with their own gradients −2ξᵢ J⁻ᵀeᵢ. At a facet's centre these are along its normal: they add to the strain across the
     facet, and nothing to that along it, which is the gauges'.
-    facets (f) of this mesh. Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
+    facets (f) of this mesh; parameters: moduli of plies among them stay free in the plies.
+    Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
-    plies = outer_plies(mesh, facets)
+    plies = outer_plies(mesh, facets, parameters)
     return StrainRows(_rows(mesh, facets, plies), facets.region, plies)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
+from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.outer_plies import OuterPlies
 from strainsight.fem.recovery import SHEARS, StrainRows, isotropic, lame
 from strainsight.mesh.model import Mesh
@@ -20,8 +20,8 @@ CHUNK = 2048
 @dataclass(frozen=True)
 class SurfaceModel:
     """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
-    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate C is that of
-    the ply there [Pa], and E its factor [-]: plies that plies.facet names."""
+    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate C(θ) is that
+    of the ply there [Pa], and E its factor [-]: plies that plies.facet names."""
 
     strain: np.ndarray
     lam: np.ndarray
@@ -29,15 +29,25 @@ class SurfaceModel:
     modulus: AffineOperator
     plies: OuterPlies | None = None
 
-    def unit_stress(self, strain: np.ndarray, start: int = 0, factor: np.ndarray | float = 1.0) -> np.ndarray:
-        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one."""
+    def unit_stress(
+        self, strain: np.ndarray, ply: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
+    ) -> np.ndarray:
+        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one; ply: C
+        (m, 6, 6) of the plies."""
         here = slice(start, start + len(strain))
         column = np.broadcast_to(factor, len(strain))[:, None]
         stress = isotropic(strain, column * self.lam[here, None], column * self.mu[here, None])
-        if self.plies is not None:
+        if self.plies is not None and ply is not None:
             own = np.flatnonzero((self.plies.facet >= start) & (self.plies.facet < start + len(strain)))
             at = self.plies.facet[own] - start
-            stress[at] = column[at, :, None] * (self.plies.stiffness[own] @ strain[at])
+            stress[at] = column[at, :, None] * (ply[own] @ strain[at])
+        return stress
+
+    def ply_stress(self, strain: np.ndarray, ply: np.ndarray) -> np.ndarray:
+        """C ε (p, 6, w) of strain (p, 6, w) where there are plies, zero elsewhere; ply C (m, 6, 6)."""
+        stress = np.zeros_like(strain)
+        if self.plies is not None:
+            stress[self.plies.facet] = ply @ strain[self.plies.facet]
         return stress
 
 
@@ -74,7 +84,7 @@ def surface_model(
     E = np.array([1.0 if own is None else own.youngs_modulus for own in materials])[where]
     terms = {}
     for p in parameters:
-        if of_stiffness(p.property):
+        if scales_stiffness(p.property):
             own = np.isin(rows.region, p.regions)
             terms[p.name] = own * (E if p.property == "stiffness_factor" else 1.0)
             E = np.where(own, 0.0, E)
@@ -91,7 +101,7 @@ def surface_state(
 ) -> SurfaceState:
     """Fields at the coordinates q (r,) and parameters theta [SI], and their standard deviations to first order:
 
-        std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ/∂θ_i = C B q ∂E/∂θ_i,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
+        std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ/∂θ_i = (C ∂E/∂θ_i + E ∂C/∂θ_i) B q,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
 
     covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: of p = ln θ they are θ times p.
     Where σ_v is zero it has no slope; √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), stands for it there.
@@ -101,25 +111,39 @@ def surface_state(
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
     strain = (model.strain.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
-    unit = model.unit_stress(strain[..., None])[..., 0]
+    ply = None if model.plies is None else np.asarray(model.plies.stiffness.at(theta))
+    unit = model.unit_stress(strain[..., None], ply)[..., 0]
     stress = E[:, None] * unit
     mises = von_mises(stress)
     state = SurfaceState(strain, stress, mises, principal(stress))
     if covariance is None:
         return state
     slopes = np.stack([np.asarray(model.modulus.derivative(name, theta)) for name in free], axis=1) if free else None
+    of_plies = _ply_slopes(model, theta, free, E[:, None, None] * strain[..., None])
     root = _root(covariance)
     strain_std, stress_std, mises_std = np.empty_like(strain), np.empty_like(stress), np.empty_like(mises)
     for start in range(0, len(E), CHUNK):
         here = slice(start, start + CHUNK)
         spread = (model.strain[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
         strain_std[here] = _length(spread)
-        spread = model.unit_stress(spread, start, E[here])
+        spread = model.unit_stress(spread, ply, start, E[here])
         if slopes is not None:
             spread += unit[here, :, None] * (slopes[here] @ root[r:])[:, None, :]
+        if of_plies is not None:
+            spread += of_plies[here] @ root[r:]
         stress_std[here] = _length(spread)
         mises_std[here] = _mises_std(stress[here], mises[here], spread)
     return replace(state, strain_std=strain_std, stress_std=stress_std, von_mises_std=mises_std)
+
+
+def _ply_slopes(
+    model: SurfaceModel, theta: Mapping[str, float], free: Sequence[str], strain: np.ndarray
+) -> np.ndarray | None:
+    """∂C/∂θ ε (p, 6, k) of strain (p, 6, 1) and the k parameters; None where none of them is a modulus of plies."""
+    if model.plies is None or not set(free) & set(model.plies.stiffness.parameters):
+        return None
+    slopes = [model.ply_stress(strain, model.plies.stiffness.derivative(name, theta)) for name in free]
+    return np.concatenate(slopes, axis=2)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

@@ -54,7 +54,7 @@ def with_material(
 
     Raises UserError for a region that the mesh does not have, and for a laminate.
     """
-    number = _free_material(mesh)
+    number = free_material(mesh)
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
     if of_plies := sorted(i for i in chosen if mesh.laminate(i)):
         raise UserError(
@@ -82,7 +82,7 @@ def with_properties(
             assert youngs_modulus is None
             mesh = _with_plies(mesh, region, density, stiffness_factor)
             continue
-        number, own = _free_material(mesh), mesh.materials[mesh.regions[region].material]
+        number, own = free_material(mesh), mesh.materials[mesh.regions[region].material]
         E = own.youngs_modulus if youngs_modulus is None else youngs_modulus
         rho = own.density if density is None else density
         material = replace(own, id=number, youngs_modulus=stiffness_factor * E, density=rho)
@@ -100,7 +100,7 @@ def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float
     assert laminate is not None
     assert mean is not None
     laminae, materials, plies = dict(mesh.laminae), dict(mesh.materials), []
-    number = _free_material(mesh)
+    number = free_material(mesh)
     for ply in laminate.plies:
         heavier = 1.0 if density is None or mean == 0 else density / mean
         if ply.material in laminae:
@@ -116,7 +116,8 @@ def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float
     return replace(mesh, laminae=laminae, materials=materials, sections=sections)
 
 
-def _free_material(mesh: Mesh) -> int:
+def free_material(mesh: Mesh) -> int:
+    """An id that no material of the mesh has."""
     return max([0, *mesh.materials, *mesh.laminae]) + 1
 
 

@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from strainsight.fem.affine import AffineOperator, Coefficient, Polynomial
+from strainsight.fem.affine import AffineOperator, Coefficient, Newton
 from strainsight.records.record import dataset, group, record
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
@@ -33,19 +33,23 @@ class AffineTerms:
         "/factors/<name>",
         "1",
         "root of <name>",
-        "<what>: parameters of c = Π (θ − root)/scale, where <name> is none itself",
+        "<what>: parameters of the coefficient Σ w Π (x − root)/scale of a term <name> that is no parameter itself",
     )
     roots: dict[str, np.ndarray] = dataset(
         "/roots/<name>",
         "SI",
-        "root of <name> × 4",
-        "<what>: root and scale, lowest and highest value, beyond which c goes on along its tangent",
+        "root of <name> × 6",
+        "<what>: root and scale; lowest and highest value, and how far beyond, as a share of it, the coefficient levels off (0: "
+        "nowhere); 1: x is ln θ and not θ",
+    )
+    weights: dict[str, np.ndarray] = dataset(
+        "/weights/<name>", "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
     )
 
     @classmethod
     def of(cls, operator: AffineOperator) -> AffineTerms:
         own = {
-            label: [(each, root) for each in coefficient.factors for root in each.roots]
+            label: [(each, root) for each in coefficient.bases for root in each.roots]
             for label, coefficient in operator.coefficients.items()
         }
         return cls(
@@ -53,27 +57,27 @@ class AffineTerms:
             terms=dict(operator.terms),
             factors={label: tuple(each.parameter for each, _ in found) for label, found in own.items()},
             roots={
-                label: np.array([[root, each.scale, *each.within] for each, root in found])
+                label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in found])
                 for label, found in own.items()
             },
+            weights={label: own.weights.ravel() for label, own in operator.coefficients.items()},
         )
 
     def made(self) -> AffineOperator:
-        return AffineOperator(
-            self.constant,
-            self.terms,
-            {label: _coefficient(names, self.roots[label]) for label, names in self.factors.items()},
-        )
+        coefficients = {
+            label: _coefficient(names, self.roots[label], self.weights[label]) for label, names in self.factors.items()
+        }
+        return AffineOperator(self.constant, self.terms, coefficients)
 
 
-def _coefficient(parameters: tuple[str, ...], roots: np.ndarray) -> Coefficient:
-    """roots (k, 4) of these parameters (k,)."""
-    factors = []
+def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.ndarray) -> Coefficient:
+    """roots (k, 6) of these parameters (k,)."""
+    bases = []
     for name in dict.fromkeys(parameters):
         own = roots[np.array(parameters) == name]
-        _, scale, low, high = own[0].tolist()
-        factors.append(Polynomial(name, tuple(own[:, 0].tolist()), scale, (low, high)))
-    return Coefficient(tuple(factors))
+        _, scale, low, high, beyond, logarithm = own[0].tolist()
+        bases.append(Newton(name, tuple(own[:, 0].tolist()), scale, (low, high), beyond, bool(logarithm)))
+    return Coefficient(tuple(bases), weights.reshape([len(own.roots) + 1 for own in bases]))
 
 
 @record

@@ -46,6 +46,7 @@ MODES = Stage(
         "parameters.*.property",
         "parameters.*.region",
         "parameters.*.springs",
+        "parameters.*.material",
         "parameters.*.guess",
         "parameters.*.range",
         "rom.modes",

@@ -36,6 +36,7 @@ PLACE = Stage(
         "parameters.*.property",
         "parameters.*.region",
         "parameters.*.springs",
+        "parameters.*.material",
         "process_noise",
         "tolerances",
         "train",

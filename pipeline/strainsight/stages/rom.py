@@ -53,6 +53,7 @@ ROM = Stage(
         "parameters.*.property",
         "parameters.*.region",
         "parameters.*.springs",
+        "parameters.*.material",
         "parameters.*.guess",
         "parameters.*.range",
         *WHERE_LOADS_ACT,

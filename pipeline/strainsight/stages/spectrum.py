@@ -30,6 +30,7 @@ SPECTRUM = Stage(
         "parameters.*.property",
         "parameters.*.region",
         "parameters.*.springs",
+        "parameters.*.material",
         "parameters.*.range",
         "validate.truth.modes",
         *READS,

@@ -17,6 +17,7 @@ from strainsight.errors import UserError
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoothed import Smoothed
+from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.surface import facet_centres
 from strainsight.records.damage import DamageAt, Damaged
@@ -56,7 +57,9 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
             remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress of the ply there",
         )
     rows = channel_rows(mesh.position, pool, skin.field.basis, facets=facets)
-    return Asked(every, Places(pool.position, pool.element, rows[:, None], every.take(below).modulus))
+    return Asked(
+        every, Places(pool.position, pool.element, AffineOperator(rows[:, None], {}), every.take(below).modulus)
+    )
 
 
 @dataclass(frozen=True)

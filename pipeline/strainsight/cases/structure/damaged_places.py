@@ -21,11 +21,11 @@ AT_ONCE = 400_000
 @dataclass(frozen=True)
 class Places:
     """position (p, 3) [m], element (p,) ids; rows (p, c, r): stress of unit modulus per coordinate, c = 1 of one stress, 6 of a
-    state [xx yy zz xy yz zx]; modulus (p,) [Pa] affine in the parameters."""
+    state [xx yy zz xy yz zx], in the free moduli of plies; modulus (p,) [Pa] affine in the parameters."""
 
     position: np.ndarray
     element: np.ndarray
-    rows: np.ndarray
+    rows: AffineOperator
     modulus: AffineOperator
 
     def __len__(self) -> int:
@@ -33,15 +33,16 @@ class Places:
 
     def take(self, which: np.ndarray) -> Places:
         """Some of them, by their numbers."""
-        part = self.modulus.of_all(lambda E: E[which])
-        return replace(
-            self, position=self.position[which], element=self.element[which], rows=self.rows[which], modulus=part
-        )
+        rows, modulus = (X.of_all(lambda own: own[which]) for X in (self.rows, self.modulus))
+        return replace(self, position=self.position[which], element=self.element[which], rows=rows, modulus=modulus)
 
 
 def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
     """Every point of a surface."""
-    return Places(position, element, surface.unit_stress(surface.strain), surface.modulus)
+    ply = AffineOperator(None, {}) if surface.plies is None else surface.plies.stiffness
+    terms = {label: surface.ply_stress(surface.strain, own) for label, own in ply.terms.items()}
+    rows = AffineOperator(surface.unit_stress(surface.strain, ply.constant), terms, ply.coefficients)
+    return Places(position, element, rows, surface.modulus)
 
 
 def curve_of(own: DamageSettings) -> tuple[Curve, MeanStress]:
@@ -68,13 +69,14 @@ def damage_at(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Miner's sum (p,) of one record and its moment (p,), as of `damage_of`, of a motion q (T + 1, r) at parameters [SI]."""
     curve, mean = curve_of(own)
-    count, components, r = places.rows.shape
+    rows = places.rows.at(theta)
+    count, components, r = rows.shape
     E, motion = np.asarray(places.modulus.at(theta)), np.ascontiguousarray(q.T)
     part = max(1, AT_ONCE // (components * len(q)))
     miner, moment = np.empty(count), np.empty(count)
     for start in range(0, count, part):
         here = slice(start, start + part)
-        stress = (places.rows[here].reshape(-1, r) @ motion).reshape(-1, components, len(q))
+        stress = (rows[here].reshape(-1, r) @ motion).reshape(-1, components, len(q))
         one = stress[:, 0] if components == 1 else one_number(stress, own.stress)
         found = damage_of(E[here, None] * one, curve, mean)
         miner[here], moment[here] = found.miner, found.moment

@@ -17,8 +17,8 @@ from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
-from strainsight.mesh.additions import with_properties
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import OF_MASS, with_value
 from strainsight.mesh.units import length_factor, mass_factor
 
 READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results")
@@ -57,8 +57,8 @@ def full_model(
     loads: Mapping[str, Load] | None = None,
 ) -> FullModel:
     """Assemble, or read matrices where `mesh.matrices` says so, or results where `mesh.results` does; constrained and affine in
-    the parameters in any case. The mesh of an assembled model and of one from results has the densities of the parameters'
-    references.
+    the parameters in any case. The mesh of an assembled model and of one from results has the densities and sections of the
+    parameters' references.
 
     config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for.
     """
@@ -79,10 +79,11 @@ def full_model(
 
 
 def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:
-    """Loads that act on mass are those of the densities at the reference."""
+    """Loads that act on mass are those of the mass at the reference."""
     for own in parameters:
-        if own.property == "density" and all(model.mesh.density_of(number) is not None for number in own.regions):
-            model = replace(model, mesh=with_properties(model.mesh, own.regions, density=own.reference))
+        known = own.property != "density" or all(model.mesh.density_of(number) is not None for number in own.regions)
+        if own.property in OF_MASS and known:
+            model = replace(model, mesh=with_value(model.mesh, own.property, own.regions, own.reference))
     return model
 
 

@@ -12,9 +12,10 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.fem.affine import of_stiffness
 from strainsight.gauges.hot_spots import hot_spots
-from strainsight.mesh.additions import region_ids, with_properties
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import with_value
 from strainsight.records.placed import HotSpots
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
@@ -73,10 +74,7 @@ def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
     for name, entry in config.parameters.items():
         if of_stiffness(entry.property):
             regions, value = region_ids(mesh, named_regions(entry.region)), reduced.model.reference[name]
-            if entry.property == "stiffness_factor":
-                mesh = with_properties(mesh, regions, stiffness_factor=value)
-            else:
-                mesh = with_properties(mesh, regions, youngs_modulus=value)
+            mesh = with_value(mesh, entry.property, regions, value, entry.material)
     return mesh
 
 

@@ -78,7 +78,7 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     for name, entry in config.parameters.items():
         regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh, config.mesh)
         middle = float(np.sqrt(entry.range[0] * entry.range[1]))
-        found.append(Parameter(name, entry.property, regions, middle, springs))
+        found.append(Parameter(name, entry.property, regions, middle, springs, entry.range, entry.material))
     return tuple(found)
 
 

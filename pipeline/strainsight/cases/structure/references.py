@@ -20,12 +20,14 @@ from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.properties import OF_MASS
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 READS = (
     "parameters.*.property",
     "parameters.*.region",
     "parameters.*.springs",
+    "parameters.*.material",
     "parameters.*.guess",
     "parameters.*.range",
     *WHERE_LOADS_ACT,
@@ -73,17 +75,17 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
-    """Raise UserError where a load of the deck is made by mass of a density that is a parameter: its forces have been summed up
-    with those of the deck."""
+    """Raise UserError where a load of the deck is made by mass that a parameter changes: its forces have been summed up with that
+    of the deck."""
     for name, parameter in config.parameters.items():
         if (
             load.regions
-            and parameter.property == "density"
+            and parameter.property in OF_MASS
             and set(region_ids(mesh, named_regions(parameter.region))) & {*load.regions}
         ):
             raise UserError(
-                f"it is a load of the deck on mass, and would change with the density {name}, which is a parameter",
-                remedy="state it as `gravity` or `rotation` in place of `deck_load`, or the density in mesh.materials",
+                f"it is a load of the deck on mass, and would change with the {parameter.property} {name}, which is a parameter",
+                remedy="state it as `gravity` or `rotation` in place of `deck_load`, or remove the parameter",
             )
 
 

@@ -18,11 +18,12 @@ from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, UserError, blame
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import density_of, modulus_of, regions_of
+from strainsight.fem.assembly import regions_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
-from strainsight.mesh.additions import region_ids, spring_names, with_properties
+from strainsight.mesh.additions import region_ids, spring_names
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, value_of, with_value
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
@@ -37,7 +38,13 @@ KINDS_OF_LOAD = (
 """Keys that say of what kind a load is, and so its unit."""
 WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
 """Keys that `point_loads` reads."""
-PARAMETER_UNITS = {"youngs_modulus": "Pa", "density": "kg/m^3", "stiffness_factor": "1"}
+PARAMETER_UNITS = {
+    "youngs_modulus": "Pa",
+    "density": "kg/m^3",
+    "stiffness_factor": "1",
+    **dict.fromkeys(PLY_MODULI, "Pa"),
+    **dict.fromkeys(SECTION_FACTORS, "1"),
+}
 
 
 def parameters_of(
@@ -61,7 +68,7 @@ def parameters_of(
             )
         if section is not None and section.matrices is not None:
             _check_against_terms(name, value, section.matrices)
-            found.append(Parameter(name, entry.property, (), value))
+            found.append(Parameter(name, entry.property, (), value, range=entry.range))
             continue
         regions, springs = places_of(name, entry, mesh, section)
         of_deck: dict[str, float] = {}
@@ -70,20 +77,20 @@ def parameters_of(
         for region in regions if not of_deck else ():
             if section is not None and section.results is not None and mesh.density_of(region) is None:
                 continue
-            with blame(f"parameters.{name}.property"):
-                of_deck[f"region {region}"] = _value_of_deck(mesh, region, entry.property)
+            with blame(f"parameters.{name}.{'property' if entry.material is None else 'material'}"):
+                of_deck[f"region {region}"] = value_of(mesh, region, entry.property, entry.material)
         for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
             if not 0.1 <= value / deck <= 10:
-                in_mpa = entry.property == "youngs_modulus" and 0.1 <= 1e6 * value / deck <= 10
+                in_mpa = PARAMETER_UNITS[entry.property] == "Pa" and 0.1 <= 1e6 * value / deck <= 10
                 meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
                 units = "check mesh.length_unit and mesh.mass_unit, or the guess"
-                factor = "it multiplies the stiffness that the deck has: 1.0 is that of the deck"
+                factor = "it multiplies what the deck has: 1.0 is that of the deck"
                 raise ConfigError(
                     f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy=meant if in_mpa else factor if entry.property == "stiffness_factor" else units,
+                    remedy=meant if in_mpa else factor if PARAMETER_UNITS[entry.property] == "1" else units,
                 )
-        found.append(Parameter(name, entry.property, regions, value, springs))
+        found.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
     return tuple(found)
 
 
@@ -98,20 +105,6 @@ def places_of(
         regions = region_ids(mesh, named_regions(entry.region))
     with blame(f"parameters.{name}.springs"):
         return regions, spring_names(mesh, entry.springs or ())
-
-
-def _value_of_deck(mesh: Mesh, region: int, property: str) -> float:
-    """Raises UserError for the modulus of a laminate."""
-    if property == "stiffness_factor":
-        return 1.0
-    if property == "density":
-        return density_of(mesh, region)
-    if mesh.laminate(region) is not None:
-        raise UserError(
-            f"{mesh.regions[region]} is a laminate: it has no single Young's modulus",
-            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]",
-        )
-    return modulus_of(mesh, region)
 
 
 def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
@@ -172,19 +165,40 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
 def load_slopes(
     model: FiniteElementModel, config: Mapping[str, Load], parameters: Sequence[Parameter]
 ) -> dict[str, np.ndarray]:
-    """∂S/∂ρᵢ (n_free, n_u) [1/(kg/m³)] of every density that a load on mass is proportional to: S is affine in densities as the
-    mass is, so that a difference is exact. The mesh of the model has the densities at which its loads act."""
+    """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density and factor of a section that a load on mass goes with: S is affine
+    in them as the mass is, so that a difference is exact. The mesh of the model has their values at which its loads act.
+
+    Raises UserError where the density and a section of one region are free: S would be their product."""
     on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
     found = {}
     for own in parameters if on_mass else ():
-        if own.property == "density":
-            doubled = replace(model, mesh=with_properties(model.mesh, own.regions, density=2 * own.reference))
+        if own.property in OF_MASS:
+            _require_affine(own, parameters)
+            value = 2 * own.reference if own.property == "density" else 2.0  # of what the mesh of the model has
+            doubled = replace(model, mesh=with_value(model.mesh, own.property, own.regions, value))
             names = [list(config)[i] for i in on_mass]
             change = [load_shapes(each, {name: config[name] for name in names}) for each in (doubled, model)]
             slope = np.zeros((model.size, len(config)))
             slope[:, on_mass] = (change[0] - change[1]) / own.reference
             found[own.name] = slope
     return found
+
+
+def _require_affine(own: Parameter, parameters: Sequence[Parameter]) -> None:
+    """Raises UserError where the density and a factor of the section of one region are free."""
+    for other in parameters:
+        both = {own.property, other.property} & {"density"}
+        if (
+            both
+            and other.property in OF_MASS
+            and own.property != other.property
+            and set(own.regions) & {*other.regions}
+        ):
+            raise UserError(
+                f"{own.name} and {other.name} multiply each other in loads on mass (gravity, rotation)",
+                key=f"parameters.{other.name}",
+                remedy="keep one of them, or give the load as forces",
+            )
 
 
 def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:

@@ -112,7 +112,9 @@ def skin_of(mesh: Mesh, field: Displaced, parameters: Sequence[Parameter]) -> Sk
     """Raises DeckError where a region of the surface has no material."""
     facets = exterior_facets(mesh)
     with mesh.located():
-        return Skin(mesh, field, facets, surface_model(mesh, facet_strain(mesh, facets), field.basis, parameters))
+        return Skin(
+            mesh, field, facets, surface_model(mesh, facet_strain(mesh, facets, parameters), field.basis, parameters)
+        )
 
 
 def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> SurfaceState:

@@ -1,0 +1,186 @@
+"""Moduli of plies as parameters: against meshes whose plies are made anew, beam theory, and differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+from strainsight.errors import UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.recovery import facet_strain
+from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.thin import thin_operators
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.properties import value_of, with_value
+from strainsight.mesh.shell_faces import with_faces
+
+from .laminate_models import CARBON, STEEL, plate, stack
+
+ANY = stack([10, 55, -70, 0], [1e-3, 2e-4, 5e-4, 7e-4], [1, 2, 1, 1])
+SANDWICH = stack([0, 0, 90], [1e-3, 2e-2, 1e-3], [1, 3, 1])
+GLASS = Lamina(9, 4.0e10, 8.0e9, 0.28, 4.0e9, 3.5e9, 3.0e9, 1900.0, "glass")
+
+
+def moduli(*names, low=0.75, high=1.3, own=CARBON, material=None, prefix=""):
+    """Parameters of these names over a range about the moduli of a lamina."""
+    return [
+        Parameter(prefix + name, name, (1,), v, range=(low * v, high * v), material=material)
+        for name, v in ((name, getattr(own, name)) for name in names)
+    ]
+
+
+def distorted(laminate, kind="quad4"):
+    mesh = plate(laminate, 3, 2, 0.3, 0.25, kind, axis=(1.0, 0.3, 0.0), offset=1e-3)
+    mesh.position[5, :2] += (0.02, 0.013)
+    return mesh
+
+
+def apart(X, Y):
+    """max |X − Y|_ij/√(Y_ii Y_jj)."""
+    d = np.sqrt(Y.diagonal())
+    return float(np.abs((X - Y).toarray() / np.outer(d, d)).max())
+
+
+@pytest.mark.parametrize("kind", ["quad4", "tri3"])
+@pytest.mark.parametrize("laminate", [ANY, SANDWICH], ids=["any", "sandwich"])
+@pytest.mark.parametrize("names", [("e1",), ("g12",), ("g1z", "g2z"), ("e1", "e2", "g12")], ids=" ".join)
+def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
+    """Anywhere in the ranges; at the reference to the last digit; slopes are those of the plies, too; the mass stays."""
+    mesh, free = distorted(laminate, kind), moduli(*names)
+    K, M = thin_operators(mesh, free)
+    assert not M.terms
+    reference = {own.name: own.reference for own in free}
+
+    def anew(theta):
+        return thin_operators(replace(mesh, laminae={1: replace(CARBON, **theta)}))[0].at({})
+
+    assert abs(K.at(reference) - anew(reference)).max() <= 1e-15 * abs(K.constant).max() * len(K.terms)
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        theta = {own.name: rng.uniform(*own.range) for own in free}
+        assert apart(K.at(theta), anew(theta)) < 5e-8
+        for name in names:
+            d = 1e-3 * theta[name]
+            near, far = (
+                (anew({**theta, name: theta[name] + k * d}) - anew({**theta, name: theta[name] - k * d})) for k in (1, 2)
+            )
+            slope = K.derivative(name, theta) * theta[name]
+            d_theta = (8 * near - far) / (12 * d) * theta[name]
+            scale = np.sqrt(K.at(theta).diagonal())
+            assert np.abs((slope - d_theta).toarray() / np.outer(scale, scale)).max() < 1e-6
+
+
+def test_stiffness_stays_positive_definite_however_far_a_filter_tries():
+    mesh = distorted(ANY)
+    free = moduli("e1", "e2", "g12")
+    K, _ = thin_operators(mesh, free)
+    rng = np.random.default_rng(2)
+    for scale in np.exp(rng.uniform(-10, 10, (8, 3))):
+        X = K.at({own.name: factor * own.reference for own, factor in zip(free, scale, strict=True)}).toarray()
+        d = np.sqrt(np.diag(X))
+        assert np.linalg.eigvalsh(X / np.outer(d, d))[0] > -1e-10
+
+
+def test_factor_multiplies_what_moduli_shape():
+    mesh = distorted(ANY)
+    free = [*moduli("e1"), Parameter("s", "stiffness_factor", (1,), 1.0)]
+    K, _ = thin_operators(mesh, free)
+    theta = {"e1": 1.5e11, "s": 0.8}
+    other = replace(
+        mesh,
+        laminae={1: replace(CARBON, e1=1.2e11, **{name: 0.8 * getattr(CARBON, name) for name in ("e2", "g12", "g1z", "g2z")})},
+        materials={2: replace(STEEL, youngs_modulus=0.8 * STEEL.youngs_modulus)},
+    )  # fmt: skip
+    assert apart(K.at(theta), thin_operators(other)[0].at({})) < 5e-8
+    np.testing.assert_allclose((0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max())
+
+
+def test_strip_along_its_fibres_bends_by_e1_and_one_across_them_by_e2():
+    """Tip deflection P L³/(3 E I): of 0° plies E = E₁, of 90° ones E₂, to 1 %; and by 1/E along the range to 1e-3."""
+    a, b, n = 0.4, 0.01, 16
+    for angle, name, other in ((0, "e1", "e2"), (90, "e2", "e1")):
+        mesh = plate(stack([angle] * 2, 1e-3), n, 1, a, b, fixed=[(k, c) for k in (0, 1) for c in range(6)])
+        held = np.flatnonzero(mesh.position[:, 0] == 0)
+        mesh = replace(mesh, fixed=np.array([(k, c) for k in held for c in range(6)]))
+        free = moduli(name, other)
+        model = build_model(mesh, free)
+        tip = np.flatnonzero(mesh.position[:, 0] == a)
+        force = np.zeros((len(mesh.position), 3))
+        force[tip, 2] = 0.5
+        T = nodal(model, np.eye(model.size))
+
+        def deflection(theta, model=model, T=T, force=force, tip=tip):
+            return (T @ spsolve(model.stiffness.at(theta).tocsc(), T.T @ force.ravel())).reshape(-1, 3)[tip, 2].mean()
+
+        reference = {own.name: own.reference for own in free}
+        expected = a**3 / (3 * reference[name] * b * 2e-3**3 / 12)
+        assert deflection(reference) == pytest.approx(expected, rel=0.01)
+        stiffer = deflection({**reference, name: 1.25 * reference[name]})
+        assert stiffer * 1.25 == pytest.approx(deflection(reference), rel=1e-3)
+        assert deflection({**reference, other: 1.25 * reference[other]}) == pytest.approx(deflection(reference), rel=3e-3)
+
+
+def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():
+    """Stress of plies made anew; σ by differences of them."""
+    mesh = with_faces(plate(ANY, 2, 2, 0.3, 0.25, axis=(1.0, 0.3, 0.0)))
+    free, facets = moduli("e1", "g12"), exterior_facets(mesh)
+    field = np.random.default_rng(3).normal(size=(3 * len(mesh.position), 2))
+    q, theta = np.array([1.0, -0.5]), {"e1": 1.2e11, "g12": 5.5e9}
+    own = surface_model(mesh, facet_strain(mesh, facets, free), field, free)
+
+    def anew(values):
+        other = replace(mesh, laminae={1: replace(CARBON, **values)})
+        return surface_state(surface_model(other, facet_strain(other, facets), field), {}, q)
+
+    std = np.array([1e10, 4e8])
+    state = surface_state(own, theta, q, np.diag([0, 0, *std**2]), ("e1", "g12"))
+    expected = anew(theta)
+    for name in ("stress", "von_mises"):
+        scale = np.abs(getattr(expected, name)).max()
+        np.testing.assert_allclose(getattr(state, name), getattr(expected, name), atol=1e-7 * scale)
+    spread = []
+    for name, s in zip(("e1", "g12"), std, strict=True):
+        d = 1e-4 * theta[name]
+        up, down = (anew({**theta, name: theta[name] + k * d}).stress for k in (1, -1))
+        spread.append((up - down) / (2 * d) * s)
+    np.testing.assert_allclose(
+        state.stress_std, np.linalg.norm(spread, axis=0), rtol=1e-4, atol=1e-6 * np.abs(spread).max()
+    )
+
+
+def test_material_says_which_plies_are_meant():
+    mixed = stack([0, 45, 90], 1e-3, [1, 9, 1])
+    mesh = replace(plate(mixed, 2, 1, 0.3, 0.25), laminae={1: CARBON, 9: GLASS})
+    assert value_of(mesh, 1, "e1", "glass") == value_of(mesh, 1, "e1", 9) == GLASS.e1
+    other = with_value(mesh, "e1", (1,), 5e10, "glass")
+    assert [value_of(other, 1, "e1", name) for name in (1, "glass")] == [CARBON.e1, 5e10]
+    free = [*moduli("e1", material=1), *moduli("e1", own=GLASS, material="glass", prefix="glass ")]
+    K, _ = thin_operators(mesh, free)
+    anew = replace(mesh, laminae={1: replace(CARBON, e1=1.5e11), 9: replace(GLASS, e1=3.5e10)})
+    assert apart(K.at({"e1": 1.5e11, "glass e1": 3.5e10}), thin_operators(anew)[0].at({})) < 5e-8
+
+
+@pytest.mark.parametrize(
+    ("property", "material", "laminate", "what"),
+    [
+        ("e1", None, stack([0, 45], 1e-3, [1, 9]), "2 orthotropic materials"),
+        ("e1", "glas", stack([0, 45], 1e-3, [1, 9]), "no orthotropic material 'glas'"),
+        ("e1", None, stack([0, 45], 1e-3, 2), "of isotropic materials"),
+        ("area_factor", None, ANY, "not of beams"),
+    ],
+)
+def test_what_a_region_does_not_have_is_refused(property, material, laminate, what):
+    mesh = replace(plate(laminate, 1, 1, 1.0, 1.0), laminae={1: CARBON, 9: GLASS})
+    with pytest.raises(UserError, match=what) as error:
+        thin_operators(mesh, [Parameter("p", property, (1,), 1.0, range=(0.8, 1.2), material=material)])
+    assert error.value.remedy
+
+
+def test_two_parameters_of_one_property_are_refused():
+    with pytest.raises(UserError, match="a and b are both the e1"):
+        thin_operators(distorted(ANY), [replace(moduli("e1")[0], name=name) for name in "ab"])
