@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
+from strainsight.cases.structure.damaged_places import surface_places
 from strainsight.errors import UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
@@ -16,8 +17,10 @@ from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.model import Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin import ShellSection
 
 from .laminate_models import CARBON, STEEL, plate, stack
 
@@ -126,7 +129,7 @@ def test_strip_along_its_fibres_bends_by_e1_and_one_across_them_by_e2():
 
 
 def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():
-    """Stress of plies made anew; σ by differences of them."""
+    """Stress of plies made anew, and the rows that damage is of; σ by differences of them."""
     mesh = with_faces(plate(ANY, 2, 2, 0.3, 0.25, axis=(1.0, 0.3, 0.0)))
     free, facets = moduli("e1", "g12"), exterior_facets(mesh)
     field = np.random.default_rng(3).normal(size=(3 * len(mesh.position), 2))
@@ -143,6 +146,8 @@ def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviatio
     for name in ("stress", "von_mises"):
         scale = np.abs(getattr(expected, name)).max()
         np.testing.assert_allclose(getattr(state, name), getattr(expected, name), atol=1e-7 * scale)
+    rows = surface_places(own, np.zeros((len(state.stress), 3)), facets.element_id).rows.at(theta)
+    np.testing.assert_allclose(rows @ q, expected.stress, atol=1e-7 * np.abs(expected.stress).max())
     spread = []
     for name, s in zip(("e1", "g12"), std, strict=True):
         d = 1e-4 * theta[name]
@@ -165,13 +170,55 @@ def test_material_says_which_plies_are_meant():
     assert apart(K.at({"e1": 1.5e11, "glass e1": 3.5e10}), thin_operators(anew)[0].at({})) < 5e-8
 
 
+def test_modulus_of_isotropic_plies_is_that_of_a_plate_beside_them_too():
+    """One E of steel: in plies, where K and the stress of the lower ply are those of plies made anew, and in a plate, which is
+    proportional to it."""
+    mesh = plate(stack([10, 55, 0], 1e-3, [2, 1, 1]), 4, 2, 0.4, 0.2, axis=(1.0, 0.3, 0.0))
+    mesh.shells[0].region[:4] = 2
+    mesh = replace(
+        mesh, regions={**mesh.regions, 2: Region(2, "PSHELL 2", 2)}, sections={**mesh.sections, 2: ShellSection(2e-3)}
+    )
+    free, theta = [Parameter("E", "youngs_modulus", (1, 2), 2.0e11, range=(1.6e11, 2.6e11))], {"E": 2.3e11}
+    K, _ = thin_operators(mesh, free)
+    anew = replace(mesh, materials={2: replace(STEEL, youngs_modulus=2.3e11)})
+    assert apart(K.at(theta), thin_operators(anew)[0].at({})) < 5e-8
+    states = []
+    for own, parameters in ((with_faces(mesh), free), (with_faces(anew), [])):
+        facets = exterior_facets(own)
+        z = np.random.default_rng(4).normal(size=3 * len(own.position))
+        states.append(
+            surface_state(surface_model(own, facet_strain(own, facets, parameters), z, parameters), theta, np.ones(1))
+        )
+    np.testing.assert_allclose(states[0].stress, states[1].stress, atol=1e-7 * np.abs(states[1].stress).max())
+
+
+@pytest.mark.parametrize("kind", ["quad4", "tri3"])
+def test_bending_of_a_homogeneous_shell_has_a_factor(kind):
+    """That of 12 I/t³: a square plate that is clamped has w₀ ∝ 1/f where it is thin, and K that of a section made anew."""
+    fixed = [(k, c) for k in range(7) for c in range(6)]
+    mesh = plate(ANY, 6, 2, 0.3, 0.05, kind, fixed=fixed)
+    mesh = replace(mesh, sections={1: ShellSection(1e-3)}, regions={1: Region(1, "PSHELL 1", 2)})
+    free = [Parameter("f", "bending_factor", (1,), 1.0, range=(0.7, 1.4))]
+    model = build_model(mesh, free)
+    for f in (0.7, 1.15):
+        other = replace(mesh, sections={1: replace(mesh.sections[1], bending=f)})
+        assert apart(thin_operators(mesh, free)[0].at({"f": f}), thin_operators(other)[0].at({})) < 5e-8
+    force = np.zeros((len(mesh.position), 3))
+    force[-1, 2] = 1.0
+    T = nodal(model, np.eye(model.size))
+    w = [(T @ spsolve(model.stiffness.at({"f": f}).tocsc(), T.T @ force.ravel()))[-1] for f in (1.0, 1.3)]
+    assert w[0] / w[1] == pytest.approx(1.3, rel=2e-3)
+
+
 @pytest.mark.parametrize(
     ("property", "material", "laminate", "what"),
     [
         ("e1", None, stack([0, 45], 1e-3, [1, 9]), "2 orthotropic materials"),
         ("e1", "glas", stack([0, 45], 1e-3, [1, 9]), "no orthotropic material 'glas'"),
-        ("e1", None, stack([0, 45], 1e-3, 2), "of isotropic materials"),
-        ("area_factor", None, ANY, "not of beams"),
+        ("e1", None, stack([0, 45], 1e-3, 2), "without orthotropic plies"),
+        ("torsion_factor", None, ANY, "not of beams"),
+        ("bending_factor", None, ANY, "not of beams or homogeneous shells"),
+        ("area_factor", None, ANY, "not of beams or rods"),
     ],
 )
 def test_what_a_region_does_not_have_is_refused(property, material, laminate, what):

@@ -102,7 +102,7 @@ def test_modulus_along_the_fibres_is_found(strip, seed):
         (S, "s: {property: area_factor, region: 1, guess: 1.0, range: [0.8, 1.2]}", "not of beams", "parameters.s.property"),
         (S, "s: {property: density, region: 1, material: 8, guess: 1600, range: [1500, 1700]}",
          "a density is not of one material", "parameters.s.material"),
-        ("property: stiffness_factor", "property: youngs_modulus", "no single Young's modulus", "parameters.s.property"),
+        ("property: stiffness_factor", "property: youngs_modulus", "no single youngs_modulus", "parameters.s.property"),
         ("guess: 1.0, range: [0.8, 1.25]", "guess: 30, range: [0.8, 40]", "is 30, the deck has 1 ", "parameters.s.guess"),
         ("strip.bdf}", "strip.bdf, materials: {m: {regions: all, youngs_modulus: 1.0e+9, poisson_ratio: .3, density: 1}}}",
          "is a laminate, whose plies", "mesh.materials.m.regions"),

@@ -13,6 +13,7 @@ from strainsight.errors import did_you_mean
 
 PARALLEL = 1e-6
 """sin² of the least angle between the two axes of a datum, 0.06°."""
+MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
 RESERVED = {"constant", "factors", "roots", "weights"}  # what stands beside the terms of an affine operator in a file
 
 
@@ -248,9 +249,9 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(f"loads.{name}", what, "give the load as forces of the deck (deck_load)", at_key=True)
     for name, parameter in config.parameters.items():
         key = f"parameters.{name}"
-        if parameter.material is not None and parameter.property not in ("e1", "e2", "g12", "g1z", "g2z"):
+        if parameter.material is not None and parameter.property not in MODULI:
             what = f"a {parameter.property} is not of one material of plies"
-            yield Problem(f"{key}.material", what, "remove the key, or give property: e1, e2, g12, g1z or g2z")
+            yield Problem(f"{key}.material", what, f"remove the key, or give one of {', '.join(MODULI)} for property")
         if parameter.springs is not None:
             if matrices is not None:
                 yield Problem(f"{key}.springs", "springs are in mesh.matrices", "give them a term of their own there")

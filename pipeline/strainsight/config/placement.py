@@ -57,9 +57,9 @@ class MaterialParameter(Section):
         description="Which property: youngs_modulus [Pa], density [kg/m³], of a laminate the mean over its thickness, or "
         "stiffness_factor [-], which multiplies all stiffness of the regions as the deck has it, whatever they are made of: "
         "laminates, several materials, beams whose section is uncertain; or the stiffness of `springs`. Of plies of laminates: "
-        "e1 and e2 along and across their fibres, g12, and g1z and g2z of shear across [Pa]. Of beams, as factors of what the "
-        "deck has [-]: area_factor, with the mass, bending_factor of all second moments, torsion_factor of the torsion constant; "
-        "an area_factor of rods, too."
+        "e1 and e2 along and across their fibres, g12, g1z and g2z of shear across, or youngs_modulus of isotropic plies [Pa]. "
+        "Of beams, as factors of what the deck has [-]: area_factor, with the mass, bending_factor of all second moments, "
+        "torsion_factor of the torsion constant; an area_factor of rods, too, and a bending_factor of homogeneous shells."
     )
     region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
         None,
@@ -73,7 +73,7 @@ class MaterialParameter(Section):
     )
     material: int | Text | None = Field(
         None,
-        description="Of a modulus of plies: id or name of their orthotropic material (MAT8), where the regions have several.",
+        description="Of a modulus of plies: id or name of their material (MAT8, MAT1), where they have several of one kind.",
     )
     guess: Guess = Field(
         description="Value before anything is measured [Pa, kg/m³, or 1 for a factor], or {from: another run}."

@@ -15,7 +15,7 @@ from strainsight.fem.element_matrices import element_masses, element_stiffnesses
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import SHAPING
+from strainsight.mesh.properties import shapes
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CHUNK = 2048
@@ -41,7 +41,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 
     D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³], and that
     of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
-    Properties of plies and sections (`SHAPING`) are none of solids.
+    Properties of plies and sections are none of solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
     and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
@@ -85,8 +85,8 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
     """Which regions go where with what factor, E or ρ: "" is the constant part, a parameter's name its unit term.
 
     kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a factor of the stiffness
-    is, and that of the stiffness of a laminate is 1. Raises UserError for parameters that overlap or name no region, and for
-    the modulus of a laminate.
+    is, and that of the stiffness of a laminate is 1. Parameters that only shape a region are not asked. Raises UserError for
+    parameters that overlap or name no region.
     """
     present = regions_of(mesh.elements)
     owner: dict[int, Parameter] = {}
@@ -100,12 +100,7 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
                     f"parameter {p.name} refers to region {number}, which has no elements",
                     remedy=f"the mesh has regions {', '.join(map(str, present))}",
                 )
-            if p.property == "youngs_modulus" and mesh.laminate(number):
-                raise UserError(
-                    f"parameter {p.name} is the youngs_modulus of region {number}, a laminate, which has several moduli",
-                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0; or one of e1, e2, g12",
-                )
-            if p.property in SHAPING:
+            if shapes(mesh, number, p.property):
                 continue
             if (
                 scales_stiffness(p.property) == (kind == "stiffness")

@@ -77,9 +77,9 @@ def _made(
     points: Sequence[Sequence[float]],
 ) -> AffineOperator:
     shape: list[int] = (np.max(list(weights), axis=0) + 1).tolist()
-    w = np.zeros([len(span), *shape])
+    w = np.zeros((len(span), int(np.prod(shape))))
     for index, seen in weights.items():
-        w.reshape(len(span), -1)[: len(seen), np.ravel_multi_index(index, shape)] = seen
+        w[: len(seen), np.ravel_multi_index(index, shape)] = seen
     bases = tuple(
         Newton(own.name, tuple(z[: m - 1]), _scale(own), _range(own), BEYOND, _logarithm(own))
         for own, z, m in zip(parameters, points, shape, strict=True)
@@ -88,7 +88,7 @@ def _made(
     return AffineOperator(
         first,
         {label: _like(first, B) for label, B in zip(labels, span, strict=True)},
-        {label: Coefficient(bases, each) for label, each in zip(labels, w, strict=True)},
+        {label: Coefficient(bases, each.reshape(shape)) for label, each in zip(labels, w, strict=True)},
     )
 
 
@@ -153,7 +153,7 @@ def _of_degree(dimensions: int, degree: int) -> Iterator[tuple[int, ...]]:
 
 
 def _logarithm(own: Parameter) -> bool:
-    return own.property in PLY_MODULI
+    return own.property in ("youngs_modulus", *PLY_MODULI)
 
 
 def _value(own: Parameter, x: float) -> float:

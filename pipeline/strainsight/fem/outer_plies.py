@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,12 @@ class OuterPlies:
 
 def outer_plies(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> OuterPlies | None:
     """None where no facet is on a laminate."""
-    free = [own for own in parameters if own.property in PLY_MODULI]
+    free = [
+        replace(own, regions=tuple(number for number in own.regions if mesh.laminate(number) is not None))
+        for own in parameters
+        if own.property in ("youngs_modulus", *PLY_MODULI)
+    ]
+    free = [own for own in free if own.regions]
 
     def at(theta: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         other = mesh

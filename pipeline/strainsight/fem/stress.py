@@ -12,6 +12,7 @@ from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.outer_plies import OuterPlies
 from strainsight.fem.recovery import SHEARS, StrainRows, isotropic, lame
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import shapes
 
 CHUNK = 2048
 """Points at a time: what belongs to them stays in the processor's cache."""
@@ -85,7 +86,7 @@ def surface_model(
     terms = {}
     for p in parameters:
         if scales_stiffness(p.property):
-            own = np.isin(rows.region, p.regions)
+            own = np.isin(rows.region, [number for number in p.regions if not shapes(mesh, number, p.property)])
             terms[p.name] = own * (E if p.property == "stiffness_factor" else 1.0)
             E = np.where(own, 0.0, E)
     strain = rows.matrix @ np.asarray(field).reshape(3 * len(mesh.position), -1)

@@ -18,7 +18,7 @@ from strainsight.fem.interpolation import interpolated
 from strainsight.fem.shell_sections import resistance_of, shell_weight
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import OF_MASS, SHAPING, meant, with_value
+from strainsight.mesh.properties import OF_MASS, meant, shapes, with_value
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock
 
 CHUNK = 2048
@@ -72,9 +72,9 @@ def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int,
     found: dict[int, list[Parameter]] = {}
     taken: dict[tuple[int, str, int], Parameter] = {}
     for own in parameters:
-        if own.property not in SHAPING or not (kind == "stiffness" or own.property in OF_MASS):
+        if kind == "mass" and own.property not in OF_MASS:
             continue
-        for number in own.regions:
+        for number in (each for each in own.regions if shapes(mesh, each, own.property)):
             which = (number, own.property, meant(mesh, number, own.property, own.material))
             if (other := taken.setdefault(which, own)) is not own:
                 raise UserError(

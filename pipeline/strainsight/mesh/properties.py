@@ -8,21 +8,27 @@ from dataclasses import replace
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.additions import free_material, with_properties
 from strainsight.mesh.laminates import Lamina
-from strainsight.mesh.model import Mesh
-from strainsight.mesh.thin import BeamSection
+from strainsight.mesh.model import Material, Mesh
+from strainsight.mesh.thin import BeamSection, ShellSection
 
 PLY_MODULI = ("e1", "e2", "g12", "g1z", "g2z")
 """Of the plies of laminates, in one orthotropic material."""
-SECTION_FACTORS = {"area_factor": ("area",), "bending_factor": ("second",), "torsion_factor": ("torsion",)}
-"""Of beams and rods: what each multiplies of their section at both ends."""
+SECTION_FACTORS = {"area_factor": "area", "bending_factor": "second", "torsion_factor": "torsion"}
+"""Of beams and rods: what each multiplies of their section at both ends; that of bending is of homogeneous shells, too."""
 SHAPING = (*PLY_MODULI, *SECTION_FACTORS)
-"""Properties that the stiffness is not proportional to."""
+"""Properties that the stiffness is not proportional to, of any region."""
 OF_MASS = ("density", "area_factor", "bending_factor")
 """Properties that the mass depends on."""
 
 
+def shapes(mesh: Mesh, region: int, property: str) -> bool:
+    """Whether the stiffness of a region (id) depends on a property in another way than in proportion: on the modulus of the
+    isotropic plies of a laminate, too."""
+    return property in SHAPING or (property == "youngs_modulus" and mesh.laminate(region) is not None)
+
+
 def value_of(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> float:
-    """What a region (id) has [SI], 1 of a factor; material: id or name of that of the plies, where they have several.
+    """What a region (id) has [SI], 1 of a factor; material: id or name of that which is meant, where plies have several.
 
     The density of a laminate is the mean over its thickness. Raises UserError where the region has no such property.
     """
@@ -35,18 +41,15 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
     if property in SECTION_FACTORS:
         _require_section(mesh, region, property)
         return 1.0
-    if property in PLY_MODULI:
-        value = float(getattr(mesh.laminae[_lamina(mesh, region, property, material)], property))
+    if property in PLY_MODULI or shapes(mesh, region, property):
+        value = float(getattr(_ply(mesh, region, property, material), property))
         if value == float("inf"):
             raise UserError(f"{mesh.regions[region]} does not shear across: its {property} is infinite")
         return value
-    if mesh.laminate(region) is not None:
-        raise UserError(
-            f"{mesh.regions[region]} is a laminate: it has no single Young's modulus",
-            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]; or one of its "
-            f"moduli: property: {', '.join(PLY_MODULI)}",
-        )
-    return mesh.materials[mesh.regions[region].material].youngs_modulus
+    own = mesh.materials[mesh.regions[region].material]
+    if material is not None and material not in (own.id, str(own)):
+        raise UserError(f"{mesh.regions[region]} is of {own} and not of {material!r}", remedy="remove the key")
+    return own.youngs_modulus
 
 
 def with_value(
@@ -54,82 +57,89 @@ def with_value(
 ) -> Mesh:
     """The mesh whose regions (ids) have this value, as `value_of` says it; a factor multiplies what they have. Other regions of
     the same material or section keep theirs. Raises UserError as `value_of` does."""
-    if property in ("youngs_modulus", "density", "stiffness_factor"):
-        return with_properties(mesh, regions, **{property: value})
     for region in regions:
         if property in SECTION_FACTORS:
             mesh = _with_section(mesh, region, property, value)
+        elif property in PLY_MODULI or shapes(mesh, region, property):
+            mesh = _with_ply(mesh, region, property, value, material)
         else:
-            mesh = _with_lamina(mesh, region, property, value, material)
+            mesh = with_properties(mesh, [region], **{property: value})
     return mesh
 
 
 def meant(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> int:
-    """What of a region (id) a property of `SHAPING` is of: the id of a material of its plies, or 0, its section. Raises UserError
-    as `value_of` does."""
-    if property in PLY_MODULI:
-        return _lamina(mesh, region, property, material)
-    _require_section(mesh, region, property)
-    return 0
+    """What of a region (id) a property that `shapes` it is of: the id of a material of its plies, or 0, its section. Raises
+    UserError as `value_of` does."""
+    if property in SECTION_FACTORS:
+        _require_section(mesh, region, property)
+        return 0
+    return _ply(mesh, region, property, material).id
 
 
-def _lamina(mesh: Mesh, region: int, property: str, material: int | str | None) -> int:
-    """Id of the orthotropic material that is meant of the plies of a region."""
+def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> Lamina | Material:
+    """The material that is meant of the plies of a region: an orthotropic one, of youngs_modulus an isotropic one."""
     if (laminate := mesh.laminate(region)) is None:
         raise UserError(
             f"{mesh.regions[region]} is no laminate: it has no {property}",
             remedy="estimate the youngs_modulus of its material, or name a region of plies",
         )
-    found = {ply.material: mesh.laminae[ply.material] for ply in laminate.plies if ply.material in mesh.laminae}
+    among = mesh.materials if property == "youngs_modulus" else mesh.laminae
+    kind = "isotropic" if property == "youngs_modulus" else "orthotropic"
+    found = {ply.material: among[ply.material] for ply in laminate.plies if ply.material in among}
+    names = {number: str(own) for number, own in found.items()}
     if not found:
         raise UserError(
-            f"the plies of {mesh.regions[region]} are of isotropic materials: they have no {property}",
-            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0",
+            f"{mesh.regions[region]} is a laminate without {kind} plies: it has no single {property}",
+            remedy="estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]; or one of its "
+            f"moduli, property: {'youngs_modulus' if kind == 'orthotropic' else ', '.join(PLY_MODULI)}",
         )
-    names = {number: str(own) for number, own in found.items()}
     if material is None:
         if len(found) > 1:
             raise UserError(
-                f"the plies of {mesh.regions[region]} are of {len(found)} orthotropic materials",
+                f"the plies of {mesh.regions[region]} are of {len(found)} {kind} materials",
                 remedy=f"say which is meant: `material:` {' or '.join(f'{i} ({name})' for i, name in names.items())}",
             )
-        return next(iter(found))
+        return next(iter(found.values()))
     for number, name in names.items():
         if material in (number, name):
-            return number
+            return found[number]
     known = [str(own) for own in (*found, *names.values())]
     raise UserError(
-        f"the plies of {mesh.regions[region]} have no orthotropic material {material!r}",
+        f"the plies of {mesh.regions[region]} have no {kind} material {material!r}",
         remedy=did_you_mean(str(material), known, f"they have {', '.join(known)}"),
     )
 
 
-def _with_lamina(mesh: Mesh, region: int, property: str, value: float, material: int | str | None) -> Mesh:
-    old, number = _lamina(mesh, region, property, material), free_material(mesh)
+def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: int | str | None) -> Mesh:
+    old, number = _ply(mesh, region, property, material), free_material(mesh)
     laminate = mesh.laminate(region)
     assert laminate is not None
-    own = mesh.laminae[old]
-    moduli = {name: value if name == property else getattr(own, name) for name in PLY_MODULI}
-    lamina = Lamina(number, nu12=own.nu12, density=own.density, name=str(own), **moduli)
-    plies = tuple(replace(ply, material=number) if ply.material == old else ply for ply in laminate.plies)
-    return replace(
-        mesh,
-        laminae={**mesh.laminae, number: lamina},
-        sections={**mesh.sections, region: replace(laminate, plies=plies)},
-    )
+    plies = tuple(replace(ply, material=number) if ply.material == old.id else ply for ply in laminate.plies)
+    sections = {**mesh.sections, region: replace(laminate, plies=plies)}
+    if isinstance(old, Material):
+        changed = replace(old, id=number, youngs_modulus=value, name=str(old))
+        return replace(mesh, materials={**mesh.materials, number: changed}, sections=sections)
+    moduli = {name: value if name == property else getattr(old, name) for name in PLY_MODULI}
+    lamina = Lamina(number, nu12=old.nu12, density=old.density, name=str(old), **moduli)
+    return replace(mesh, laminae={**mesh.laminae, number: lamina}, sections=sections)
 
 
-def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection:
-    """Raises UserError for a region that is not of beams, or whose section has nothing of it."""
+def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | ShellSection:
+    """Raises UserError for a region whose section has nothing that the factor multiplies."""
     section = mesh.sections.get(region)
-    if not isinstance(section, BeamSection):
-        raise UserError(
-            f"{mesh.regions[region]} is not of beams or rods: it has no {property}",
-            remedy="name a region of beams, or estimate a stiffness_factor",
+    if isinstance(section, ShellSection) and property == "bending_factor":
+        there = section.bending > 0
+    elif isinstance(section, BeamSection):
+        there = bool(
+            section.second.any() if property == "bending_factor" else getattr(section, SECTION_FACTORS[property]) > 0
         )
-    if not all(
-        (getattr(section, name) > 0 if name != "second" else section.second.any()) for name in SECTION_FACTORS[property]
-    ):
+    else:
+        kinds = "beams or homogeneous shells" if property == "bending_factor" else "beams or rods"
+        raise UserError(
+            f"{mesh.regions[region]} is not of {kinds}: it has no {property}",
+            remedy="name another region, or estimate a stiffness_factor",
+        )
+    if not there:
         raise UserError(
             f"the section of {mesh.regions[region]} has no stiffness of its own that a {property} multiplies",
             remedy="name another region or another factor",
@@ -141,7 +151,12 @@ def _with_section(mesh: Mesh, region: int, property: str, factor: float) -> Mesh
     section = _require_section(mesh, region, property)
 
     def times(own: BeamSection) -> BeamSection:
-        return replace(own, **{name: factor * getattr(own, name) for name in SECTION_FACTORS[property]})
+        name = SECTION_FACTORS[property]
+        return replace(own, **{name: factor * getattr(own, name)})
 
-    changed = replace(times(section), at_b=section.at_b and times(section.at_b))
+    changed: BeamSection | ShellSection
+    if isinstance(section, ShellSection):
+        changed = replace(section, bending=factor * section.bending)
+    else:
+        changed = replace(times(section), at_b=section.at_b and times(section.at_b))
     return replace(mesh, sections={**mesh.sections, region: changed})
