@@ -49,6 +49,9 @@ def test_many_values_are_one_after_the_other():
     for i in np.ndindex(2, 4):
         np.testing.assert_allclose(X[i], PLATE.at({"E": E[i], "t": t[i]}), rtol=1e-14)
         np.testing.assert_allclose(slope[i], PLATE.derivative("t", {"E": E[i], "t": t[i]}), rtol=1e-14)
+    for some in (2.0, E[0]):  # one for all, and one for all of an axis
+        values = {"E": np.broadcast_to(some, (2, 4)), "t": t}
+        np.testing.assert_allclose(PLATE.at({"E": some, "t": t}), PLATE.at(values), rtol=1e-14)
 
 
 @pytest.mark.parametrize("logarithm", [False, True])

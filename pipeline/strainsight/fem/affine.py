@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -87,26 +88,30 @@ class Coefficient:
 
     def at(self, theta: Mapping[str, Any]) -> Any:
         """c(θ); values of θ may be arrays of any common shape."""
-        return self._sum([own.at(theta)[0] for own in self.bases])
+        return _summed(self.weights[None], [own.at(theta)[0] for own in self.bases])[0]
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
         """∂c/∂θ_name."""
-        return self._sum([own.at(theta)[own.parameter == name] for own in self.bases])
+        return _summed(self.weights[None], [own.at(theta)[own.parameter == name] for own in self.bases])[0]
 
     def times(self, name: str) -> Coefficient:
         """θ_name c(θ), name none of its own parameters."""
         return Coefficient((Newton(name), *self.bases), np.stack([0 * self.weights, self.weights]))
 
-    def _sum(self, tables: list[np.ndarray]) -> Any:
-        values = np.broadcast_arrays(*(table[0] for table in tables))[0].shape
-        total = self.weights.reshape(self.weights.shape + (1,) * len(values))
-        for table in tables:
-            # the first axis of the weights that are left, all others before those of the values
-            left = total.ndim - 1 - len(values)
-            total = (total * table.reshape(len(table), *(1,) * left, *table.shape[1:] or (1,) * len(values))).sum(
-                axis=0
-            )
-        return total
+
+def _summed(weights: np.ndarray, tables: Sequence[np.ndarray]) -> np.ndarray:
+    """Σ_ν w_ν Π_j N_{ν_j} (K, ...) of weights (K, m₁, m₂, …) and tables (m_j, ...)."""
+    shape = np.broadcast_shapes(*(table.shape[1:] for table in tables))
+    flat = []
+    for own in tables:
+        ahead = (1,) * (len(shape) + 1 - own.ndim)
+        flat.append(
+            np.broadcast_to(own.reshape(len(own), *ahead, *own.shape[1:]), (len(own), *shape)).reshape(len(own), -1)
+        )
+    total = weights @ flat[-1]
+    for table in reversed(flat[:-1]):
+        total = np.einsum("...mv,mv->...v", total, table)
+    return total.reshape(len(weights), *shape)
 
 
 @dataclass(frozen=True)
@@ -133,21 +138,36 @@ class AffineOperator:
     def at(self, theta: Mapping[str, Any]) -> Any:
         """X(θ); a dense operator takes arrays of any common shape (...) as values and returns (..., n, n)."""
         total = self.constant
+        values = self._values(theta)
         for label, term in self.terms.items():
-            own = self.coefficients.get(label)
-            total = total + _times(term, theta[label] if own is None else own.at(theta))
+            total = total + _times(term, values[label] if label in values else theta[label])
         return total
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
         """∂X/∂θ_name at θ, with values as in `at`; where X is linear in it (n, n) whatever θ."""
-        found = []
-        for label, term in self.terms.items():
-            own = self.coefficients.get(label)
-            if own is None and label == name:
-                found.append(term)
-            elif own is not None and any(each.parameter == name for each in own.bases):
-                found.append(_times(term, own.derivative(name, theta)))
+        found = [self.terms[name]] if name in self.terms and name not in self.coefficients else []
+        found += [_times(self.terms[label], slope) for label, slope in self._values(theta, name).items()]
         return sum(found[1:], start=found[0]) if found else 0 * self.constant
+
+    @cached_property
+    def _alike(self) -> list[tuple[tuple[Newton, ...], list[str], np.ndarray]]:
+        """Coefficients of the same bases: their terms, and their weights (K, m₁, m₂, …)."""
+        found: dict[tuple[Newton, ...], list[str]] = {}
+        for label, own in self.coefficients.items():
+            found.setdefault(own.bases, []).append(label)
+        return [
+            (bases, labels, np.stack([self.coefficients[label].weights for label in labels]))
+            for bases, labels in found.items()
+        ]
+
+    def _values(self, theta: Mapping[str, Any], name: str | None = None) -> dict[str, Any]:
+        """c_k(θ) of the terms with a coefficient, or ∂c_k/∂θ_name of those that depend on it."""
+        found: dict[str, Any] = {}
+        for bases, labels, weights in self._alike:
+            if name is None or any(own.parameter == name for own in bases):
+                tables = [own.at(theta)[name is not None and own.parameter == name] for own in bases]
+                found |= zip(labels, _summed(weights, tables), strict=True)
+        return found
 
     def of_all(self, change: Callable[[Any], Any]) -> AffineOperator:
         """X₀ and every X_k through a linear map: that of X(θ), term by term."""
