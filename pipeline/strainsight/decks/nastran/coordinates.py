@@ -8,27 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.model import FloatArray, IntArray
 
 SHAPES = {"R": "rectangular", "C": "cylindrical", "S": "spherical"}
 BY_POINTS, BY_NODES = ("CORD2R", "CORD2C", "CORD2S"), ("CORD1R", "CORD1C", "CORD1S")
-ON_AXIS = 1e-10
-"""Distance from the axis over the extent of the model, below which a point lies on the axis."""
 
 PointOf = Callable[[int, Card], tuple[FloatArray, int]]
 """Node id and the card that names it → coordinates (3,) and the system CP they are given in."""
-
-
-@dataclass(frozen=True)
-class CoordinateSystem:
-    """kind rectangular, cylindrical or spherical; origin (3,) and axes (3, 3), one in a column, in the basic system."""
-
-    kind: str
-    origin: FloatArray
-    axes: FloatArray
-
-
-BASIC = CoordinateSystem("rectangular", np.zeros(3), np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -129,32 +116,3 @@ def _to_basic(local: FloatArray, system: CoordinateSystem) -> FloatArray:
         r = a * np.sin(theta)
         local = np.column_stack([r * np.cos(phi), r * np.sin(phi), a * np.cos(theta)])
     return system.origin + local @ system.axes.T
-
-
-def local_axes(position: FloatArray, system: CoordinateSystem) -> tuple[FloatArray, np.ndarray]:
-    """The directions 1, 2, 3 of a system at points: x, y, z, or e_r, e_θ, e_z, or e_r, e_θ, e_φ.
-
-    position (n, 3) basic. Returns axes (n, 3, 3), one in a column, in the basic system, and (n,) where a point lies on the
-    axis: there e_r and e_θ of a cylinder have no direction, nor have e_θ and e_φ of a sphere (at its centre e_r neither),
-    and the axes are those that define the system (as in Nastran).
-    """
-    n = len(position)
-    if system.kind == "rectangular":
-        return np.broadcast_to(system.axes, (n, 3, 3)).copy(), np.zeros(n, dtype=bool)
-    x, y, z = ((position - system.origin) @ system.axes).T
-    rho = np.hypot(x, y)
-    on_axis = rho <= ON_AXIS * max(np.abs(position).max(initial=0.0), np.abs(system.origin).max())
-    cos, sin = x / np.where(on_axis, 1.0, rho), y / np.where(on_axis, 1.0, rho)
-    local = np.zeros((n, 3, 3))
-    if system.kind == "cylindrical":
-        local[:, 0, 0], local[:, 1, 0] = cos, sin
-        local[:, 0, 1], local[:, 1, 1] = -sin, cos
-        local[:, 2, 2] = 1.0
-    else:
-        r = np.where(on_axis, 1.0, np.hypot(rho, z))
-        cos_theta, sin_theta = z / r, rho / r
-        local[:, :, 0] = np.column_stack([sin_theta * cos, sin_theta * sin, cos_theta])
-        local[:, :, 1] = np.column_stack([cos_theta * cos, cos_theta * sin, -sin_theta])
-        local[:, :, 2] = np.column_stack([-sin, cos, np.zeros(n)])
-    local[on_axis] = np.eye(3)
-    return system.axes @ local, on_axis

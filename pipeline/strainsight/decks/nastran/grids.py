@@ -10,9 +10,10 @@ import numpy as np
 
 from strainsight.decks.faults import IdTable
 from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.coordinates import BASIC, CoordinateSystem, coordinate_systems, local_axes, to_basic
+from strainsight.decks.nastran.coordinates import coordinate_systems, to_basic
 from strainsight.decks.nastran.sets import expand
 from strainsight.errors import DeckError
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
 from strainsight.mesh.model import FloatArray, IntArray
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card
-from strainsight.decks.nastran.coordinates import CoordinateSystem, local_axes
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.nastran.sets import expand
+from strainsight.mesh.coordinates import CoordinateSystem, local_axes
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray

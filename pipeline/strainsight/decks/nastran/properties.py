@@ -11,10 +11,10 @@ import numpy as np
 from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.composites import lamina
-from strainsight.decks.nastran.coordinates import CoordinateSystem
 from strainsight.decks.nastran.grids import resolved_system
 from strainsight.decks.nastran.solids import SOLIDS
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
+from strainsight.mesh.coordinates import CoordinateSystem
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import CellBlock, Material, Region
 from strainsight.mesh.thin import BeamSection, ShellSection

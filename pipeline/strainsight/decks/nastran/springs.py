@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.coordinates import local_axes
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.numbers import parse_integer
+from strainsight.mesh.coordinates import local_axes
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.model import FloatArray
 
