@@ -56,7 +56,7 @@ def test_what_is_named_is_left_out_and_listed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "card", ["PARAM,POST,-1", "EIGRL,1", "TLOAD1,5,6,,,7", "DAREA,6,4,3,1.", "DESVAR,1", "PSHEAR,3", "MAT9,9,1."]
+    "card", ["PARAM,POST,-1", "EIGRL,1", "TLOAD1,5,6,,,7", "DAREA,6,4,3,1.", "DESVAR,1", "PSHEAR,3", "MAT3,9,1."]
 )
 def test_output_procedures_histories_and_properties_are_listed_only(tmp_path, card):
     mesh = imported(tmp_path, TETRAHEDRON + card + "\n")

@@ -57,6 +57,13 @@ CTRIA3,90,9,1,2,3,30.
 PCOMP,9,,.5,,,,,SYM
 ,10,.1,30.,,9,.2
 MAT8,10,1.4+11,1.+10,.3,5.+9,,3.+9,1600.
+CTETRA,92,12,1,2,3,5
+PSOLID,12,14,5
+MAT11,14,1.4+11,1.+10,1.+10,.3,.3,.4,5.+9
+,5.+9,3.4+9,1600.
+CTRIA3,91,13,2,3,6
+PSHELL,13,9,.2,15,,15
+MAT1,15,7.+10,,.3
 CMASS2,41,2.5,4,2
 SPC1,1,123,1
 FORCE,7,2,,100.,0.,0.,1.
@@ -86,9 +93,9 @@ def test_everything_of_a_mesh_comes_back(tmp_path, below):
     assert len(mesh.rigid) == len(mesh.averaging) == len(mesh.point_masses) - 1 == len(mesh.loads) == len(mesh.axes) == 1
     assert [len(own.value) for own in mesh.relations] == [3, 1]
     assert len(mesh.shells) == len(mesh.beams) == 2
-    assert len(mesh.sections) == 6
-    assert len(mesh.laminae) == 1
-    assert len(mesh.arms) == 2 * (4 + 3 + 3) + 16  # a shell has two faces, a beam without pins four sides
+    assert len(mesh.sections) == 7
+    assert len(mesh.laminae) == len(mesh.anisotropic) == len(mesh.orientations) == 1
+    assert len(mesh.arms) == 2 * (4 + 3 + 3 + 3) + 16  # a shell has two faces, a beam without pins four sides
     for field in fields(Mesh):
         if field.name not in ("source", "included", "origin"):  # of the deck, not of the model
             own, there = getattr(mesh, field.name), getattr(found, field.name)

@@ -44,14 +44,14 @@ BELOW_KIND = {
 ONLY_SOMETIMES = (
     r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
     r"|/elimination/metric|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak|^/installation$"
-    r"|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/"
+    r"|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/"
 )
 """Where a density is a parameter, and a load acts on it, or errors of installation are avoided (a test of their own below); where
 stiffness and mass, or strain rows, come from files (test_ready.py), or modes and static responses do (test_results.py); where
 gauges are bonded already (test_sensors.py) or bridges
 (test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
 (tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are placed
-for (test_load_cases.py); of shells and beams (a test of their own below)."""
+for (test_load_cases.py); of shells, beams and anisotropic materials (a test of their own below)."""
 
 
 UNITS_OF = {
@@ -113,14 +113,15 @@ def test_what_a_density_under_its_weight_and_avoided_errors_add_is_listed(tmp_pa
     assert_listed("screen", run["screen"], ["/installation"])
 
 
-def test_what_shells_and_beams_add_is_listed_and_there(tmp_path):
+def test_what_shells_beams_and_anisotropic_materials_add_is_listed_and_there(tmp_path):
     (tmp_path / "own.bdf").write_text(DECK)
     datasets = written(MeshColumns.of(read_mesh(tmp_path / "own.bdf")))
     artefact = write_artefact(tmp_path / "import.h5", Output(datasets, {}, "toy"), Header("import", 1, "key", {}, {}, {}))
-    paths = [path for path in artefact.paths() if path.startswith(("/shells/", "/beams/", "/sections/", "/laminae/"))]
+    own = ("/shells/", "/beams/", "/sections/", "/laminae/", "/anisotropic/", "/orientations/")
+    paths = [path for path in artefact.paths() if path.startswith(own)]
     assert_listed("import", artefact, paths)
     for pattern, _, _ in rows("import"):
-        if re.search(r"^/shells/|^/beams/|^/sections/|^/laminae/", pattern):
+        if pattern.startswith(own):
             assert any(re.fullmatch(pattern, path) for path in paths), pattern
 
 

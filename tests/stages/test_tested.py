@@ -235,7 +235,7 @@ def test_the_principal_strain_of_largest_size_is_that_of_its_tensor():
 
 
 def _pairs():
-    from strainsight.fem.recovery import SHEARS
+    from strainsight.fem.element_matrices import SHEARS
 
     return SHEARS
 

@@ -42,7 +42,8 @@ class Suggestion:
     """What a deck says about its config.
 
     length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
-    of the largest one, whether it is a laminate, and its modulus [Pa], None where it has none; lacking: what materials
+    of the largest one, whether it has several moduli (a laminate, an anisotropic material), and its modulus [Pa], None where it
+    has none; lacking: what materials
     lack; supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which
     holds; unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
     places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
@@ -54,7 +55,7 @@ class Suggestion:
     mass_unit: str = "kg"
     odd: str = ""
     region: int = 1
-    laminate: bool = False
+    several_moduli: bool = False
     youngs_modulus: float | None = 2.0e11
     lacking: tuple[Lacking, ...] = ()
     supports: bool = True

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from strainsight.config.checks_material import material_problems, plane_problems
 from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import ElementSection, MeshFile, Support
-from strainsight.config.placement import Datum, GuessFrom, MaterialParameter, PlacementConfig
+from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
 from strainsight.errors import did_you_mean
 
-PARALLEL = 1e-6
-"""sin² of the least angle between the two axes of a datum, 0.06°."""
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
 RESERVED = {"constant", "factors", "roots", "weights"}  # what stands beside the terms of an affine operator in a file
 
@@ -29,7 +28,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield from _parameter(f"parameters.{name}", parameter, config.name)
     for name, load in config.loads.items():
         yield from _load(f"loads.{name}", load)
-    yield from _datum(config.report.datum)
+    yield from plane_problems("report.datum", config.report.datum.x, config.report.datum.y)
 
 
 def _static(config: PlacementConfig) -> Iterator[Problem]:
@@ -72,19 +71,6 @@ def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Pro
         )
     if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == run:
         yield Problem(f"{key}.guess.from", "a run cannot take a guess from itself", "name another run")
-
-
-def _datum(datum: Datum) -> Iterator[Problem]:
-    for axis in ("x", "y"):
-        if not any(getattr(datum, axis)):
-            yield Problem(f"report.datum.{axis}", "a direction of length zero", "give a vector such as [1, 0, 0]")
-            return
-    x, y = datum.x, datum.y
-    along = sum(a * b for a, b in zip(x, y, strict=True))
-    if along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
-        yield Problem(
-            "report.datum.y", f"{list(y)} runs along x, {list(x)}", "give another direction in the plane of x and y"
-        )
 
 
 def _load(key: str, load: Load) -> Iterator[Problem]:
@@ -173,6 +159,7 @@ def _mesh(mesh: MeshFile) -> Iterator[Problem]:
                 yield Problem(
                     f"mesh.materials.{name}.regions", f"region {region} is of material {other} too", "keep one"
                 )
+        yield from material_problems(f"mesh.materials.{name}", material)
     if len(mesh.materials) > 1 and "all" in claimed:
         yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
 

@@ -15,15 +15,40 @@ NodeId = Annotated[int, Field(ge=1)]
 SetId = NodeId
 
 
+class MaterialAxes(Section):
+    """Where the axes 1, 2, 3 of an orthotropic material lie."""
+
+    system: Literal["rectangular", "cylindrical", "spherical"] = Field(
+        "rectangular",
+        description="Of z = x × y through `origin`. rectangular: 1, 2, 3 are x, y, z; cylindrical: radial, tangential, along z; "
+        "spherical: radial, away from z, around z. Of the last two they are those at each point of integration.",
+    )
+    x: Vector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
+    y: Vector = Field((0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-].")
+    origin: Vector = Field((0.0, 0.0, 0.0), description="Of the system [m]; of a rectangular one without effect.")
+
+
+Moduli = tuple[Positive, Positive, Positive]
+
+
 class Material(Section):
-    """A linear isotropic material, for regions whose material the file does not state, or in place of the file's."""
+    """A linear elastic material, for regions whose material the file does not state, or in place of the file's: isotropic, or of
+    solids orthotropic, with three of each constant."""
 
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
         description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group), or 'all'."
     )
-    youngs_modulus: Positive = Field(description="Young's modulus [Pa].")
-    poisson_ratio: float = Field(gt=-1, lt=0.5, description="Poisson's ratio [-].")
+    youngs_modulus: Positive | Moduli = Field(
+        description="Young's modulus [Pa], or [E1, E2, E3] of an orthotropic material."
+    )
+    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] | Vector = Field(
+        description="Poisson's ratio [-], or [ν12, ν13, ν23] of an orthotropic material, ν_ij = −ε_j/ε_i under a stress along i."
+    )
+    shear_modulus: Moduli | None = Field(None, description="[G12, G13, G23] of an orthotropic material [Pa].")
     density: NotNegative = Field(description="Density [kg/m³].")
+    axes: MaterialAxes | None = Field(
+        None, description="Axes of an orthotropic material; null: x, y and z of the mesh."
+    )
 
 
 class ElementSection(Section):

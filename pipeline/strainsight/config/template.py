@@ -123,7 +123,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     name = run_name(deck)
     E = found.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
-    parameter, value, unit = ("stiffness", 1.0, "") if found.laminate else ("E", E, "[Pa] ")
+    parameter, value, unit = ("stiffness", 1.0, "") if found.several_moduli else ("E", E, "[Pa] ")
     unknown = parameter if modulus else "force"
     return TEMPLATE.format(
         deck=_escaped(deck),
@@ -254,7 +254,7 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
 
 def _parameters(found: Suggestion, E: float | None) -> str:
     region = found.region
-    if found.laminate:
+    if found.several_moduli:
         return FACTOR.format(region=region)
     low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
     return PARAMETERS.format(region=region, guess=_number(E), range=f"[{low}, {high}]" if E else "")

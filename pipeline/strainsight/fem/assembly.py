@@ -11,11 +11,13 @@ from scipy import sparse
 from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.element_matrices import element_masses, element_stiffnesses
+from strainsight.fem.elasticity import anisotropic_regions, elasticity_at, varies
+from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_masses, element_stiffnesses, positions
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import shapes
+from strainsight.mesh.properties import shapes, without_modulus
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CHUNK = 2048
@@ -39,7 +41,8 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
 
         K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
-    D(ν) is isotropic elasticity with unit modulus. The terms of a parameter have unit modulus [m] or unit density [m³], and that
+    D(ν) is isotropic elasticity with unit modulus; of an anisotropic material E D is C along the basic axes, at the points of
+    integration. The terms of a parameter have unit modulus [m] or unit density [m³], and that
     of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
     Properties of plies and sections are none of solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
@@ -85,8 +88,8 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
     """Which regions go where with what factor, E or ρ: "" is the constant part, a parameter's name its unit term.
 
     kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a factor of the stiffness
-    is, and that of the stiffness of a laminate is 1. Parameters that only shape a region are not asked. Raises UserError for
-    parameters that overlap or name no region.
+    is, and that of the stiffness of a region that has several moduli is 1. Parameters that only shape a region are not asked.
+    Raises UserError for parameters that overlap or name no region, and for the modulus of one that has several.
     """
     present = regions_of(mesh.elements)
     owner: dict[int, Parameter] = {}
@@ -102,6 +105,11 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
                 )
             if shapes(mesh, number, p.property):
                 continue
+            if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
+                raise UserError(
+                    f"parameter {p.name} is the youngs_modulus of region {number}, {why}, which has several moduli",
+                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0",
+                )
             if (
                 scales_stiffness(p.property) == (kind == "stiffness")
                 and (other := owner.setdefault(number, p)) is not p
@@ -123,8 +131,8 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
 
 
 def modulus_of(mesh: Mesh, region: int) -> float:
-    """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 of a laminate, of which its plies have it."""
-    return 1.0 if mesh.laminate(region) else mesh.materials[mesh.regions[region].material].youngs_modulus
+    """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 where it has several, `without_modulus`."""
+    return 1.0 if without_modulus(mesh, region) else mesh.materials[mesh.regions[region].material].youngs_modulus
 
 
 def density_of(mesh: Mesh, region: int) -> float:
@@ -145,16 +153,19 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
     for block in mesh.blocks:
         inside = np.isin(block.region, list(regions))
         if inside.any():
-            parts.append(CellBlock(block.kind, block.ids[inside], block.nodes[inside], block.region[inside]))
+            parts.append(_some(block, inside))
     return parts
+
+
+def _some(block: CellBlock, which: np.ndarray | slice) -> CellBlock:
+    return CellBlock(block.kind, block.ids[which], block.nodes[which], block.region[which])
 
 
 def chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
     """The elements in these regions, a few at a time, in the order of `_parts`."""
     for block in _parts(mesh, regions):
         for start in range(0, len(block.ids), CHUNK):
-            cut = slice(start, start + CHUNK)
-            yield CellBlock(block.kind, block.ids[cut], block.nodes[cut], block.region[cut])
+            yield _some(block, slice(start, start + CHUNK))
 
 
 def factors(part: CellBlock, regions: Mapping[int, float]) -> np.ndarray:
@@ -176,12 +187,40 @@ def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
 
 
 def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
+    anisotropic = anisotropic_regions(mesh)
+
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in part.region])
-        return element_stiffnesses(kind_of(part.kind), position, nu, part.ids)
+        own = np.isin(part.region, anisotropic)
+        if not own.any():
+            return _isotropic(mesh, part, position)
+        K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
+        K[own] = _anisotropic(mesh, _some(part, own), position[own])
+        if not own.all():
+            K[~own] = _isotropic(mesh, _some(part, ~own), position[~own])
+        return K
 
     blocks = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)
     return _block_csr(len(mesh.position), pattern, blocks)
+
+
+def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
+    nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in part.region])
+    return element_stiffnesses(kind_of(part.kind), position, nu, part.ids)
+
+
+def _anisotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
+    kind = kind_of(part.kind)
+    return anisotropic_stiffnesses(kind, position, elasticities(mesh, kind, position, part.region), part.ids)
+
+
+def elasticities(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray) -> np.ndarray:
+    """C (e, q, 6, 6) [Pa] of elements position (e, k, 3) [m] in regions (e,) of anisotropic materials, along the basic axes at
+    the points of kind.stiffness; (e, 1, 6, 6) where it is one in all of an element."""
+    if not varies(mesh, region):
+        return elasticity_at(mesh, region, position[:, 0])[:, None]
+    x = positions(kind, position, kind.stiffness[0])
+    C = elasticity_at(mesh, np.repeat(region, x.shape[1]), x.reshape(-1, 3))
+    return C.reshape(*x.shape[:2], 6, 6)
 
 
 def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import DeckError
+from strainsight.mesh.anisotropic import Anisotropic, general_fault, stiffness_fault
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
-from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
 MIDSIDE_LIMIT = 0.3
@@ -36,7 +37,7 @@ def check_geometry(mesh: Mesh) -> None:
     for own in mesh.elements:
         _check_regions(mesh, own)
     for shells in mesh.shells:
-        _check_sections(mesh, shells, (ShellSection, Laminate))
+        _check_sections(mesh, shells, (ShellSection, GeneralShell, Laminate))
     for beams in mesh.beams:
         _check_sections(mesh, beams, (BeamSection,))
 
@@ -72,6 +73,12 @@ def check_materials(mesh: Mesh) -> None:
         if mesh.laminate(region.id) is not None:
             _check_laminate(mesh, region)
             continue
+        if (shell := mesh.general_shell(region.id)) is not None:
+            _check_general(shell, region)
+            continue
+        if (own := mesh.anisotropic_of(region.id)) is not None:
+            _check_anisotropic(mesh, own, region)
+            continue
         m = mesh.materials.get(region.material)
         if m is None:
             known = (
@@ -84,6 +91,28 @@ def check_materials(mesh: Mesh) -> None:
                 "poisson_ratio: …, density: …}}",
             )
         _check_material(m)
+
+
+def _check_general(own: GeneralShell, region: Region) -> None:
+    if not (own.thickness > 0 and np.isfinite(own.thickness)):
+        raise DeckError(f"{region} is {own.thickness:g} m thick", remedy="give a positive thickness")
+    if fault := general_fault(own):
+        raise DeckError(f"{region}: {fault[0]}", remedy=fault[1])
+    if not (own.density >= 0 and np.isfinite(own.density)):
+        raise DeckError(f"{region} has density {own.density:g} kg/m³", remedy="it must not be negative")
+
+
+def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
+    for block in mesh.thin:
+        if (block.region == region.id).any():
+            raise DeckError(
+                f"{region} of {block.kind} elements is of {own}, which is one of solids",
+                remedy="give shells a lamina or a laminate, and beams an isotropic material",
+            )
+    if fault := stiffness_fault(own.stiffness):
+        raise DeckError(f"{own}: {fault[0]}", remedy=fault[1])
+    if not (own.density >= 0 and np.isfinite(own.density)):
+        raise DeckError(f"{own} has density {own.density:g} kg/m³", remedy="it must not be negative")
 
 
 def _check_laminate(mesh: Mesh, region: Region) -> None:

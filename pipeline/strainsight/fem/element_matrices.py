@@ -7,6 +7,10 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds.kind import ElementKind
 
+SHEARS = ((0, 1), (1, 2), (2, 0))
+AT_ONCE = 256
+"""Elements whose strains at all points are held at a time."""
+
 
 def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Stiffness of isotropic elements with unit modulus:
@@ -38,6 +42,32 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     a, b = np.triu_indices(size)
     pairs = outer[:, a, :, b, :].swapaxes(0, 1)
     return _isotropic(pairs, lam, mu).reshape(len(position), -1, 9)
+
+
+def anisotropic_stiffnesses(kind: ElementKind, position: np.ndarray, C: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """Stiffness of anisotropic elements, K = ∫ BᵀCB dV, with the strain B z in the order xx yy zz xy yz zx, γ = 2ε.
+
+    position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of kind.stiffness, or (e, 1, 6, 6) where it is
+    one in all of an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
+    """
+    xi, w = kind.stiffness
+    k = len(kind.nodes)
+    a, b = np.triu_indices(k)
+    K = np.empty((len(position), len(a), 9))
+    for start in range(0, len(position), AT_ONCE):
+        own = slice(start, start + AT_ONCE)
+        g, det = gradients(kind, position[own], xi, ids[own])
+        if kind.bubble_gradient:
+            g = np.concatenate([g, bubble_gradients(kind, position[own], xi, det)], axis=2)
+        e, q, size = g.shape[:3]
+        B = symmetric_gradient(g).reshape(e, q, 6, 3 * size)
+        stress = np.matmul(C[own] * (w * det)[:, :, None, None], B)
+        whole = np.matmul(B.reshape(e, 6 * q, -1).swapaxes(1, 2), stress.reshape(e, 6 * q, -1))
+        blocks = whole.reshape(e, size, 3, size, 3).swapaxes(2, 3)
+        if kind.bubble_gradient:
+            blocks = _condensed(blocks, k)
+        K[own] = blocks[:, a, b].reshape(e, -1, 9)
+    return K
 
 
 def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -82,6 +112,22 @@ def gradients(
     """g_a = J⁻ᵀ ∂N_a/∂ξ (e, q, k, 3) [1/m] and |J| (e, q) [m³]."""
     J, det = jacobians(kind, position, xi, ids)
     return np.matmul(kind.gradient(xi), np.linalg.inv(J).swapaxes(2, 3)), det
+
+
+def positions(kind: ElementKind, position: np.ndarray, xi: np.ndarray) -> np.ndarray:
+    """x = Σ_a N_a x_a (e, q, 3) [m] of elements position (e, k, 3) at ξ (q, 3)."""
+    return np.einsum("qk,ekc->eqc", kind.shape(xi), position)
+
+
+def symmetric_gradient(g: np.ndarray) -> np.ndarray:
+    """[εxx εyy εzz γxy γyz γzx] per component of the displacement of each node: g (e, q, k, 3) → (e, q, 6, k, 3)."""
+    B = np.zeros((*g.shape[:2], 6, *g.shape[2:]))
+    for i in range(3):
+        B[:, :, i, :, i] = g[..., i]
+    for row, (i, j) in enumerate(SHEARS, start=3):
+        B[:, :, row, :, i] = g[..., j]
+        B[:, :, row, :, j] = g[..., i]
+    return B
 
 
 def bubble_gradients(kind: ElementKind, position: np.ndarray, xi: np.ndarray, det: np.ndarray) -> np.ndarray:

@@ -68,6 +68,8 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
         mesh.regions,
         mesh.materials,
         np.zeros((0, 2), dtype=np.int64),
+        anisotropic=mesh.anisotropic,
+        orientations=mesh.orientations,
         source=mesh.source,
     )
     return Patch(alone, own, inside < np.diff(incidence.elements_of.indptr)[own])

@@ -12,25 +12,32 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.affine import Parameter
-from strainsight.fem.element_matrices import bubble_gradients, gradients, jacobians
-from strainsight.fem.outer_plies import OuterPlies, outer_plies
+from strainsight.fem.assembly import elasticities
+from strainsight.fem.elasticity import anisotropic_regions
+from strainsight.fem.element_matrices import (
+    SHEARS,
+    bubble_gradients,
+    gradients,
+    jacobians,
+    symmetric_gradient,
+)
+from strainsight.fem.facet_laws import FacetLaws, facet_laws
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
 
-SHEARS = ((0, 1), (1, 2), (2, 0))
 CHUNK = 2048
 
 
 @dataclass(frozen=True)
 class StrainRows:
     """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids;
-    plies: those at the points on laminates, None without one."""
+    laws: those of the points on laminates and anisotropic solids, None without one."""
 
     matrix: sparse.csr_array
     region: np.ndarray
-    plies: OuterPlies | None = None
+    laws: FacetLaws | None = None
 
 
 def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> StrainRows:
@@ -39,18 +46,18 @@ def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = (
 
         ε = Σ_a sym(P z_a ⊗ g_a) − ν/(1 − ν) (Σ_a g_a·z_a) n nᵀ,     P = I − n nᵀ,   g_a along the face
 
-    On a face of a laminate that across is of the ply at the face, see `OuterPlies`.
+    On a face of a laminate that across is of the ply at the face, see `FacetLaws`.
     Incompatible modes of a kind count too, at the amplitudes to which the assembly condenses them (α = −K_aa⁻¹K_au z) and
     with their own gradients −2ξᵢ J⁻ᵀeᵢ. At a facet's centre these are along its normal: they add to the strain across the
     facet, and nothing to that along it, which is the gauges'.
     facets (f) of this mesh; parameters: moduli of plies among them stay free in the plies.
     Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
-    plies = outer_plies(mesh, facets, parameters)
-    return StrainRows(_rows(mesh, facets, plies), facets.region, plies)
+    laws = facet_laws(mesh, facets, parameters)
+    return StrainRows(_rows(mesh, facets, laws), facets.region, laws)
 
 
-def _rows(mesh: Mesh, facets: Facets, plies: OuterPlies | None) -> sparse.csr_array:
+def _rows(mesh: Mesh, facets: Facets, laws: FacetLaws | None) -> sparse.csr_array:
     """Rows at the centre of every facet, in their order."""
     value, row, column = [], [], []
     for block, local, which, element in _groups(mesh, facets):
@@ -64,7 +71,7 @@ def _rows(mesh: Mesh, facets: Facets, plies: OuterPlies | None) -> sparse.csr_ar
         value.append(B[there])
         row.append(np.broadcast_to(rows, B.shape)[there])
         column.append(np.broadcast_to(columns, B.shape)[there])
-    for which, nodes, B in _of_shells(mesh, facets, plies):
+    for which, nodes, B in _of_shells(mesh, facets, laws):
         rows = 6 * which[:, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, :, None] + np.arange(3)
         value.append(B.ravel())
@@ -78,7 +85,7 @@ def _rows(mesh: Mesh, facets: Facets, plies: OuterPlies | None) -> sparse.csr_ar
 
 
 def _of_shells(
-    mesh: Mesh, facets: Facets, plies: OuterPlies | None
+    mesh: Mesh, facets: Facets, laws: FacetLaws | None
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """(which facets (m,), their nodes (m, k), B (m, 6, k, 3)) of the faces of shells and the sides of beams."""
     own = np.flatnonzero(facets.of(mesh.thin))
@@ -95,9 +102,9 @@ def _of_shells(
         material = [mesh.material_of(int(region)) for region in facets.region[which]]
         ratio = np.array([0.0 if own is None else own.poisson_ratio / (1 - own.poisson_ratio) for own in material])
         contraction = ratio[:, None, None] * along
-        if plies is not None:
-            _, mine, of = np.intersect1d(which, plies.facet, return_indices=True)
-            contraction[mine] = plies.contraction[of]
+        if laws is not None:
+            _, mine, of = np.intersect1d(which, laws.facet, return_indices=True)
+            contraction[mine] = laws.contraction[of]
         # ε_ij of component c of the displacement of node a
         half = 0.5 * np.einsum("mai,mjc->maijc", g, along)
         strain = half + half.swapaxes(2, 3) - np.einsum("mi,mj,mac->maijc", n, n, np.matmul(g, contraction))
@@ -123,30 +130,44 @@ def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -
     """B (e, q, 6, k, 3) of elements at their reference points ξ (q, 3)."""
     kind, position, ids = kind_of(block.kind), mesh.position[block.nodes[element]], block.ids[element]
     g, _ = gradients(kind, position, xi, ids)
-    B = _symmetric_gradient(g)
+    B = symmetric_gradient(g)
     if kind.bubble_gradient is None:
         return B
     J, _ = jacobians(kind, position, xi, ids)
     bubble = np.matmul(kind.bubble_gradient(xi), np.linalg.inv(J).swapaxes(2, 3))
-    nu = np.array(
-        [mesh.materials[mesh.regions[int(region)].material].poisson_ratio for region in block.region[element]]
-    )
-    amplitude = bubble_amplitudes(kind, position, nu, ids)
-    added = _symmetric_gradient(bubble).reshape(len(element), -1, amplitude.shape[1]) @ amplitude
+    amplitude = _amplitudes(mesh, kind, position, block.region[element], ids)
+    added = symmetric_gradient(bubble).reshape(len(element), -1, amplitude.shape[1]) @ amplitude
     return B + added.reshape(B.shape)
 
 
-def bubble_amplitudes(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def _amplitudes(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """`bubble_amplitudes` (e, 3p, 3k) of elements in regions (e,)."""
+    own = np.isin(region, anisotropic_regions(mesh))
+    nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in region[~own]])
+    if not own.any():
+        return bubble_amplitudes(kind, position, nu, ids)
+    C = elasticities(mesh, kind, position[own], region[own])
+    values = bubble_amplitudes(kind, position[own], C, ids[own])
+    found = np.empty((len(ids), *values.shape[1:]))
+    found[own] = values
+    if len(nu):
+        found[~own] = bubble_amplitudes(kind, position[~own], nu, ids[~own])
+    return found
+
+
+def bubble_amplitudes(kind: ElementKind, position: np.ndarray, law: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """α = −K_aa⁻¹K_au z of the incompatible modes of a kind, with the gradients of `element_stiffnesses`.
 
-    position (e, k, 3) [m]; nu (e,); ids for the error message. Returns (e, 3p, 3k), rows 3·mode + component.
+    position (e, k, 3) [m]; law (e,) Poisson's ratio, or C (e, q or 1, 6, 6) as `anisotropic_stiffnesses` has it; ids for the
+    error message. Returns (e, 3p, 3k), rows 3·mode + component.
     """
     xi, w = kind.stiffness
     g, det = gradients(kind, position, xi, ids)
     own = bubble_gradients(kind, position, xi, det)
     weight = (w * det)[:, :, None, None]
-    Bu, Ba = (_symmetric_gradient(part).reshape(len(ids), len(w), 6, -1) for part in (g, own))
-    DBa = np.swapaxes(weight * isotropic(Ba, *(part[:, None, None] for part in lame(nu))), 2, 3)
+    Bu, Ba = (symmetric_gradient(part).reshape(len(ids), len(w), 6, -1) for part in (g, own))
+    stress = law @ Ba if law.ndim == 4 else isotropic(Ba, *(part[:, None, None] for part in lame(law)))
+    DBa = np.swapaxes(weight * stress, 2, 3)
     return -np.linalg.solve((DBa @ Ba).sum(axis=1), (DBa @ Bu).sum(axis=1))
 
 
@@ -161,14 +182,3 @@ def isotropic(strain: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray
     stress[..., :3, :] *= 2
     stress[..., :3, :] += (lam * strain[..., :3, :].sum(axis=-2))[..., None, :]
     return stress
-
-
-def _symmetric_gradient(g: np.ndarray) -> np.ndarray:
-    """[εxx εyy εzz γxy γyz γzx] per component of the displacement of each node: g (e, q, k, 3) → (e, q, 6, k, 3)."""
-    B = np.zeros((*g.shape[:2], 6, *g.shape[2:]))
-    for i in range(3):
-        B[:, :, i, :, i] = g[..., i]
-    for row, (i, j) in enumerate(SHEARS, start=3):
-        B[:, :, row, :, i] = g[..., j]
-        B[:, :, row, :, j] = g[..., i]
-    return B

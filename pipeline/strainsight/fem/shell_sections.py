@@ -7,21 +7,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.fem.shells import shell_axes
-from strainsight.fem.shells.laminate import Resistance, laminate_resistance, plane_stress
+from strainsight.fem.shells.laminate import Resistance, in_shear, laminate_resistance, plane_stress
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material, Mesh
-from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
 
 RIGID_IN_SHEAR = 1000.0
 """What stands for t_s/t = ∞: shear adds a thousandth of what it would to a deflection."""
 
 
 def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
-    """Of shells (e,) along the axes of `shell_axes`; of homogeneous ones with unit modulus, of laminates as they are."""
+    """Of shells (e,) along the axes of `shell_axes`; of homogeneous ones with unit modulus, of others as they are."""
     e = len(part.ids)
     found = Resistance(np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 3, 3)), np.zeros((e, 2, 2)))
     numbers = np.unique(part.region).tolist()
-    alike = np.isin(part.region, [number for number in numbers if mesh.laminate(number) is None])
+    general = {number: own for number in numbers if (own := mesh.general_shell(number)) is not None}
+    alike = np.isin(part.region, [n for n in numbers if mesh.laminate(n) is None and n not in general])
     if alike.any():
         sections = [mesh.sections[int(number)] for number in part.region[alike]]
         nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in part.region[alike]])
@@ -32,11 +33,20 @@ def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
         return found
     turned = material_angle(mesh, part)
     for number in numbers:
-        if mesh.laminate(number) is not None:
+        if number in general or mesh.laminate(number) is not None:
             own = part.region == number
-            seen = of_laminate(mesh, number).seen_at(turned[own])
+            whole = of_general(general[number]) if number in general else of_laminate(mesh, number)
+            seen = whole.seen_at(turned[own])
             found.A[own], found.B[own], found.D[own], found.S[own] = seen.A, seen.B, seen.D, seen.S
     return found
+
+
+def of_general(own: GeneralShell) -> Resistance:
+    """Of a shell of several or anisotropic materials, along x and y of these."""
+    t, shear = own.thickness, own.shear
+    if not np.isfinite(shear).all():
+        shear = RIGID_IN_SHEAR * float(in_shear(own.bending)) * np.eye(2)
+    return Resistance(t * own.membrane, t**2 * own.coupling, t**3 / 12 * own.bending, t * shear)
 
 
 def of_laminate(mesh: Mesh, region: int) -> Resistance:
@@ -98,7 +108,7 @@ def _moments(mesh: Mesh, region: int) -> tuple[float, float, float]:
     """∫ (1, z, z²) ρ dz over the mean density, z from the middle."""
     section, mean = mesh.sections[region], mesh.density_of(region)
     assert not isinstance(section, BeamSection)
-    if isinstance(section, ShellSection):
+    if isinstance(section, ShellSection | GeneralShell):
         return section.thickness, 0.0, section.thickness**3 / 12
     rho = np.array([own.density for own in plies_of(mesh, region)])
     share = rho / mean if mean else np.ones(len(rho))

@@ -9,8 +9,9 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
-from strainsight.fem.outer_plies import OuterPlies
-from strainsight.fem.recovery import SHEARS, StrainRows, isotropic, lame
+from strainsight.fem.element_matrices import SHEARS
+from strainsight.fem.facet_laws import FacetLaws
+from strainsight.fem.recovery import StrainRows, isotropic, lame
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import shapes
 
@@ -21,34 +22,34 @@ CHUNK = 2048
 @dataclass(frozen=True)
 class SurfaceModel:
     """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
-    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate C(θ) is that
-    of the ply there [Pa], and E its factor [-]: plies that plies.facet names."""
+    modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate, and of
+    an anisotropic solid, C(θ) is that of `FacetLaws` there [Pa], and E its factor [-]: points that laws.facet names."""
 
     strain: np.ndarray
     lam: np.ndarray
     mu: np.ndarray
     modulus: AffineOperator
-    plies: OuterPlies | None = None
+    laws: FacetLaws | None = None
 
     def unit_stress(
-        self, strain: np.ndarray, ply: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
+        self, strain: np.ndarray, law: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
     ) -> np.ndarray:
-        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one; ply: C
-        (m, 6, 6) of the plies."""
+        """factor × C ε (k, 6, w) of strain (k, 6, w), shears γ, at the points from `start` on; factor (k,) or one; law: C
+        (m, 6, 6) where there are laws."""
         here = slice(start, start + len(strain))
         column = np.broadcast_to(factor, len(strain))[:, None]
         stress = isotropic(strain, column * self.lam[here, None], column * self.mu[here, None])
-        if self.plies is not None and ply is not None:
-            own = np.flatnonzero((self.plies.facet >= start) & (self.plies.facet < start + len(strain)))
-            at = self.plies.facet[own] - start
-            stress[at] = column[at, :, None] * (ply[own] @ strain[at])
+        if self.laws is not None and law is not None:
+            own = np.flatnonzero((self.laws.facet >= start) & (self.laws.facet < start + len(strain)))
+            at = self.laws.facet[own] - start
+            stress[at] = column[at, :, None] * (law[own] @ strain[at])
         return stress
 
-    def ply_stress(self, strain: np.ndarray, ply: np.ndarray) -> np.ndarray:
-        """C ε (p, 6, w) of strain (p, 6, w) where there are plies, zero elsewhere; ply C (m, 6, 6)."""
+    def law_stress(self, strain: np.ndarray, law: np.ndarray) -> np.ndarray:
+        """C ε (p, 6, w) of strain (p, 6, w) where there are laws, zero elsewhere; law C (m, 6, 6)."""
         stress = np.zeros_like(strain)
-        if self.plies is not None:
-            stress[self.plies.facet] = ply @ strain[self.plies.facet]
+        if self.laws is not None:
+            stress[self.laws.facet] = law @ strain[self.laws.facet]
         return stress
 
 
@@ -80,6 +81,12 @@ def surface_model(
             raise DeckError(
                 f"region {number} has no material", remedy="stresses need one: state it under mesh.materials"
             )
+    if rows.laws is not None and (lost := np.isnan(rows.laws.stiffness.constant[:, 0, 0])).any():
+        region = mesh.regions[int(rows.region[rows.laws.facet[np.argmax(lost)]])]
+        raise DeckError(
+            f"{region} has one material in its membrane and another in bending, or coupling: strain on its faces makes no stress",
+            remedy="give it one material (MID1 = MID2, no MID4) or plies (PCOMP), or do without stress and damage there",
+        )
     materials = [mesh.material_of(int(number)) for number in numbers]
     lam, mu = lame(np.array([0.0 if own is None else own.poisson_ratio for own in materials])[where])
     E = np.array([1.0 if own is None else own.youngs_modulus for own in materials])[where]
@@ -90,7 +97,7 @@ def surface_model(
             terms[p.name] = own * (E if p.property == "stiffness_factor" else 1.0)
             E = np.where(own, 0.0, E)
     strain = rows.matrix @ np.asarray(field).reshape(3 * len(mesh.position), -1)
-    return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms), rows.plies)
+    return SurfaceModel(strain.reshape(len(E), 6, -1), lam, mu, AffineOperator(E, terms), rows.laws)
 
 
 def surface_state(
@@ -112,8 +119,8 @@ def surface_state(
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
     strain = (model.strain.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
-    ply = None if model.plies is None else np.asarray(model.plies.stiffness.at(theta))
-    unit = model.unit_stress(strain[..., None], ply)[..., 0]
+    law = None if model.laws is None else np.asarray(model.laws.stiffness.at(theta))
+    unit = model.unit_stress(strain[..., None], law)[..., 0]
     stress = E[:, None] * unit
     mises = von_mises(stress)
     state = SurfaceState(strain, stress, mises, principal(stress))
@@ -127,7 +134,7 @@ def surface_state(
         here = slice(start, start + CHUNK)
         spread = (model.strain[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
         strain_std[here] = _length(spread)
-        spread = model.unit_stress(spread, ply, start, E[here])
+        spread = model.unit_stress(spread, law, start, E[here])
         if slopes is not None:
             spread += unit[here, :, None] * (slopes[here] @ root[r:])[:, None, :]
         if of_plies is not None:
@@ -141,9 +148,9 @@ def _ply_slopes(
     model: SurfaceModel, theta: Mapping[str, float], free: Sequence[str], strain: np.ndarray
 ) -> np.ndarray | None:
     """∂C/∂θ ε (p, 6, k) of strain (p, 6, 1) and the k parameters; None where none of them is a modulus of plies."""
-    if model.plies is None or not set(free) & set(model.plies.stiffness.parameters):
+    if model.laws is None or not set(free) & set(model.laws.stiffness.parameters):
         return None
-    slopes = [model.ply_stress(strain, model.plies.stiffness.derivative(name, theta)) for name in free]
+    slopes = [model.law_stress(strain, model.laws.stiffness.derivative(name, theta)) for name in free]
     return np.concatenate(slopes, axis=2)
 
 

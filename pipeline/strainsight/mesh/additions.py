@@ -12,10 +12,11 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
+from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.laminates import scaled
-from strainsight.mesh.model import IntArray, Material, Mesh
+from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
 
 
 def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:
@@ -52,10 +53,47 @@ def with_material(
 ) -> Mesh:
     """A mesh whose regions (None: all) are of the material E [Pa], ν [-], ρ [kg/m³].
 
-    Raises UserError for a region that the mesh does not have, and for a laminate.
+    Raises UserError for a region that the mesh does not have, and for one whose section has materials of its own.
     """
     number = free_material(mesh)
+    changed = _assigned(mesh, regions, number)
+    return replace(changed, materials={**changed.materials, number: Material(number, E, nu, rho, name)})
+
+
+def with_anisotropic(
+    mesh: Mesh,
+    regions: Sequence[int | str] | None,
+    stiffness: FloatArray,
+    orientation: Orientation,
+    rho: float,
+    name: str = "",
+) -> Mesh:
+    """A mesh whose regions (None: all) of solids are of the stiffness (6, 6) [Pa], see `Anisotropic`, along those axes, and of
+    the density ρ [kg/m³]. Raises UserError for a region that the mesh does not have, and for one of shells or beams."""
+    number = free_material(mesh)
+    changed = _assigned(mesh, regions, number)
+    chosen = [i for i, own in changed.regions.items() if own.material == number]
+    for block in mesh.thin:
+        if len(found := np.intersect1d(block.region, chosen)):
+            raise UserError(
+                f"{mesh.regions[int(found[0])]} has {block.kind} elements, and only solids are of an anisotropic material",
+                remedy="name the regions of solids; state orthotropic plies of shells in the deck",
+            )
+    return replace(
+        changed,
+        anisotropic={**changed.anisotropic, number: Anisotropic(number, stiffness, rho, name)},
+        orientations={**changed.orientations, **dict.fromkeys(chosen, orientation)},
+    )
+
+
+def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> Mesh:
+    """A mesh whose regions (None: all) refer to the material of that number, without materials that nothing refers to."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
+    if own := sorted(i for i in chosen if mesh.general_shell(i)):
+        raise UserError(
+            f"{mesh.regions[own[0]]} is a shell whose membrane, bending and shear have materials of their own",
+            remedy="name the regions that are none, and state its materials in the deck (MAT1, MAT2, MAT8)",
+        )
     if of_plies := sorted(i for i in chosen if mesh.laminate(i)):
         raise UserError(
             f"{mesh.regions[of_plies[0]]} is a laminate, whose plies have materials of their own",
@@ -63,8 +101,13 @@ def with_material(
         )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     used = {region.material for region in altered.values()} | _of_plies(mesh)
-    materials = {i: m for i, m in mesh.materials.items() if i in used} | {number: Material(number, E, nu, rho, name)}
-    return replace(mesh, regions=altered, materials=materials)
+    return replace(
+        mesh,
+        regions=altered,
+        materials={i: own for i, own in mesh.materials.items() if i in used},
+        anisotropic={i: own for i, own in mesh.anisotropic.items() if i in used},
+        orientations={i: own for i, own in mesh.orientations.items() if i not in chosen},
+    )
 
 
 def with_properties(
@@ -76,21 +119,30 @@ def with_properties(
 ) -> Mesh:
     """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before;
     and whose moduli are multiplied by a factor. Of a laminate, density is the mean over its thickness, and its plies keep
-    their ratios; its moduli go by a factor alone."""
+    their ratios; its moduli, and those of any region that has several, go by a factor alone."""
     for region in regions:
         if mesh.laminate(region):
             assert youngs_modulus is None
             mesh = _with_plies(mesh, region, density, stiffness_factor)
             continue
-        number, own = free_material(mesh), mesh.materials[mesh.regions[region].material]
+        if (shell := mesh.general_shell(region)) is not None:
+            assert youngs_modulus is None
+            shell = replace(shell, density=shell.density if density is None else density)
+            mesh = replace(mesh, sections={**mesh.sections, region: shell.stiffer(stiffness_factor)})
+            continue
+        number = free_material(mesh)
+        changed = replace(mesh, regions={**mesh.regions, region: replace(mesh.regions[region], material=number)})
+        if (solid := mesh.anisotropic_of(region)) is not None:
+            assert youngs_modulus is None
+            rho = solid.density if density is None else density
+            solid = replace(solid, id=number, stiffness=stiffness_factor * solid.stiffness, density=rho)
+            mesh = replace(changed, anisotropic={**mesh.anisotropic, number: solid})
+            continue
+        own = mesh.materials[mesh.regions[region].material]
         E = own.youngs_modulus if youngs_modulus is None else youngs_modulus
         rho = own.density if density is None else density
         material = replace(own, id=number, youngs_modulus=stiffness_factor * E, density=rho)
-        mesh = replace(
-            mesh,
-            regions={**mesh.regions, region: replace(mesh.regions[region], material=number)},
-            materials={**mesh.materials, number: material},
-        )
+        mesh = replace(changed, materials={**mesh.materials, number: material})
     return mesh
 
 
@@ -118,7 +170,7 @@ def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float
 
 def free_material(mesh: Mesh) -> int:
     """An id that no material of the mesh has."""
-    return max([0, *mesh.materials, *mesh.laminae]) + 1
+    return max([0, *mesh.materials, *mesh.laminae, *mesh.anisotropic]) + 1
 
 
 def _of_plies(mesh: Mesh) -> set[int]:

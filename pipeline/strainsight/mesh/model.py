@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.errors import DeckError
+from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.laminates import Lamina, Laminate
-from strainsight.mesh.thin import BeamBlock, Section, ShellBlock, nodes_that_turn
+from strainsight.mesh.thin import BeamBlock, GeneralShell, Section, ShellBlock, nodes_that_turn
 from strainsight.mesh.thin import FloatArray as FloatArray
 from strainsight.mesh.thin import IntArray as IntArray
 
@@ -70,16 +71,16 @@ class Mesh:
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams, and sections of these: region id → its
-    own; laminae: orthotropic materials of plies, whose ids no other material has; arms (a, 2): the last a nodes, which lie on
-    faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it bears too; fixed
-    (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a column, that the
-    components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none;
-    node_sets and element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the
-    nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported →
-    count; effect: "structure" for those that may add
-    stiffness, mass or a tie, "none" for those that change none of them; unsupported: those of them that are elements, ties or
-    loads → file:line of the first; notes: sentences on how something was read;
-    included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
+    own; laminae: orthotropic materials of plies, and anisotropic ones of solids, whose ids no other material has; orientations:
+    region id → how the axes of its anisotropic material lie, along the basic ones where it has none; arms (a, 2): the last a
+    nodes, which lie on faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it
+    bears too; fixed (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a
+    column, that the components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where
+    it has none; node_sets and element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number,
+    of which the nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not
+    supported → count; effect: "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of
+    them; unsupported: those of them that are elements, ties or loads → file:line of the first; notes: sentences on how
+    something was read; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
     """
 
     node_ids: IntArray
@@ -97,6 +98,8 @@ class Mesh:
     beams: tuple[BeamBlock, ...] = ()
     sections: Mapping[int, Section] = field(default_factory=dict)
     laminae: Mapping[int, Lamina] = field(default_factory=dict)
+    anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
+    orientations: Mapping[int, Orientation] = field(default_factory=dict)
     arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
@@ -163,6 +166,11 @@ class Mesh:
         section = self.sections.get(region)
         return section if isinstance(section, Laminate) else None
 
+    def general_shell(self, region: int) -> GeneralShell | None:
+        """The section of a region (id) of shells that has stiffness and density of its own; None for any other."""
+        section = self.sections.get(region)
+        return section if isinstance(section, GeneralShell) else None
+
     def ply_materials(self, region: int) -> tuple[Lamina | Material | None, ...]:
         """The material of every ply of a laminate (region id), None where it is not there."""
         laminate = self.laminate(region)
@@ -170,13 +178,19 @@ class Mesh:
         return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
 
     def material_of(self, region: int) -> Material | None:
-        """The isotropic material of a region (id); None where it has none, and for a laminate."""
+        """The isotropic material of a region (id); None where it has none, or several or an anisotropic one."""
         return None if self.laminate(region) else self.materials.get(self.regions[region].material)
+
+    def anisotropic_of(self, region: int) -> Anisotropic | None:
+        """The anisotropic material of a region (id) of solids; None where it has another."""
+        return self.anisotropic.get(self.regions[region].material)
 
     def density_of(self, region: int) -> float | None:
         """Density of a region (id) [kg/m³], of a laminate the mean over its thickness, Σ ρt/Σ t; None where a material lacks."""
+        if (shell := self.general_shell(region)) is not None:
+            return shell.density
         if (laminate := self.laminate(region)) is None:
-            material = self.material_of(region)
+            material = self.material_of(region) or self.anisotropic_of(region)
             return None if material is None else material.density
         density = [own.density for own in self.ply_materials(region) if own is not None]
         if len(density) < len(laminate.plies):

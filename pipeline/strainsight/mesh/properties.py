@@ -27,6 +27,16 @@ def shapes(mesh: Mesh, region: int, property: str) -> bool:
     return property in SHAPING or (property == "youngs_modulus" and mesh.laminate(region) is not None)
 
 
+def without_modulus(mesh: Mesh, region: int) -> str:
+    """What a region is that has several moduli, in words: a laminate, a shell of several materials, or of an anisotropic one;
+    "" where it has one."""
+    if mesh.laminate(region):
+        return "a laminate"
+    if mesh.general_shell(region):
+        return "a shell of several or anisotropic materials"
+    return "of an anisotropic material" if mesh.anisotropic_of(region) else ""
+
+
 def value_of(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> float:
     """What a region (id) has [SI], 1 of a factor; material: id or name of that which is meant, where plies have several.
 
@@ -46,6 +56,11 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
         if value == float("inf"):
             raise UserError(f"{mesh.regions[region]} does not shear across: its {property} is infinite")
         return value
+    if what := without_modulus(mesh, region):
+        raise UserError(
+            f"{mesh.regions[region]} is {what}: it has no single Young's modulus",
+            remedy="estimate a factor of its stiffness: property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]",
+        )
     own = mesh.materials[mesh.regions[region].material]
     if material is not None and material not in (own.id, str(own)):
         raise UserError(f"{mesh.regions[region]} is of {own} and not of {material!r}", remedy="remove the key")

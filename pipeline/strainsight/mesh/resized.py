@@ -11,17 +11,25 @@ import numpy as np
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, Mesh
-from strainsight.mesh.thin import BeamBlock, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, GeneralShell, Section, ShellBlock, ShellSection
 
 Block = TypeVar("Block", ShellBlock, BeamBlock)
 Own = TypeVar("Own", bound=Section)
 
 
 def resized(section: Own, length: float, mass: float) -> Own:
-    """A section whose lengths and masses are multiplied: t [L], A [L²], I, J [L⁴], mass per area [M/L²] and length [M/L]."""
+    """A section whose lengths and masses are multiplied: t [L], A [L²], I, J [L⁴], mass per area [M/L²] and length [M/L],
+    density [M/L³]; moduli stay."""
     if isinstance(section, ShellSection):
         return replace(
             section, thickness=section.thickness * length, nonstructural=section.nonstructural * mass / length**2
+        )
+    if isinstance(section, GeneralShell):
+        return replace(
+            section,
+            thickness=section.thickness * length,
+            density=section.density * mass / length**3,
+            nonstructural=section.nonstructural * mass / length**2,
         )
     if isinstance(section, Laminate):
         return replace(

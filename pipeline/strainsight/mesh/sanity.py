@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import IntArray, Mesh
+from strainsight.mesh.thin import GeneralShell
 from strainsight.mesh.units import length_factor, mass_factor
 
 MODULUS = (1e6, 1e13)
@@ -83,6 +84,13 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
         found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
     for lamina in mesh.laminae.values():
         found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit)
+    for number, section in mesh.sections.items():
+        if isinstance(section, GeneralShell):
+            found += _material_warnings(
+                str(mesh.regions[number]), section.modulus, section.density, length_unit, mass_unit
+            )
+    for solid in mesh.anisotropic.values():
+        found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
     found += _far_references(mesh)

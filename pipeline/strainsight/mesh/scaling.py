@@ -38,6 +38,7 @@ def scaled(mesh: Mesh, s: float) -> Mesh:
     return replace(
         with_thin_resized(mesh, s, s**3),
         position=s * mesh.position,
+        orientations={i: own.resized(s) for i, own in mesh.orientations.items()},
         relations=relations_resized(mesh, s),
         point_masses=masses,
         springs=springs,

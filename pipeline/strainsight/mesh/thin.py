@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,37 @@ class ShellSection:
 
 
 @dataclass(frozen=True)
+class GeneralShell:
+    """Section of a shell whose membrane, bending and shear are of different or anisotropic materials, along x and y of these:
+
+        N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ,     strain ε + z κ in the order xx, yy, xy, γ_xy = 2 ε_xy
+
+    thickness t [m]; membrane M, coupling C, bending D (3, 3) and shear S (2, 2) of xz, yz [Pa], its diagonal infinite where it
+    does not shear; density [kg/m³]; mass that is not of its materials [kg/m²]; uniform: one material in the membrane and in
+    bending, and nothing between them, so that M makes stress of the strain on its faces.
+    """
+
+    thickness: float
+    membrane: FloatArray
+    coupling: FloatArray
+    bending: FloatArray
+    shear: FloatArray
+    density: float
+    uniform: bool
+    nonstructural: float = 0.0
+
+    @property
+    def modulus(self) -> float:
+        """The larger of Young's moduli of the membrane along x and y [Pa], 1/(M⁻¹)₁₁ and 1/(M⁻¹)₂₂."""
+        return float(1 / np.diagonal(np.linalg.inv(self.membrane))[:2].min())
+
+    def stiffer(self, factor: float) -> GeneralShell:
+        """All stiffness times a factor."""
+        moduli = {name: factor * getattr(self, name) for name in ("membrane", "coupling", "bending", "shear")}
+        return replace(self, **moduli)
+
+
+@dataclass(frozen=True)
 class BeamSection:
     """Section of a beam at its end A, and at B where it is another, linear in between; axes y and z across the beam.
 
@@ -49,7 +80,7 @@ class BeamSection:
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
 
 
-Section = ShellSection | Laminate | BeamSection
+Section = ShellSection | GeneralShell | Laminate | BeamSection
 
 
 @dataclass(frozen=True)

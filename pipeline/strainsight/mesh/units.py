@@ -13,6 +13,7 @@ from strainsight.mesh.joins import Springs
 from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.resized import relations_resized, resized_matrix, with_thin_resized
+from strainsight.mesh.thin import GeneralShell
 
 LENGTH: Mapping[str, float] = {
     "m": 1.0,
@@ -76,6 +77,10 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         for i, m in mesh.materials.items()
     }
     laminae = {i: scaled(own, M / L, M / L**3) for i, own in mesh.laminae.items()}
+    anisotropic = {
+        i: replace(own, stiffness=own.stiffness * M / L, density=own.density * M / L**3)
+        for i, own in mesh.anisotropic.items()
+    }
     masses = tuple(
         replace(
             point,
@@ -96,11 +101,16 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         )
         for name, load in mesh.loads.items()
     }
+    sized = with_thin_resized(mesh, L, M)
+    sections = {i: own.stiffer(M / L) if isinstance(own, GeneralShell) else own for i, own in sized.sections.items()}
     return replace(
-        with_thin_resized(mesh, L, M),
+        sized,
+        sections=sections,
         position=mesh.position * L,
         materials=materials,
         laminae=laminae,
+        anisotropic=anisotropic,
+        orientations={i: own.resized(L) for i, own in mesh.orientations.items()},
         relations=relations_resized(mesh, L),
         point_masses=masses,
         springs=springs,

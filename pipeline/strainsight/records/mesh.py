@@ -11,9 +11,10 @@ from strainsight.mesh.joins import PointMass, Springs
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, Section
+from strainsight.records.anisotropic import AnisotropicMaterials, Orientations
 from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
 from strainsight.records.record import Source, dataset, group, read, record
-from strainsight.records.thin import Beams, BeamSections, Laminae, Laminates, Shells, ShellSections
+from strainsight.records.thin import Beams, BeamSections, GeneralShells, Laminae, Laminates, Shells, ShellSections
 from strainsight.records.ties import Axes, Constraints, SpringColumns
 
 
@@ -116,10 +117,13 @@ class MeshColumns:
     )
     regions: Regions = group("/regions")
     shell_sections: ShellSections | None = group("/sections/shells")
+    general_shells: GeneralShells | None = group("/sections/general")
     beam_sections: BeamSections | None = group("/sections/beams")
     laminates: Laminates | None = group("/sections/laminates")
     laminae: Laminae | None = group("/laminae")
     materials: Materials = group("/materials")
+    anisotropic: AnisotropicMaterials | None = group("/anisotropic")
+    orientations: Orientations | None = group("/orientations")
     constraints: Constraints = group("/constraints")
     masses: PointMasses = group("/masses")
     springs: tuple[Springs, ...] = group("/springs", SpringColumns)
@@ -146,9 +150,12 @@ class MeshColumns:
             beams={b.kind: Beams.of(b) for b in mesh.beams},
             arms=mesh.arms,
             shell_sections=ShellSections.of(mesh.sections),
+            general_shells=GeneralShells.of(mesh.sections),
             beam_sections=BeamSections.of(mesh.sections),
             laminates=Laminates.of(mesh.sections),
             laminae=Laminae.of(mesh.laminae),
+            anisotropic=AnisotropicMaterials.of(mesh.anisotropic),
+            orientations=Orientations.of(mesh.orientations),
             regions=Regions(
                 id=ints([r.id for r in regions]),
                 name=tuple(r.name for r in regions),
@@ -214,7 +221,7 @@ class MeshColumns:
         )
         axes = self.constraints.axes
         sections: dict[int, Section] = {}
-        for own in (self.shell_sections, self.beam_sections, self.laminates):
+        for own in (self.shell_sections, self.general_shells, self.beam_sections, self.laminates):
             sections |= own.made() if own is not None else {}
         return Mesh(
             node_ids=self.nodes.id,
@@ -236,6 +243,8 @@ class MeshColumns:
             beams=tuple(self.beams[kind].made(kind) for kind in BEAM_KINDS if kind in self.beams),
             arms=self.arms,
             laminae={} if self.laminae is None else self.laminae.made(),
+            anisotropic={} if self.anisotropic is None else self.anisotropic.made(),
+            orientations={} if self.orientations is None else self.orientations.made(),
             sections={number: sections[number] for number in regions.id.tolist() if number in sections},
             axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
             node_sets=_members(self.node_sets),

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
-from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
 from strainsight.records.record import dataset, record
 
@@ -102,6 +102,60 @@ class ShellSections:
         columns = (self.thickness, self.bending, self.shear, self.nonstructural)
         rows = zip(*(column.tolist() for column in columns), strict=True)
         return {region: ShellSection(*row) for region, row in zip(self.region.tolist(), rows, strict=True)}
+
+
+@record
+class GeneralShells:
+    """Sections of shells of several or anisotropic materials."""
+
+    region: np.ndarray = dataset("/region", "1", "general shell", "region id of every section")
+    thickness: np.ndarray = dataset("/thickness", "m", "general shell", "thickness t")
+    membrane: np.ndarray = dataset(
+        "/membrane", "Pa", "general shell × 3 × 3", "M of forces t M ε, along x and y of its material: xx yy xy, γ = 2ε"
+    )
+    coupling: np.ndarray = dataset("/coupling", "Pa", "general shell × 3 × 3", "C of forces t² C κ and moments t² C ε")
+    bending: np.ndarray = dataset("/bending", "Pa", "general shell × 3 × 3", "D of moments t³/12 D κ; 0: membrane")
+    shear: np.ndarray = dataset(
+        "/shear", "Pa", "general shell × 2 × 2", "S of forces across t S γ: xz yz; infinite: no shear"
+    )
+    density: np.ndarray = dataset("/density", "kg/m^3", "general shell", "density")
+    uniform: np.ndarray = dataset(
+        "/uniform", "1", "general shell", "1 where membrane and bending are of one material, and nothing couples them"
+    )
+    nonstructural: np.ndarray = dataset("/nonstructural", "kg/m^2", "general shell", "mass that is not of its material")
+
+    @classmethod
+    def of(cls, sections: Mapping[int, Section]) -> GeneralShells | None:
+        own = {region: section for region, section in sections.items() if isinstance(section, GeneralShell)}
+        if not own:
+            return None
+        each = list(own.values())
+        return cls(
+            region=ints(list(own)),
+            thickness=floats([section.thickness for section in each]),
+            membrane=floats([section.membrane for section in each], (3, 3)),
+            coupling=floats([section.coupling for section in each], (3, 3)),
+            bending=floats([section.bending for section in each], (3, 3)),
+            shear=floats([section.shear for section in each], (2, 2)),
+            density=floats([section.density for section in each]),
+            uniform=ints([section.uniform for section in each]),
+            nonstructural=floats([section.nonstructural for section in each]),
+        )
+
+    def made(self) -> dict[int, Section]:
+        rows = zip(
+            self.region.tolist(),
+            self.thickness.tolist(),
+            self.membrane,
+            self.coupling,
+            self.bending,
+            self.shear,
+            self.density.tolist(),
+            self.uniform.astype(bool).tolist(),
+            self.nonstructural.tolist(),
+            strict=True,
+        )
+        return {region: GeneralShell(*own) for region, *own in rows}
 
 
 @record

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
+from strainsight.fem.assembly import density_of
 from strainsight.fem.element_matrices import element_masses
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.joins import PointMass
@@ -99,7 +100,7 @@ def scalar_mass(mesh: Mesh) -> sparse.csr_array:
     for block in mesh.blocks:
         a, b = np.triu_indices(block.nodes.shape[1])
         numbers, region = np.unique(block.region, return_inverse=True)
-        density = np.array([mesh.materials[mesh.regions[int(number)].material].density for number in numbers])[region]
+        density = np.array([density_of(mesh, int(number)) for number in numbers])[region]
         for start in range(0, len(block.ids), CHUNK):
             cut = slice(start, start + CHUNK)
             nodes = block.nodes[cut]

@@ -21,9 +21,10 @@ from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import without_modulus
 from strainsight.mesh.sanity import usual_units
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin import GeneralShell, ShellSection
 from strainsight.mesh.units import to_si
 
 
@@ -57,7 +58,7 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
         *(units or ("", "")),
         odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} fit no usual units" if stiff and not units else "",
         region=region,
-        laminate=bool(count) and mesh.laminate(region) is not None,
+        several_moduli=bool(count) and bool(without_modulus(mesh, region)),
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
         lacking=tuple(_lacking(converted)),
         supports=len(mesh.held) > 0,
@@ -97,7 +98,12 @@ def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
 
 
 def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
-    """E and ρ of a region, of a laminate those of its first ply, along it; None where the deck has no material."""
+    """E and ρ of a region, of a laminate those of its first ply, along it, of an anisotropic one its largest; None where the deck
+    has no material."""
+    if (shell := mesh.general_shell(region)) is not None:
+        return shell.modulus, shell.density
+    if (solid := mesh.anisotropic_of(region)) is not None:
+        return max(solid.moduli), solid.density
     own = next(iter(mesh.ply_materials(region)), None) or mesh.material_of(region)
     if own is None:
         return None
@@ -107,10 +113,13 @@ def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
     """Regions without a material, and in a deck without mass those of each material."""
     of = {number: own.material for number, own in mesh.regions.items()}
-    plies = {number for number in of if mesh.laminate(number) is not None}
-    if without := tuple(i for i, material in of.items() if material not in mesh.materials and i not in plies):
+    plies = {number for number in of if mesh.laminate(number) is not None or mesh.general_shell(number) is not None}
+    known = {*mesh.materials, *mesh.anisotropic}
+    if without := tuple(i for i, material in of.items() if material not in known and i not in plies):
         yield Lacking(without)
     heavy = [own.density for own in mesh.materials.values()] + [own.density for own in mesh.laminae.values()]
+    heavy += [own.density for own in mesh.anisotropic.values()]
+    heavy += [own.density for own in mesh.sections.values() if isinstance(own, GeneralShell)]
     massless = not mesh.point_masses and not any(heavy)
     for material in dict.fromkeys(of.values()):
         if massless and (own := mesh.materials.get(material)):

@@ -61,8 +61,6 @@ def test_shell_of_one_orthotropic_material_is_a_laminate_of_one_ply(read):
     assert mesh.sections == {1: Laminate((Ply(8, 0.1),), 3.0)}
     assert mesh.regions[1].material == 0
     assert mesh.ignored == {"MAT1 that no property refers to": 1}
-    with pytest.raises(DeckError, match="is a MAT8: of such a one only homogeneous"):
-        read(DECK.replace(old, "PSHELL,1,8,.1,8,,\n"))
 
 
 def test_weight_in_a_deck_of_weights(read):

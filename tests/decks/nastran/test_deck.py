@@ -161,7 +161,7 @@ def test_every_card_not_imported_is_counted(read, tetrahedron):
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
         ("CTETRA,10,1,1,2,3,4", "CBEND,10,1,1,2", "no solid element", None),
         ("PSOLID,1,1", "PSOLID,1,2", "material 2 is not in the deck", 6),
-        ("PSOLID,1,1", "PSOLID,1,2\nMAT9,2,1.", "material 2 is a MAT9", 6),
+        ("PSOLID,1,1", "PSOLID,1,2\nMAT3,2,1.", "material 2 is a MAT3", 6),
         ("PSOLID,1,1", "PSOLID,1", "the material id .* is ''", 6),
         ("PSOLID,1,1", "PSOLID,1,1\nPSOLID,1,1", "property id 1 stands twice", 7),
         ("PSOLID,1,1", "PSOLID,1,1,,,,,PFLUID", "PFLUID", 6),

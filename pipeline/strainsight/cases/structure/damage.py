@@ -41,7 +41,7 @@ class Asked:
 
 
 def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> Asked:
-    """On the surface; entries of `estimate.virtual`. Raises UserError for one of these on a laminate."""
+    """On the surface; entries of `estimate.virtual`. Raises UserError for one of these on a laminate or an anisotropic solid."""
     mesh, facets = skin.mesh, skin.facets
     every = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
     if not entries:
@@ -49,12 +49,12 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
     pool = virtual_pool(mesh, facets, entries, gauges)
     number = {own: i for i, own in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
     below = np.array([number[own] for own in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
-    if skin.model.plies is not None and (on := np.isin(below, skin.model.plies.facet)).any():
+    if skin.model.laws is not None and (on := np.isin(below, skin.model.laws.facet)).any():
         raise UserError(
-            f"{int(on.sum())} grids lie on a laminate, where no modulus makes a stress along the grid of its strain "
-            f"(the first on element {pool.element[int(np.argmax(on))]})",
+            f"{int(on.sum())} grids lie on a laminate or an anisotropic solid, where no modulus makes a stress along "
+            f"the grid of its strain (the first on element {pool.element[int(np.argmax(on))]})",
             key="estimate.virtual",
-            remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress of the ply there",
+            remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress there",
         )
     rows = channel_rows(mesh.position, pool, skin.field.basis, facets=facets)
     return Asked(

@@ -39,9 +39,9 @@ class Places:
 
 def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
     """Every point of a surface."""
-    ply = AffineOperator(None, {}) if surface.plies is None else surface.plies.stiffness
-    terms = {label: surface.ply_stress(surface.strain, own) for label, own in ply.terms.items()}
-    rows = AffineOperator(surface.unit_stress(surface.strain, ply.constant), terms, ply.coefficients)
+    law = AffineOperator(None, {}) if surface.laws is None else surface.laws.stiffness
+    terms = {label: surface.law_stress(surface.strain, own) for label, own in law.terms.items()}
+    rows = AffineOperator(surface.unit_stress(surface.strain, law.constant), terms, law.coefficients)
     return Places(position, element, rows, surface.modulus)
 
 

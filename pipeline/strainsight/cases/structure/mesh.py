@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.structure.sections import given_sections
-from strainsight.config.mesh import Face, MeshFile, Support
+from strainsight.config.mesh import Face, Material, MaterialAxes, MeshFile, Support
 from strainsight.decks.effects import LINEAR, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
@@ -27,6 +27,7 @@ from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import (
     node_index,
     node_indices,
+    with_anisotropic,
     with_averaging_element,
     with_face,
     with_material,
@@ -34,7 +35,9 @@ from strainsight.mesh.additions import (
     with_rigid_element,
     with_support,
 )
+from strainsight.mesh.anisotropic import Orientation, constants_fault, orthotropic
 from strainsight.mesh.beam_sides import with_sides
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.model import Mesh
@@ -123,13 +126,35 @@ def checked(
         return weight, quality
 
 
+def _with_material(mesh: Mesh, own: Material, name: str) -> Mesh:
+    regions = None if own.regions == "all" else own.regions
+    E, nu, G = own.youngs_modulus, own.poisson_ratio, own.shear_modulus
+    if isinstance(E, float) and isinstance(nu, float):
+        return with_material(mesh, regions, E, nu, own.density, name)
+    assert isinstance(E, tuple)
+    assert isinstance(nu, tuple)
+    assert G is not None
+    if fault := constants_fault(E, nu, G):
+        raise UserError(fault[0], key=name, remedy=fault[1])
+    stiffness, orientation = orthotropic(E, nu, G), _orientation(own.axes)
+    return with_anisotropic(mesh, regions, stiffness, orientation, own.density, name)
+
+
+def _orientation(axes: MaterialAxes | None) -> Orientation:
+    if axes is None:
+        return Orientation(BASIC, np.eye(3))
+    x, beside = np.array(axes.x), np.array(axes.y)
+    z = np.cross(x, beside)
+    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    directions = np.column_stack([x, np.cross(z, x), z])
+    return Orientation(CoordinateSystem(axes.system, np.array(axes.origin), directions), np.eye(3))
+
+
 def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
     """The mesh with the materials, ties and supports that the config states beside the file."""
     for name, material in config.materials.items():
         with blame(f"{key}.materials.{name}.regions"):
-            regions = None if material.regions == "all" else material.regions
-            E, nu, rho = material.youngs_modulus, material.poisson_ratio, material.density
-            mesh = with_material(mesh, regions, E, nu, rho, f"{key}.materials.{name}")
+            mesh = _with_material(mesh, material, f"{key}.materials.{name}")
     if config.faces and not mesh.has_surface:
         raise UserError(
             "the mesh has no solids, shells or sides of beams, and so no faces",

@@ -12,6 +12,7 @@ from strainsight.config.bench.bodies import FlexibleBody, Pose, RigidBody
 from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
 from strainsight.config.bench.checks_place import place_problems
+from strainsight.config.checks_material import material_problems
 from strainsight.config.checks_model import RESERVED
 from strainsight.config.names import GROUND, name_problems, names_in
 from strainsight.config.problem import Problem, undivided
@@ -100,6 +101,8 @@ def _bodies(config: BenchConfig) -> Iterator[Problem]:
         if isinstance(body, FlexibleBody):
             if body.modes is not None and body.cutoff is not None:
                 yield Problem(f"bodies.{name}.cutoff", "modes and cutoff are both given", "give one of them")
+            for material, own in body.mesh.materials.items():
+                yield from material_problems(f"bodies.{name}.mesh.materials.{material}", own)
             if body.mesh.matrices is not None:
                 yield Problem(
                     f"bodies.{name}.mesh.matrices",

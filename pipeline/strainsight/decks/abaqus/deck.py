@@ -134,6 +134,8 @@ def read_abaqus(
         regions=sections.regions,
         materials=sections.materials,
         laminae=sections.laminae,
+        anisotropic=sections.anisotropic,
+        orientations=sections.orientations,
         fixed=fixed,
         rigid=tuple(made.rigid),
         averaging=tuple(made.averaging),

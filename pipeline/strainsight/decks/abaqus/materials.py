@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from strainsight.decks.abaqus.elastic import LINES, anisotropic_type, solid_stiffness
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
+from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material
 
@@ -21,19 +23,21 @@ class Definition:
 @dataclass
 class Materials:
     """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; found: number →
-    material, in the order in which sections name them; laminae: those of plies that are orthotropic."""
+    material, in the order in which sections name them; laminae: those of plies that are orthotropic; solids:
+    those of solids that are anisotropic."""
 
     definitions: dict[str, Definition]
     stated: bool
     notes: list[str]
     found: dict[int, Material] = field(default_factory=dict)
     laminae: dict[int, Lamina] = field(default_factory=dict)
+    solids: dict[int, Anisotropic] = field(default_factory=dict)
     _numbers: dict[str, int] = field(default_factory=dict)
 
     def number(self, keyword: Keyword) -> int:
         """Number of the material that a section names; 0 where there is none and none has to be stated.
 
-        Raises DeckError for one that is not there, or not linear, isotropic and elastic.
+        Raises DeckError for one that is not there, or not linear and elastic, or of shells and beams not isotropic.
         """
         name = keyword.needs("MATERIAL").upper()
         if name not in self.definitions and self.stated:
@@ -42,7 +46,11 @@ class Materials:
                 f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
         known = name in self.definitions and (self.stated or "ELASTIC" in self.definitions[name].options)
-        if known and self._numbers.get(name) not in self.found:
+        if known and self.anisotropic(keyword):
+            if name not in self._numbers:
+                self._numbers[name] = self._next
+                self.solids[self._numbers[name]] = _anisotropic(self.definitions[name], self._numbers[name], self.notes)
+        elif known and self._numbers.get(name) not in self.found:
             number = self._next
             self.found[number] = _material(self.definitions[name], number, self.notes)
             self._numbers[name] = number
@@ -52,6 +60,12 @@ class Materials:
         """Whether the material that a section names is TYPE=LAMINA."""
         own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
         return own is not None and _type(own) == "LAMINA"
+
+    def anisotropic(self, keyword: Keyword) -> bool:
+        """Whether the material that a section of solids names is one of `elastic.LINES`."""
+        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        solid = keyword.name == "SOLIDSECTION"
+        return own is not None and solid and bool(anisotropic_type(own.options.get("ELASTIC")))
 
     def of_ply(self, name: str, keyword: Keyword) -> int:
         """Number of the material of a ply. Raises DeckError for one that is not there, or not elastic."""
@@ -69,7 +83,7 @@ class Materials:
 
     @property
     def _next(self) -> int:
-        return len(self.found) + len(self.laminae) + 1
+        return len(self.found) + len(self.laminae) + len(self.solids) + 1
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
         """Number of a material that a section states itself."""
@@ -123,8 +137,9 @@ def _material(definition: Definition, number: int, notes: list[str]) -> Material
         )
     if (kind := _type(definition)) not in ("ISO", "ISOTROPIC"):
         raise elastic.error(
-            f"TYPE={kind}: only isotropic materials are supported, and TYPE=LAMINA in shells",
-            "give the material TYPE=ISO, or that of plies TYPE=LAMINA",
+            f"TYPE={kind}: of shells and beams only isotropic materials are supported, and TYPE=LAMINA in shells",
+            "give the material TYPE=ISO, or that of plies TYPE=LAMINA; solids may have TYPE=ENGINEERING CONSTANTS, "
+            "ORTHOTROPIC or ANISOTROPIC",
         )
     row = elastic.rows()[0]
     E, nu = row.real(0, "Young's modulus"), row.real(1, "Poisson's ratio", 0.0)
@@ -146,8 +161,14 @@ def _lamina(definition: Definition, number: int, notes: list[str]) -> Lamina:
     return Lamina(number, e1, e2, nu12, g12, g13, g23, _density(definition, notes), f"material {name}")
 
 
-def _density(definition: Definition, notes: list[str]) -> float:
-    """ρ; 0 with a note where the material states none. A note, too, of lines by temperature."""
+def _anisotropic(definition: Definition, number: int, notes: list[str]) -> Anisotropic:
+    name, elastic = definition.keyword.parameters["NAME"], definition.options["ELASTIC"]
+    lines = LINES[anisotropic_type(elastic)]
+    return Anisotropic(number, solid_stiffness(elastic), _density(definition, notes, lines), f"material {name}")
+
+
+def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
+    """ρ; 0 with a note where the material states none. A note, too, of lines by temperature, of *ELASTIC so many for each."""
     name = definition.keyword.parameters["NAME"]
     elastic, density = definition.options.get("ELASTIC"), definition.options.get("DENSITY")
     rho = 0.0
@@ -159,8 +180,11 @@ def _density(definition: Definition, notes: list[str]) -> float:
         if rho < 0:
             raise row.error(f"the density is {rho:g}, negative", "give a positive density")
     for keyword in (elastic, density):
-        if keyword is not None and len(keyword.texts) > 1:
+        each = lines if keyword is elastic else 1
+        if keyword is not None and len(keyword.texts) > each:
+            counts = "the first" if each == 1 else f"the first {each}"
             notes.append(
-                f"material {name}: the first of {len(keyword.texts)} lines of {keyword.title} counts, whatever the temperature"
+                f"material {name}: {counts} of {len(keyword.texts)} lines of {keyword.title} "
+                f"{'counts' if each == 1 else 'count'}, whatever the temperature"
             )
     return rho

@@ -9,11 +9,13 @@ import numpy as np
 
 from strainsight.decks.abaqus.beam_sections import beam_section, own_constants
 from strainsight.decks.abaqus.materials import Materials, definitions
+from strainsight.decks.abaqus.orientations import solid_orientation
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.shell_sections import shell_section
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.errors import DeckError
+from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import FloatArray, IntArray, Material, Region
 from strainsight.mesh.thin import BeamSection, ShellSection
@@ -32,7 +34,7 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 @dataclass(frozen=True)
 class Sections:
     """region (m,) of each element, 0 of those that are not imported; the regions, one a section; their materials,
-    laminae those of plies.
+    laminae those of plies, anisotropic those of solids that are, with the axes of regions of these.
 
     sections: region → section of its shells, beams or rods; offset: region → where their middle lies from their nodes, along the
     normal of a shell, along n1 and n2 of a beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of
@@ -43,6 +45,8 @@ class Sections:
     regions: dict[int, Region]
     materials: dict[int, Material]
     laminae: dict[int, Lamina]
+    anisotropic: dict[int, Anisotropic]
+    orientations: dict[int, Orientation]
     sections: dict[int, ShellSection | BeamSection | Laminate]
     offset: dict[int, FloatArray]
     direction: dict[int, FloatArray]
@@ -63,12 +67,21 @@ def read_sections(
     otherwise the elements of others are left out and counted; stated: every solid has to have a section, and every section its
     material; otherwise a region may have none, and solids without section are one. Raises DeckError for an element without
     section, with two or with one of another kind, for a section without material or set, one that is not supported, and a
-    material that is not linear, isotropic and elastic.
+    material that is not linear and elastic, or of shells and beams not isotropic.
     """
     made = Materials(definitions(keywords), stated, assembly.notes)
     family = assembly.families
     found = Sections(
-        np.zeros(len(family), dtype=np.int64), {}, made.found, made.laminae, {}, {}, {}, np.zeros(0, dtype=np.int64)
+        np.zeros(len(family), dtype=np.int64),
+        {},
+        made.found,
+        made.laminae,
+        made.solids,
+        {},
+        {},
+        {},
+        {},
+        np.zeros(0, dtype=np.int64),
     )
     left = [found.left]
     for scope in assembly.scopes.values():
@@ -128,8 +141,19 @@ def _add(
     material = None
     if keyword.name == "SOLIDSECTION":
         if "COMPOSITE" in keyword.parameters:
-            raise keyword.error("composite solids are not supported", "give the section one isotropic material")
-        if (family[rows] == "rod").any():
+            raise keyword.error(
+                "composite solids are not supported",
+                "give the section one material, of each ply elements of its own, or of all plies together one TYPE=ORTHOTROPIC",
+            )
+        rods = family[rows] == "rod"
+        if made.anisotropic(keyword):
+            if rods.any():
+                raise keyword.error(
+                    f"{assembly.element(int(rows[np.argmax(rods)]))} is a truss, and its material is anisotropic",
+                    "give trusses an isotropic material",
+                )
+            found.orientations[number] = solid_orientation(assembly, scope, keyword)
+        if rods.any():
             section = _truss(keyword, assembly.notes)
     elif keyword.name.startswith("SHELL"):
         section, offset, direction = shell_section(assembly, scope, keyword, made)

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.composites import laminate
 from strainsight.decks.abaqus.materials import Materials
-from strainsight.decks.abaqus.parts import normal, orthonormal
+from strainsight.decks.abaqus.orientations import named_orientation, rectangular_axes
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.numbers import parse_real
@@ -70,20 +70,12 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     """The axis (3,) of its ORIENTATION that is projected on the shell: the one that follows, 1 → 2 → 3 → 1, the axis that is
     stated to be near the normal, which is 1 where none is; matters: of plies, whose axes are not to be left out."""
     nothing = np.full(3, np.nan)
-    name = keyword.parameters.get("ORIENTATION", "").upper()
-    if not name:
+    own = named_orientation(assembly, scope, keyword)
+    if own is None:
         if matters and not np.allclose(scope.rotation, np.eye(3)):
             raise keyword.error("plies of an instance that is turned have no ORIENTATION", "give the section one")
         return nothing
-    found = [
-        own
-        for within in (scope, assembly.scopes[""])
-        for own in within.part.keywords
-        if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name
-    ]
-    if not found:
-        raise keyword.error(f"orientation {name!r} is not in the deck", "add the *ORIENTATION, or correct the name")
-    rows, parameters = found[0].rows(needed=False), found[0].parameters
+    name, rows, parameters = own.parameters["NAME"].upper(), own.rows(needed=False), own.parameters
     simple = parameters.get("SYSTEM", "RECTANGULAR").upper() == "RECTANGULAR" and parameters.get(
         "DEFINITION", "COORDINATES"
     ).upper() in ("COORDINATES", "")
@@ -91,16 +83,14 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     if not simple or not rows or parse_real(rows[0].text(0)) is None or any(turn):
         if matters:
             raise keyword.error(
-                f"orientation {name} at {found[0].where} is not supported for plies",
+                f"orientation {name} at {own.where} is not supported for plies",
                 "give a rectangular one by coordinates, and a turn about the normal as the angles of the plies",
             )
         assembly.notes.append(
-            f"{found[0].where}: orientation {name} of shells is not imported: their materials are isotropic"
+            f"{own.where}: orientation {name} of shells is not imported: their materials are isotropic"
         )
         return nothing
-    points = np.array([rows[0].real(i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
-    x, b = points[:2] - points[2]
     near_normal = rows[1].integer(0, "the axis", 1) if len(rows) > 1 else 1
     if near_normal not in (1, 2, 3):
         raise rows[1].error(f"axis {near_normal}", "give the axis near the normal of the shell, 1, 2 or 3")
-    return np.asarray(scope.rotation @ orthonormal(x, normal(x, b), rows[0])[:, near_normal % 3])
+    return np.asarray(scope.rotation @ rectangular_axes(rows[0])[:, near_normal % 3])

@@ -51,13 +51,8 @@ def middle_of(card: Card, own: Laminate) -> float:
     return card.real(1, "the place Z0 of the lower face", -0.5 * own.thickness) + 0.5 * own.thickness
 
 
-def one_ply(card: Card, material: int, own: ShellSection) -> Laminate:
-    """PSHELL of an orthotropic material in MID1, MID2 and MID3. Raises DeckError for one that is not homogeneous."""
-    if own.bending != 1 or not np.isclose(own.shear, 5 / 6, rtol=1e-3):
-        raise card.error(
-            f"material {material} is a MAT8: of such a one only homogeneous shells are supported",
-            "give it as MID1, MID2 and MID3, and leave 12 I/T³ and TS/T blank",
-        )
+def one_ply(material: int, own: ShellSection) -> Laminate:
+    """PSHELL of one orthotropic material in MID1, MID2 and MID3, homogeneous."""
     return Laminate((Ply(material, own.thickness),), own.nonstructural)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from strainsight.decks.effects import ENFORCED, MISSING_END, effects, spelt
 from strainsight.decks.moments import turning_nodes
+from strainsight.decks.nastran.anisotropic import ANISOTROPIC
 from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, together, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
@@ -37,7 +38,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = {
-    *("GRID", "GRDSET", "PSOLID", "MAT1", "MAT8", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3"),
+    *("GRID", "GRDSET", "PSOLID", "MAT1", "MAT2", "MAT8", *ANISOTROPIC, "SPC", "SPC1", "SPCADD", "RBE2", "RBE3"),
     *("MPC", "MPCADD", "PMASS", "SET1", "SET3"),
     *MASSES,
     *RIGID_BARS,
@@ -74,11 +75,11 @@ def read_nastran(
 ) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
-    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1, MAT8 of plies, what
-    `thin` takes, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`, springs, the static loads of
-    `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case control), INCLUDE. Every other
-    card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of the bulk data "SET1-5". Without
-    a selection in the case control the only set of supports counts.
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1, MAT9 and MAT11 of
+    solids, MAT8 of plies, what `thin` takes, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
+    springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case
+    control), INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of
+    the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
     required: there have to be elements, and properties of shells and beams; stated: PSOLID and MAT1 of all of them; ignore:
     cards that are left out, and MISSING ENDDATA, without which a deck with BEGIN BULK has to end; spc: set of supports that
     counts, whatever is selected; include: folders beside the deck's own that INCLUDE may read from.
@@ -138,6 +139,8 @@ def read_nastran(
         regions=found.regions,
         materials={i: replace(material, density=scale * material.density) for i, material in found.materials.items()},
         laminae={i: scaled(own, 1.0, scale) for i, own in found.laminae.items()},
+        anisotropic={i: replace(own, density=scale * own.density) for i, own in found.anisotropic.items()},
+        orientations=found.orientations,
         fixed=fixed,
         rigid=rigid,
         averaging=averaging,

@@ -1,4 +1,4 @@
-"""Properties of solids of a Nastran deck (PSOLID), and the materials (MAT1) of all regions."""
+"""Properties of solids of a Nastran deck (PSOLID), and the materials (MAT1, MAT9, MAT11) of all regions."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.decks.faults import OR_CONFIG, elastic_fault
+from strainsight.decks.faults import OR_CONFIG
+from strainsight.decks.nastran.anisotropic import ANISOTROPIC, damped, solid_material
 from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.composites import lamina
 from strainsight.decks.nastran.grids import resolved_system
+from strainsight.decks.nastran.isotropic import isotropic_material
 from strainsight.decks.nastran.solids import SOLIDS
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
+from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.coordinates import CoordinateSystem
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import CellBlock, Material, Region
@@ -22,11 +25,14 @@ from strainsight.mesh.thin import BeamSection, ShellSection
 
 @dataclass(frozen=True)
 class Properties:
-    """Of a deck, by their ids: regions, isotropic materials, those of plies, and sections of shells and beams."""
+    """Of a deck, by their ids: regions, isotropic materials, those of plies, anisotropic ones of solids, how their axes lie in
+    regions, and sections of shells and beams."""
 
     regions: dict[int, Region]
     materials: dict[int, Material]
     laminae: dict[int, Lamina]
+    anisotropic: dict[int, Anisotropic]
+    orientations: dict[int, Orientation]
     sections: dict[int, Section]
 
 
@@ -39,8 +45,8 @@ def properties(
     notes: list[str],
     stated: bool,
 ) -> Properties:
-    """PSOLID and what shells and beams refer to → regions, the MAT1 and MAT8 that they and their plies refer to, and sections,
-    with the G of a MAT1 that contradicts its E and NU; without either a region of solids has no material, unless it has to be
+    """PSOLID and what shells and beams refer to → regions, the materials that they and their plies refer to, and sections, with
+    the G of a MAT1 that contradicts its E and NU; without either a region of solids has no material, unless it has to be
     stated.
 
     Raises DeckError for an id that stands twice, a property or material that is not there or of another kind, and fluids.
@@ -50,17 +56,22 @@ def properties(
     own = [card for name in PROPERTIES for card in cards.get(name, []) if (name, card.integer(0, "the id")) in used]
     unique_ids([*solids, *own], "property")
     regions, named = {}, []
+    anisotropic = _anisotropic(cards, solids, ignored, notes)
+    orientations: dict[int, Orientation] = {}
     schemes = []
     for card in solids:
         pid, mid = card.integer(0, "the property id"), card.integer(1, "the material id")
         if card.text(6).upper() not in ("", "SMECH"):
             raise card.error(f"FCTN is {card.text(6)}: only structural solids are supported", "remove the fluid part")
-        if card.text(2) != "-1":
+        if mid in anisotropic:
+            orientations[pid] = _orientation(card, mid, systems)
+        elif card.text(2) != "-1":
             resolved_system(card, 2, systems)
         if card.text(3) or card.text(5):
             schemes.append(f"{pid} (IN {card.text(3) or 'blank'}, ISOP {card.text(5) or 'blank'})")
         regions[pid] = Region(pid, f"PSOLID {pid}", mid)
-        named.append((card, mid))
+        if mid not in anisotropic:
+            named.append((card, mid))
     if schemes:
         notes.append(
             f"PSOLID {_some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
@@ -72,11 +83,12 @@ def properties(
         regions[pid] = Region(pid, f"{card.name} {card.integer(0, 'the id')}", thin.materials[pid])
         if thin.materials[pid]:
             named.append((card, thin.materials[pid]))
-        else:
+        elif pid not in thin.general:
             of_plies += [(card, mid) for mid in dict.fromkeys(thin.named(pid))]
-    laminae = _laminae(cards, of_plies, ignored, notes)
+    in_general = {mid for named in thin.general.values() for mid in named}
+    laminae = _laminae(cards, of_plies, in_general, ignored, notes)
     named += [(card, mid) for card, mid in of_plies if mid not in laminae]
-    materials, shear = _materials(cards, named, thin.only_beams - in_solids, ignored, notes, stated)
+    materials, shear = _materials(cards, named, thin.only_beams - in_solids, in_general, ignored, notes, stated)
     sections = {pid: _with_shear(own, shear.get(thin.materials[pid], 1.0)) for pid, own in thin.sections.items()}
     for block in blocks:
         missing = ~np.isin(block.region, [card.integer(0, "the property id") for card in solids])
@@ -89,13 +101,55 @@ def properties(
                 f"property {block.region[i]} is no PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
-    return Properties(regions, materials, laminae, sections)
+    return Properties(regions, materials, laminae, anisotropic, orientations, sections)
+
+
+def _orientation(card: Card, mid: int, systems: dict[int, CoordinateSystem]) -> Orientation:
+    """CORDM of a PSOLID of an anisotropic material: blank or 0 the basic system, or one of the deck."""
+    if card.text(2) == "-1":
+        raise card.error(
+            f"CORDM is -1, the axes of each element, and material {mid} is anisotropic: not supported, as codes define these "
+            "axes differently",
+            "name a coordinate system (CORD2R, CORD2C, CORD2S) along the material, or 0 for the basic one",
+        )
+    return Orientation(resolved_system(card, 2, systems), np.eye(3))
+
+
+def _anisotropic(
+    cards: dict[str, list[Card]], solids: Sequence[Card], ignored: Counter[str], notes: list[str]
+) -> dict[int, Anisotropic]:
+    """The MAT9 and MAT11 that solids name. Raises DeckError for an id of one of those that stands twice."""
+    own = [card for name in ANISOTROPIC for card in cards.get(name, [])]
+    by_id = dict(zip(unique_ids(own, "material").tolist(), own, strict=True))
+    others = {card.text(0): card.name for name in ("MAT1", "MAT8") for card in cards.get(name, [])}
+    used = {}
+    for mid in dict.fromkeys(card.integer(1, "the material id") for card in solids):
+        if mid not in by_id:
+            continue
+        if str(mid) in others:
+            raise by_id[mid].error(
+                f"material id {mid} stands twice, a {others[str(mid)]} has it too", "give every material its own id"
+            )
+        used[mid] = solid_material(by_id[mid])
+    if with_damping := [words for mid in used if (words := damped(by_id[mid]))]:
+        notes.append(
+            f"MAT9, MAT11 {_some(with_damping)}: structural damping GE is not imported: damping comes from the config"
+        )
+    for name in ANISOTROPIC:
+        if unused := sum(card.name == name for number, card in by_id.items() if number not in used):
+            ignored[f"{name} that no solid refers to"] += unused
+    return used
 
 
 def _laminae(
-    cards: dict[str, list[Card]], named: Sequence[tuple[Card, int]], ignored: Counter[str], notes: list[str]
+    cards: dict[str, list[Card]],
+    named: Sequence[tuple[Card, int]],
+    in_general: Collection[int],
+    ignored: Counter[str],
+    notes: list[str],
 ) -> dict[int, Lamina]:
-    """The MAT8 that plies name. Raises DeckError for a material of plies that is neither a MAT8 nor a MAT1 of the deck."""
+    """The MAT8 that plies name; in_general: ids of materials that shells of several have taken, for those that nothing refers to,
+    MAT2 too. Raises DeckError for a material of plies that is neither a MAT8 nor a MAT1 of the deck."""
     orthotropic, isotropic = cards.get("MAT8", []), cards.get("MAT1", [])
     own = dict(zip(unique_ids(orthotropic, "material").tolist(), orthotropic, strict=True))
     both = set(own) & set(unique_ids(isotropic, "material").tolist())
@@ -117,8 +171,10 @@ def _laminae(
         notes.append(f"MAT8 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
     if rigid := [str(i) for i, each in found.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
         notes.append(f"MAT8 {_some(rigid)}: without G1Z or G2Z it does not shear across")
-    if unused := len(own) - len(found):
-        ignored["MAT8 that no property refers to"] += unused
+    plane = unique_ids(cards.get("MAT2", []), "material")
+    for name, ids in (("MAT8", own), ("MAT2", plane.tolist())):
+        if unused := len({*ids} - {*found} - {*in_general}):
+            ignored[f"{name} that no property refers to"] += unused
     return found
 
 
@@ -126,12 +182,13 @@ def _materials(
     cards: dict[str, list[Card]],
     named: Sequence[tuple[Card, int]],
     only_beams: Collection[int],
+    in_general: Collection[int],
     ignored: Counter[str],
     notes: list[str],
     stated: bool,
 ) -> tuple[dict[int, Material], dict[int, float]]:
     """The MAT1 that properties name, and of those whose G is another than E/2(1 + ν) the first over the second; only_beams: ids
-    of those of beams and rods alone."""
+    of those of beams and rods alone; in_general: of those that shells of several materials have taken."""
     isotropic = cards.get("MAT1", [])
     material_cards = dict(zip(unique_ids(isotropic, "material").tolist(), isotropic, strict=True))
     materials: dict[int, Material] = {}
@@ -145,15 +202,17 @@ def _materials(
             if other or stated:
                 raise card.error(
                     f"material {mid} is {'a ' + other[0] if other else 'not in the deck'}",
-                    "give it a MAT1, or shells a MAT8" if other else f"add a MAT1 card with id {mid}{OR_CONFIG}",
+                    "give it a MAT1, solids a MAT9 or MAT11, or shells a MAT8 or MAT2"
+                    if other
+                    else f"add a MAT1 card with id {mid}{OR_CONFIG}",
                 )
         elif mid not in materials:
-            materials[mid], shear[mid] = _material(material_cards[mid], mid in only_beams, notes)
+            materials[mid], shear[mid] = isotropic_material(material_cards[mid], mid in only_beams, notes)
             if material_cards[mid].real(7, "the structural damping GE", 0.0) != 0:
                 damped.append(f"{mid} (GE {material_cards[mid].text(7)})")
     if damped:
         notes.append(f"MAT1 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
-    if unused := len(material_cards) - len(materials):
+    if unused := len({*material_cards} - {*materials} - {*in_general}):
         ignored["MAT1 that no property refers to"] += unused
     return materials, shear
 
@@ -175,56 +234,3 @@ def _twisted(section: BeamSection, ratio: float) -> BeamSection:
     at_b = None if section.at_b is None else _twisted(section.at_b, ratio)
     y, z = section.shear
     return replace(section, torsion=ratio * section.torsion, shear=(ratio * y, ratio * z), at_b=at_b)
-
-
-def _material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
-    """MAT1: two of E, G, ν give the third, E = 2 (1 + ν) G, E alone ν = 0; of three that contradict this, G over E/2(1 + ν).
-
-    Solids, and shells in their plane, have E and ν, shells across it G; beams and rods E and G, and no ν. of_beams: alone.
-    """
-    number = card.text(0)
-    given = [bool(card.text(i)) for i in (1, 2, 3)]
-    E, G, nu = (
-        card.real(i, name, 0.0)
-        for i, name in ((1, "Young's modulus E"), (2, "shear modulus G"), (3, "Poisson's ratio"))
-    )
-    if sum(given) == 1 and not given[0]:
-        alone = "G alone, and E is 0 then" if given[1] else "NU alone"
-        raise card.error(f"states {alone}: nothing can be made of it", "give E and NU")
-    if not any(given):
-        raise card.error("needs E, and G or NU", "give E and NU")
-    if given == [True, False, False]:
-        notes.append(
-            f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "
-            "Nastran has G = 0 in torsion of beams and in shear across shells; give NU if it should be another"
-        )
-    if given[1] and G <= 0:
-        raise card.error(f"the shear modulus is {G:g}, not positive", "give a positive modulus")
-    if not given[0]:
-        E = 2 * (1 + nu) * G
-    implied = E / (2 * G) - 1 if given[1] else nu
-    contradicts = all(given) and nu > -1 and abs(E / (2 * (1 + nu) * G) - 1) > 0.01
-    ratio = 1.0
-    if of_beams and given[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
-        ratio, nu = 2 * G / E, 0.0
-        notes.append(
-            f"MAT1 {number}: E and G of its beams and rods are those of no NU between -1 and 0.5: both are taken"
-        )
-    elif not given[2] or (contradicts and of_beams):
-        nu = implied
-    if fault := elastic_fault(E if given[0] else G, nu):
-        raise card.error(*fault)
-    if contradicts and of_beams and ratio == 1:
-        notes.append(
-            f"MAT1 {number}: NU {card.text(3)} does not go with E and G, which are all that beams and rods need: {nu:.4g}"
-        )
-    elif contradicts and not of_beams:
-        ratio = 2 * (1 + nu) * G / E
-        notes.append(
-            f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU), which E = {E:.5g} and NU = {nu:g} give: solids, and "
-            "shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
-        )
-    density = card.real(4, "the density", 0.0)
-    if density < 0:
-        raise card.error(f"the density is {density:g}, negative", "give a positive density")
-    return Material(card.integer(0, "the material id"), E, nu, density), ratio

@@ -22,9 +22,10 @@ SAME = 1e-5
 
 
 def shell_section(card: Card) -> tuple[int, ShellSection]:
-    """MID1 of a PSHELL, and its section; without MID2 it is a membrane, without MID3 it does not shear.
+    """MID1 of a PSHELL, and its section where that is the material of all; without MID2 it is a membrane, without MID3 it does
+    not shear.
 
-    Raises DeckError for another material in bending or shear than MID1, coupling (MID4), and a thickness that is not positive.
+    Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
     """
     t = card.real(2, "the thickness T")
     if not t > 0:
@@ -32,16 +33,9 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     if card.text(1) in ("", "0"):
         raise card.error("MID1 is blank: it does not stretch", "give the material of MID2 as MID1 too")
     mid = card.integer(1, "the material MID1")
-    for i, what in ((3, "MID2 (bending)"), (5, "MID3 (shear)")):
-        if card.text(i) not in ("", "0") and (other := card.integer(i, f"the material {what}")) != mid:
-            raise card.error(
-                f"{what} is {other}, MID1 is {mid}: another material in bending or shear is not supported",
-                "give MID1 there, with its stiffness as 12 I/T³ or TS/T",
-            )
-    if card.text(10) not in ("", "0"):
+    if card.text(3) == "-1":
         raise card.error(
-            f"MID4 is {card.text(10)}: bending that goes with stretching is not supported",
-            "leave MID4 blank, and move the shells by ZOFFS",
+            "MID2 is -1, plane strain, which is not supported", "leave MID2 blank for a membrane, in plane stress"
         )
     if card.text(11):
         raise card.error("an entry after MID4 is not supported", "state offsets at the elements (ZOFFS)")

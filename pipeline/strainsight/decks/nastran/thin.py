@@ -13,6 +13,7 @@ from strainsight.decks.faults import coincident, plural
 from strainsight.decks.nastran.beams import BEAMS, DEFAULTS, RODS, read_beams, with_defaults
 from strainsight.decks.nastran.cards import Card, origin, unique_ids
 from strainsight.decks.nastran.composites import COMPOSITES, laminate, middle_of, one_ply
+from strainsight.decks.nastran.general_shells import general_shell, is_general, materials_of, shell_materials
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.sections import bar_section, beam_section, own_section, rod_section, tube_section
 from strainsight.decks.nastran.shapes import bar_shape, beam_shape
@@ -53,7 +54,8 @@ _PROPERTY = re.compile(
 
 @dataclass(frozen=True)
 class Thin:
-    """shells, beams and what they refer to: region → the card of its property, material and section; where the elements stand;
+    """shells, beams and what they refer to: region → the card of its property, material and section, and of shells of several
+    materials which; where the elements stand;
     how many of each card are left out."""
 
     shells: tuple[ShellBlock, ...]
@@ -61,12 +63,15 @@ class Thin:
     properties: dict[int, Card]
     materials: dict[int, int]
     sections: dict[int, Section]
+    general: dict[int, tuple[int, ...]]
     elements: Origin
     left_out: Counter[str]
 
     def named(self, region: int) -> tuple[int, ...]:
         """Ids of the materials that a region refers to."""
         section = self.sections[region]
+        if region in self.general:
+            return self.general[region]
         return (
             tuple(ply.material for ply in section.plies) if isinstance(section, Laminate) else (self.materials[region],)
         )
@@ -113,15 +118,22 @@ def read_thin(
     materials: dict[int, int] = {}
     sections: dict[int, Section] = {}
     middles: dict[int, float] = {}
+    general: dict[int, tuple[int, ...]] = {}
     orthotropic = {card.text(0) for card in cards.get("MAT8", [])}
+    known = shell_materials(cards)
     for number, card in list(properties.items()):
         if not required and number in numbers:  # a PSOLID has it
             del properties[number]
             continue
         try:
-            materials[number], section = SECTIONS[card.name](card, notes)
+            section: Section
+            if card.name == "PSHELL" and is_general(card, known):
+                materials[number], section = 0, general_shell(card, known, notes)
+                general[number] = tuple(materials_of(card).values())
+            else:
+                materials[number], section = SECTIONS[card.name](card, notes)
             if isinstance(section, ShellSection) and str(materials[number]) in orthotropic:
-                materials[number], section = 0, one_ply(card, materials[number], section)
+                materials[number], section = 0, one_ply(materials[number], section)
             elif isinstance(section, Laminate):
                 middles[number] = middle_of(card, section)
         except DeckError:
@@ -141,7 +153,7 @@ def read_thin(
     beams = read_beams(*parts[1], grids)
     _note_shared(parts[0][0] + parts[1][0], (*shells, *beams), notes)
     where = origin(ids[kept], [card for card, there in zip(own, kept, strict=True) if there])
-    return Thin(shells, beams, properties, materials, sections, where, left_out)
+    return Thin(shells, beams, properties, materials, sections, general, where, left_out)
 
 
 def _regions(

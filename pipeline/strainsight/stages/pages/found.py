@@ -82,6 +82,12 @@ def _regions(mesh: Mesh) -> list[Row]:
                 f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:g}, "
                 f"rho {material.density:.5g} kg/m³"
             )
+        if (shell := mesh.general_shell(region.id)) is not None:
+            detail = f"shell of several or anisotropic materials, {shell.thickness:.4g} m thick, rho {shell.density:.5g} kg/m³"
+        if (solid := mesh.anisotropic_of(region.id)) is not None:
+            moduli, axes = ", ".join(f"{E:.4g}" for E in solid.moduli), mesh.orientations.get(region.id)
+            kind = "basic" if axes is None else axes.system.kind
+            detail = f"{solid}, anisotropic: E {moduli} Pa along its {kind} axes, rho {solid.density:.5g} kg/m³"
         rows.append(
             (f"region {region.id} {region.name}", ", ".join(f"{n} {kind}" for kind, n in count.items() if n), detail)
         )

@@ -1,0 +1,139 @@
+"""Anisotropic materials of solids, and how their axes lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.mesh.coordinates import CoordinateSystem, local_axes
+from strainsight.mesh.thin import FloatArray, GeneralShell
+
+INDEFINITE = 1e-10
+"""Least eigenvalue over the largest, of stiffnesses of unit diagonal, below which a material resists some strain not at all."""
+
+
+@dataclass(frozen=True)
+class Anisotropic:
+    """Linear anisotropic solid: stiffness C (6, 6) [Pa] of σ = C ε along its axes, in the order 11 22 33 12 23 31, γ = 2ε;
+    density [kg/m³]; name in the words of the file or config."""
+
+    id: int
+    stiffness: FloatArray
+    density: float
+    name: str = ""
+
+    def __str__(self) -> str:
+        return self.name or f"material {self.id}"
+
+    @property
+    def moduli(self) -> tuple[float, float, float]:
+        """Young's moduli along its axes [Pa], 1/S₁₁, 1/S₂₂, 1/S₃₃ of S = C⁻¹."""
+        one, two, three = (1 / np.diagonal(np.linalg.inv(self.stiffness))[:3]).tolist()
+        return one, two, three
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """Where the axes 1, 2, 3 of a material lie: the directions of a system at each point, turned by turn (3, 3) from there, whose
+    columns are 1, 2, 3 along these directions."""
+
+    system: CoordinateSystem
+    turn: FloatArray
+
+    @property
+    def varies(self) -> bool:
+        """Whether the axes of one point are others than those of the next."""
+        return self.system.kind != "rectangular"
+
+    def axes_at(self, position: FloatArray) -> FloatArray:
+        """Axes (n, 3, 3), one in a column, at positions (n, 3) [m]; on the axis of a cylinder those that define it."""
+        return np.asarray(local_axes(position, self.system)[0] @ self.turn)
+
+    def resized(self, length: float) -> Orientation:
+        """In other units of length, or of another size about the origin."""
+        return replace(self, system=replace(self.system, origin=self.system.origin * length))
+
+
+def orthotropic(moduli: Sequence[float], ratios: Sequence[float], shear: Sequence[float]) -> FloatArray:
+    """C (6, 6) of engineering constants: moduli E₁, E₂, E₃, ratios ν₁₂, ν₁₃, ν₂₃, shear moduli G₁₂, G₁₃, G₂₃, all of these > 0:
+
+        S_ii = 1/E_i,   S_ij = −ν_ij/E_i  (i < j),   S of 12, 23, 31 = 1/G₁₂, 1/G₂₃, 1/G₁₃,   C = S⁻¹
+
+    ν_ij = −ε_j/ε_i under a stress along i. Whether C is one of a material, `stiffness_fault` says.
+    """
+    e1, e2, _ = moduli
+    nu12, nu13, nu23 = ratios
+    g12, g13, g23 = shear
+    S = np.zeros((6, 6))
+    S[np.arange(3), np.arange(3)] = 1 / np.asarray(moduli)
+    S[0, 1] = S[1, 0] = -nu12 / e1
+    S[0, 2] = S[2, 0] = -nu13 / e1
+    S[1, 2] = S[2, 1] = -nu23 / e2
+    C = np.diag([0.0, 0.0, 0.0, g12, g23, g13])
+    C[:3, :3] = np.linalg.inv(S[:3, :3])
+    return np.asarray(0.5 * (C + C.T))
+
+
+def constants_fault(moduli: Sequence[float], ratios: Sequence[float], shear: Sequence[float]) -> tuple[str, str] | None:
+    """What is wrong with engineering constants, in the order of `orthotropic`, and the remedy: all moduli are positive, and
+    S of the stretches is positive definite."""
+    for name, value in zip(("E1", "E2", "E3", "G12", "G13", "G23"), (*moduli, *shear), strict=True):
+        if not (value > 0 and np.isfinite(value)):
+            return f"{name} is {value:g}, not positive", "give a positive modulus"
+    e1, e2, e3 = moduli
+    a, b, c = (nu * root for nu, root in zip(ratios, np.sqrt([e2 / e1, e3 / e1, e3 / e2]), strict=True))
+    least = float(np.linalg.eigvalsh(np.array([[1, -a, -b], [-a, 1, -c], [-b, -c, 1]]))[0])
+    if not least > INDEFINITE:
+        return (
+            f"it is not stable: of the flexibility √(E_i E_j) S_ij the least eigenvalue is {least:.3g}, not positive, with NU12 "
+            f"{ratios[0]:g}, NU13 {ratios[1]:g}, NU23 {ratios[2]:g}",
+            "NU_ij is −ε_j/ε_i under a stress along i; ratios that are stated the other way round (NU_ji) are to be multiplied "
+            "by E_i/E_j",
+        )
+    return None
+
+
+def stiffness_fault(C: FloatArray) -> tuple[str, str] | None:
+    """What is wrong with the stiffness C (n, n) of a material, and the remedy: positive definite, as its work is positive.
+
+    The eigenvalues are those of C_ij/√(C_ii C_jj), which no unit and no ratio of moduli alters.
+    """
+    diagonal = np.diagonal(C)
+    if not np.isfinite(C).all():
+        return "its stiffness has a value that is not finite", "give finite values"
+    if not (diagonal > 0).all():
+        i = int(np.argmin(diagonal > 0))
+        return (
+            f"it resists no strain: the {i + 1}th of the diagonal of its stiffness is {diagonal[i]:g}, and the least eigenvalue "
+            f"{np.linalg.eigvalsh(C)[0]:.4g} is not positive",
+            "give positive values on the diagonal",
+        )
+    scale = np.sqrt(diagonal)
+    lam, V = np.linalg.eigh(C / np.outer(scale, scale))
+    if not lam[0] > INDEFINITE * lam[-1]:
+        worst = V[:, 0] / scale
+        shown = ", ".join(f"{own:.2g}" for own in worst / np.abs(worst).max())
+        return (
+            f"its stiffness is not positive definite: with a diagonal of one its least eigenvalue is {lam[0]:.3g}, so that the "
+            f"strain ({shown}) takes no work",
+            "correct the constants off the diagonal: each has to be smaller than the root of the two on it",
+        )
+    return None
+
+
+def general_fault(own: GeneralShell) -> tuple[str, str] | None:
+    """What is wrong with the stiffness of a shell of several materials, and the remedy: positive definite in the membrane, in
+    bending where it has any, of both together, and in shear where it has that."""
+    parts = {"membrane": own.membrane}
+    if own.bending.any():
+        parts["bending"] = own.bending
+        both = [[own.membrane, own.coupling], [own.coupling.T, own.bending / 12]]
+        parts["membrane and bending together"] = np.block(both)
+    if own.shear.any() and np.isfinite(own.shear).all():
+        parts["shear across"] = own.shear
+    for name, C in parts.items():
+        if fault := stiffness_fault(C):
+            return f"{name}: {fault[0]}", fault[1]
+    return None

@@ -1,0 +1,199 @@
+"""PSHELL of several or anisotropic materials: against one MAT1, lamination theory by slices, beams in closed form, and errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import assemble
+from strainsight.fem.checks import check_mesh
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.mass import mass_properties
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.recovery import facet_strain
+from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.thin import thin_operators
+from strainsight.mesh.additions import with_material, with_properties
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.scaling import scaled
+from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.units import to_si
+from strainsight.records.mesh import MeshColumns
+
+from ...fem.laminate_models import CARBON, by_slices, tensor_stiffness
+
+E, NU, T = 2.1e11, 0.3, 0.1
+G = E / (2 + 2 * NU)
+Q = E / (1 - NU**2) * np.array([[1, NU, 0], [NU, 1, 0], [0, 0, (1 - NU) / 2]])
+SKEW = """\
+GRID,1,,0.,0.,0.
+GRID,2,,2.,.2,0.
+GRID,3,,2.1,1.1,.3
+GRID,4,,-.1,1.,.1
+GRID,5,,4.,.3,.2
+CQUAD4,10,1,1,2,3,4,25.,.05
+CTRIA3,11,1,2,5,3,-40.
+"""
+PLY = "MAT8,8,1.4+11,1.+10,.3,5.+9,4.5+9,3.+9,1600.\n"
+
+
+def mat2(number, matrix, density=""):
+    values = [f"{v:.16e}" for v in np.asarray(matrix)[np.triu_indices(len(matrix))]]
+    if len(values) == 3:  # of shear across: G11, G12, G22 stand in fields 1, 2, 4
+        values = [values[0], values[1], "", values[2], "", ""]
+    return ",".join(["MAT2", str(number), *values, str(density)]) + "\n"
+
+
+def operators(mesh):
+    check_mesh(mesh)
+    return [own.constant.toarray() for own in thin_operators(mesh)]
+
+
+def near(found, expected, rtol=1e-12):
+    for a, b in zip(found, expected, strict=True):
+        assert np.abs(a - b).max() < rtol * np.abs(b).max()
+
+
+@pytest.mark.parametrize(
+    ("plain", "own"),
+    [
+        ("1,1,.1,1,,1,,3.", "1,2,.1,2,,3,,3."),
+        ("1,1,.1,1,2.5,1,.7", "1,2,.1,2,2.5,3,.7"),
+        ("1,1,.1,1", "1,2,.1,2"),
+        ("1,1,.1,,,,,3.", "1,2,.1,,,,,3."),
+    ],
+)
+def test_mat2_written_from_a_mat1_is_the_same(read, plain, own):
+    """Stiffness, mass, and on the faces strain, with that across, and stress; whatever the material axes."""
+    materials = f"MAT1,1,{E:.3e},,{NU},7850.\n" + mat2(2, Q, 7850.0) + mat2(3, G * np.eye(2))
+    a, b = (read(SKEW + f"PSHELL,{text}\n" + materials) for text in (plain, own))
+    near(operators(b), operators(a))
+    assert mass_properties(b)[0] == pytest.approx(mass_properties(a)[0], rel=1e-12)
+    states = []
+    # flat: on warped shells the face of a laminate, and of these, has the plane of the element and not of the facet
+    level = SKEW.replace(",.3\n", ",0.\n").replace(",.1\n", ",0.\n").replace(",.2\n", ",0.\n")
+    for mesh in (with_faces(read(level + f"PSHELL,{text}\n" + materials)) for text in (plain, own)):
+        z = np.random.default_rng(0).normal(size=(3 * len(mesh.position), 1))
+        rows = facet_strain(mesh, exterior_facets(mesh))
+        states.append(surface_state(surface_model(mesh, rows, z), {}, np.ones(1)))
+    near([states[1].strain, states[1].stress], [states[0].strain, states[0].stress], 1e-11)
+    assert b.ignored == {"MAT1 that no property refers to": 1} | ({} if ",3," in own else {"MAT2 that no property refers to": 1})
+
+
+def test_several_mat1_have_their_place_each(read):
+    """In membrane, bending and shear as a MAT1 of all three with that modulus has it alone; the mass is of MID1."""
+    mat1 = "MAT1,1,2.0+11,,.3,7850.\nMAT1,2,7.0+10,,.2,2700.\nMAT1,3,1.0+9,,.4,50.\n"
+    section = read(SKEW + "PSHELL,1,1,.1,2,1.5,3,.9,2.\n" + mat1).sections[1]
+    for matrix, modulus, nu in ((section.membrane, 2e11, 0.3), (section.bending / 1.5, 7e10, 0.2)):
+        expected = modulus / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
+        np.testing.assert_allclose(matrix, expected, rtol=1e-12, atol=1.0)
+    np.testing.assert_allclose(section.shear, 0.9 * 1e9 / 2.8 * np.eye(2), rtol=1e-12)
+    assert (section.density, section.thickness, section.nonstructural, section.uniform) == (7850.0, 0.1, 2.0, False)
+
+
+def test_a_strip_stretches_by_mid1_and_bends_by_mid2(read):
+    """NU = 0: u = F L/(E₁ b t), w = F L³/(3 E₂ I) + F L/(G₃ b t_s), closed forms of a beam."""
+    n, length, width = 20, 2.0, 0.1
+    grids = [f"GRID,{2 * i + j + 1},,{length * i / n},{width * j},0." for i in range(n + 1) for j in (0, 1)]
+    quads = [f"CQUAD4,{i + 1},1,{2 * i + 1},{2 * i + 3},{2 * i + 4},{2 * i + 2}" for i in range(n)]
+    mats = ["MAT1,1,2.+11,,0.,1.", "MAT1,2,5.+10,,0.", "MAT1,3,1.+8,,0."]
+    text = [*grids, *quads, "PSHELL,1,1,.02,2,1.5,3,.8", *mats, "SPC1,1,123456,1,2", ""]
+    mesh = read("\n".join(text))
+    model = build_model(mesh)
+    tip = [mesh.node_index(2 * n + 1), mesh.node_index(2 * n + 2)]
+    found = []
+    for direction in ((1.0, 0, 0), (0, 0, 1.0)):
+        loads = [PointLoad(str(i), direction, 2 * n + 1 + i) for i in (0, 1)]
+        shape = input_shape(model, loads).sum(axis=1, keepdims=True)
+        u = nodal(model, factorise(model.stiffness.constant).solve(shape)).reshape(-1, 3)
+        found.append(float(u[tip] @ np.array(direction) @ [0.5, 0.5]))
+    force, I = 2.0, 1.5 * width * 0.02**3 / 12
+    assert found[0] == pytest.approx(force * length / (2e11 * width * 0.02), rel=1e-9)
+    exact = force * length**3 / (3 * 5e10 * I) + force * length / (0.5e8 * width * 0.8 * 0.02)
+    assert found[1] == pytest.approx(exact, rel=1e-3)
+
+
+def test_a_laminate_written_as_pshell_is_the_laminate(read):
+    """A/t, 12 D/t³, −B/t² and S/t of [0/30] by sums over slices, as MID1, MID2, MID4 and MID3: stiffness and mass of PCOMP."""
+    plies = "PCOMP,1,,,,,,,\n,8,.02,0.,YES,8,.03,30.,YES\n"
+    whole = read(SKEW + plies + PLY)
+    t = 0.05
+    A, B, D, S = by_slices(whole.sections[1], whole)
+    matrices = mat2(1, A / t, 1600.0) + mat2(2, 12 * D / t**3) + mat2(3, S / t) + mat2(4, -B / t**2)
+    own = read(SKEW + "PSHELL,1,1,.05,2,1.,3,1.\n,,,4\n" + matrices)
+    assert np.abs(B).max() > 0.01 * t * np.abs(A).max()
+    near(operators(own), operators(whole), 1e-8)  # of 4000 slices
+
+
+def test_stress_on_the_faces_is_that_of_the_turned_tensor(read):
+    matrix, _ = tensor_stiffness(CARBON, 0.4)
+    square = "GRID,1,,0.,0.,0.\nGRID,2,,2.,0.,0.\nGRID,3,,2.,1.,0.\nGRID,4,,0.,1.,0.\nCQUAD4,10,1,1,2,3,4,40.\n"
+    mesh = with_faces(read(square + "PSHELL,1,2,.1,2,2.,3\n" + mat2(2, matrix) + mat2(3, 1e9 * np.eye(2))))
+    gradient = np.array([[1e-3, 2e-4], [5e-4, -3e-4]])
+    z = np.zeros((len(mesh.position), 3))
+    z[:, :2] = mesh.position[:, :2] @ gradient.T
+    facets = exterior_facets(mesh)
+    state = surface_state(surface_model(mesh, facet_strain(mesh, facets), z.reshape(-1, 1)), {}, np.ones(1))
+    along, _ = tensor_stiffness(CARBON, 0.4 + np.radians(40))
+    strain = np.array([gradient[0, 0], gradient[1, 1], gradient[0, 1] + gradient[1, 0]])
+    expected = np.zeros(6)
+    expected[[0, 1, 3]] = along @ strain
+    wide = np.abs(facets.nodes[:, :4]).min(axis=1) >= 0
+    np.testing.assert_allclose(state.stress[wide], np.tile(expected, (wide.sum(), 1)), atol=1e-9 * np.abs(expected).max())
+
+
+def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
+    mesh = with_faces(read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1.\nMAT1,2,1.+11,,.3\n"))
+    rows = facet_strain(mesh, exterior_facets(mesh))
+    assert np.isfinite(rows.matrix.data).all()
+    with pytest.raises(DeckError, match=r"region 1 \(PSHELL 1\) has one material in its membrane") as caught:
+        surface_model(mesh, rows, np.ones((3 * len(mesh.position), 1)))
+    assert "MID1 = MID2" in caught.value.remedy
+
+
+def test_a_factor_is_free_and_a_modulus_is_not(read):
+    mesh = read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n")
+    K, M = thin_operators(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0), Parameter("r", "density", (1,), 1000.0)])
+    other = operators(with_properties(mesh, [1], stiffness_factor=1.3, density=800.0))
+    near([own.toarray() for own in (K.at({"s": 1.3}), M.at({"r": 800.0}))], other)
+    with pytest.raises(UserError, match="a shell of several or anisotropic materials") as caught:
+        assemble(mesh, [Parameter("E", "youngs_modulus", (1,), 2e11)])
+    assert "stiffness_factor" in caught.value.remedy
+    with pytest.raises(UserError, match="materials of their own"):
+        with_material(mesh, None, 2e11, 0.3, 7850.0)
+
+
+def test_units_size_weight_and_records_keep_it(read):
+    text = SKEW + "PSHELL,1,1,.1,2,,\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n"
+    mesh = read(text)
+    operators_of = operators(mesh)
+    near(operators(MeshColumns.of(mesh).made()), operators_of, 1e-15)
+    inches = to_si(mesh, "in", "g")
+    scale = np.tile(np.repeat([1.0, 0.0254], 3), len(mesh.thin_nodes))
+    near(operators(inches), [1e-3 * scale[:, None] * X * scale for X in operators_of], 1e-9)
+    size = np.tile(np.repeat([1.0, 2.0], 3), len(mesh.thin_nodes))
+    near(operators(scaled(mesh, 2.0)), [f * size[:, None] * X * size for f, X in zip((2, 8), operators_of, strict=True)], 1e-9)
+    assert read("PARAM,WTMASS,.5\n" + text).density_of(1) == 500.0
+
+
+@pytest.mark.parametrize(
+    ("cards", "what"),
+    [
+        ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 stands without MID2"),
+        ("PSHELL,1,1,.1,1\n,,,2\n" + mat2(1, Q) + mat2(2, Q), "MID4 stands without MID3"),
+        ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "together: its stiffness is not positive"),
+        ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it resists no strain: the 3th of the diagonal"),
+        ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),
+        ("PSHELL,1,1,.1\n" + mat2(1, Q) + mat2(1, Q), "material id 1 stands twice"),
+        ("PSHELL,1,1,.1\n" + mat2(1, Q, -2.0), "the density is -2, negative"),
+        ("PSHELL,1,9,.1,1\nMAT9,9,1.\n" + mat2(1, Q), "material 9 of MID1 is no MAT1, MAT2 or MAT8"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_remedy(read, cards, what):
+    with pytest.raises(DeckError, match=what) as caught:
+        read(SKEW + cards)
+    assert caught.value.remedy
+    assert "deck.bdf:" in caught.value.where

@@ -1,0 +1,301 @@
+"""Anisotropic solids against tensors with four indices, lamination theory, Lekhnitskii's cylinder and invariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import csr_array
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.affine import Parameter
+from strainsight.fem.assembly import assemble, assemble_stiffness
+from strainsight.fem.checks import check_mesh
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.mass import mass_properties
+from strainsight.fem.recovery import facet_strain
+from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.traction import pressure
+from strainsight.mesh.additions import with_face, with_properties
+from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic, stiffness_fault
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.kinds import ELEMENTS
+from strainsight.mesh.scaling import scaled
+from strainsight.mesh.units import to_si
+from strainsight.records.mesh import MeshColumns
+
+from ..anisotropy import CONSTANTS, TURN, flexibility, strains, tensor, triclinic, turned, work, works_of
+
+KINDS = [kind.name for kind in ELEMENTS]
+
+
+def anisotropic(mesh, C, axes=TURN, density=1600.0):
+    """All of it of C along axes."""
+    orientation = Orientation(replace(BASIC, axes=np.asarray(axes)), np.eye(3))
+    return replace(
+        mesh,
+        materials={},
+        anisotropic={number: Anisotropic(number, C, density) for number in mesh.regions},
+        orientations=dict.fromkeys(mesh.regions, orientation),
+    )
+
+
+def isotropic(E, nu):
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    C = np.diag([2 * mu] * 3 + [mu] * 3)
+    C[:3, :3] += lam
+    return C
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_patch_test_on_distorted_elements(box, kind):
+    """A linear field has no internal forces at inner nodes and the energy of the tensor, whose axes lie anyhow."""
+    mesh = anisotropic(box(kind, (3, 3, 3), distort=0.3), triclinic())
+    C = turned(tensor(triclinic()), TURN)
+    K = assemble_stiffness(mesh)
+    gradient = np.random.default_rng(3).normal(size=(3, 3))
+    u = (mesh.position @ gradient.T).ravel()
+    force = K @ u
+    inner = np.repeat(np.all((mesh.position > 1e-9) & (mesh.position < 1 - 1e-9), axis=1), 3)
+    assert np.abs(force[inner]).max() < 1e-12 * np.abs(force).max()
+    assert 0.5 * u @ force == pytest.approx(work(C, 0.5 * (gradient + gradient.T)), rel=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_strain_of_a_distorted_body_has_the_work_of_the_turned_tensor(box, kind):
+    mesh = anisotropic(box(kind, (2, 2, 2), distort=0.3), triclinic())
+    C = turned(tensor(triclinic()), TURN)
+    found = works_of(assemble_stiffness(mesh), mesh.position)
+    np.testing.assert_allclose(found, [work(C, own) for own in strains()], rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_isotropic_material_by_its_matrix_is_the_same(box, kind):
+    """Stiffness, strain of the surface with incompatible modes, and stress; along any axes."""
+    mesh = box(kind, (2, 2, 2), distort=0.3, material=(2.1e11, 0.3, 1600.0))
+    other = anisotropic(mesh, isotropic(2.1e11, 0.3))
+    K, same = (assemble_stiffness(own).toarray() for own in (mesh, other))
+    assert np.abs(same - K).max() < 1e-12 * np.abs(K).max()
+    facets = exterior_facets(mesh)
+    z = np.random.default_rng(0).normal(size=(3 * len(mesh.position), 1))
+    states = []
+    for own in (mesh, other):
+        rows = facet_strain(own, facets)
+        states.append(surface_state(surface_model(own, rows, z), {}, np.ones(1)))
+    for name in ("strain", "stress", "von_mises", "principal"):
+        a, b = (getattr(own, name) for own in states)
+        assert np.abs(a - b).max() < 1e-11 * np.abs(a).max()
+
+
+def test_beside_isotropic_elements_of_one_kind_these_keep_their_bits(box):
+    """Half of the elements anisotropic: the isotropic half is what it is alone, and the sum is that of both."""
+    mesh = box("hex8", (4, 2, 2), distort=0.2)
+    block = mesh.blocks[0]
+    region = np.where(mesh.position[block.nodes].mean(axis=1)[:, 0] < 0.5, 1, 2)
+    own = mesh.materials[1]
+    both = replace(
+        mesh,
+        blocks=(replace(block, region=region),),
+        regions={1: mesh.regions[1], 2: replace(mesh.regions[1], id=2, material=9)},
+        materials={1: own},
+        anisotropic={9: Anisotropic(9, triclinic(), 1600.0)},
+    )
+    stiffness, _ = assemble(both, [Parameter("s", "stiffness_factor", (2,), 1.0)])
+    alone = replace(
+        both,
+        materials={1: own},
+        blocks=(
+            replace(block, ids=block.ids[region == 1], nodes=block.nodes[region == 1], region=region[region == 1]),
+        ),
+    )
+    assert (stiffness.constant != assemble_stiffness(alone)).nnz == 0
+    facets = exterior_facets(both)
+    rows = facet_strain(both, facets)
+    plain = facet_strain(mesh, facets)
+    same = np.repeat(rows.region == 1, 6)
+    assert (rows.matrix[same] != plain.matrix[same]).nnz == 0
+
+
+@pytest.mark.parametrize("angle", [0.0, 15.0, 45.0, 70.0, 90.0])
+def test_a_bar_pulled_off_its_axes_follows_lamination_theory(box, angle):
+    """1/E_x = c⁴/E₁ + (1/G₁₂ − 2ν₁₂/E₁) s²c² + s⁴/E₂,  ν_xy and η_xy,x as Jones gives them (Mechanics of Composite Materials,
+    2.97); every component of the strain is S σ of the turned tensor, and the stress of the surface σ_xx alone."""
+    mesh = box("hex8", (6, 2, 2), size=(1.0, 0.1, 0.08), distort=0.25)
+    axes = np.eye(3)
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    axes[:2, :2] = [[c, -s], [s, c]]
+    mesh = anisotropic(mesh, orthotropic(*CONSTANTS), axes)
+    n = 3 * len(mesh.position)
+    facets, sigma = exterior_facets(mesh), 1e6
+    force = np.zeros((len(mesh.position), 3))
+    ends = np.ptp(mesh.position[facets.nodes[:, :4], 0], axis=1) < 1e-9
+    for nodes in facets.nodes[ends, :4]:
+        x = mesh.position[
+            nodes
+        ]  # plane quadrangles of two triangles: the pull on each corner is that of bilinear functions
+        force[nodes, 0] += np.sign(x[0, 0] - 0.5) * sigma * _corner_areas(x)
+    at = {tuple(np.round(x, 9)): i for i, x in enumerate(mesh.position)}
+    a, b, d = (at[p] for p in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.1, 0.0)))
+    held = [3 * a, 3 * a + 1, 3 * a + 2, 3 * b + 1, 3 * b + 2, 3 * d + 2]
+    free = np.setdiff1d(np.arange(n), held)
+    K = csr_array(assemble_stiffness(mesh))
+    z = np.zeros(n)
+    z[free] = factorise(csr_array(K[free][:, free])).solve(force.ravel()[free][:, None])[:, 0]
+    state = surface_state(surface_model(mesh, facet_strain(mesh, facets), z[:, None]), {}, np.ones(1))
+    (e1, e2, _), (nu12, _, _), (g12, _, _) = CONSTANTS
+    modulus = 1 / (c**4 / e1 + (1 / g12 - 2 * nu12 / e1) * s**2 * c**2 + s**4 / e2)
+    ratio = modulus * (nu12 / e1 * (s**4 + c**4) - (1 / e1 + 1 / e2 - 1 / g12) * s**2 * c**2)
+    coupled = modulus * ((2 / e1 + 2 * nu12 / e1 - 1 / g12) * s * c**3 - (2 / e2 + 2 * nu12 / e1 - 1 / g12) * s**3 * c)
+    pull = np.zeros((3, 3))
+    pull[0, 0] = sigma
+    strain = np.einsum("ijkl,kl->ij", turned(flexibility(*CONSTANTS), axes), pull)
+    assert strain[0, 0] == pytest.approx(sigma / modulus, rel=1e-12)
+    expected = [strain[0, 0], strain[1, 1], strain[2, 2], 2 * strain[0, 1], 2 * strain[1, 2], 2 * strain[2, 0]]
+    np.testing.assert_allclose(expected[:4:2], [sigma / modulus, strain[2, 2]], rtol=1e-12)
+    np.testing.assert_allclose(expected[1], -ratio * sigma / modulus, rtol=1e-12)
+    np.testing.assert_allclose(expected[3], coupled * sigma / modulus, rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(state.strain, np.tile(expected, (len(facets.kind), 1)), atol=1e-9 * expected[0])
+    np.testing.assert_allclose(state.stress, np.tile([sigma, 0, 0, 0, 0, 0], (len(facets.kind), 1)), atol=1e-7 * sigma)
+
+
+def _corner_areas(x):
+    """∫ N_a dA of a plane quadrangle with corners x (4, 3), by points of Gauss."""
+    found = np.zeros(4)
+    for r in (-1, 1):
+        for s in (-1, 1):
+            p, q = r / np.sqrt(3), s / np.sqrt(3)
+            signs = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            N = 0.25 * (1 + signs[:, 0] * p) * (1 + signs[:, 1] * q)
+            dp = 0.25 * signs[:, 0] * (1 + signs[:, 1] * q)
+            dq = 0.25 * signs[:, 1] * (1 + signs[:, 0] * p)
+            found += N * np.linalg.norm(np.cross(dp @ x, dq @ x))
+    return found
+
+
+def ring(box, kind, counts, inner=0.5, outer=1.0):
+    """A quarter of a ring: x of a box the radius, y the angle, z its axis; axes of the material radial, tangential, axial."""
+    mesh = box(kind, counts)
+    r, angle = inner + (outer - inner) * mesh.position[:, 0], 0.5 * np.pi * mesh.position[:, 1]
+    place = np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.1 * mesh.position[:, 2]])
+    mesh = anisotropic(replace(mesh, position=place), orthotropic(*CONSTANTS))
+    return replace(
+        mesh, orientations={1: Orientation(CoordinateSystem("cylindrical", np.zeros(3), np.eye(3)), np.eye(3))}
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "counts", "displacement", "stress"), [("hex20", (6, 6, 1), 1e-5, 5e-4), ("hex8", (16, 12, 1), 2e-3, 3e-3)]
+)
+def test_a_cylindrically_orthotropic_cylinder_under_pressure_is_lekhnitskiis(box, kind, counts, displacement, stress):
+    """Plane strain, ρ = r/b, c = a/b, k² = β_rr/β_θθ, β_ij = S_ij − S_iz S_jz/S_zz (Lekhnitskii, Anisotropic Plates, 1968):
+
+    σ_r = p c^(k+1)/(1 − c^2k) (ρ^(k−1) − ρ^(−k−1)),   σ_θ = p k c^(k+1)/(1 − c^2k) (ρ^(k−1) + ρ^(−k−1))
+    """
+    mesh = ring(box, kind, counts)
+    radius = np.hypot(*mesh.position[:, :2].T)
+    facets, p = exterior_facets(mesh), 1e6
+    corners = radius[facets.nodes[:, :4]]
+    bore = np.flatnonzero(np.all(np.abs(corners - 0.5) < 1e-9, axis=1))
+    load = pressure(with_face(mesh, "bore", facets, bore), "bore")
+    f = np.zeros((len(mesh.position), 3))
+    f[load.nodes] = p * load.force
+    held = np.abs(mesh.position) < 1e-9
+    held[:, 2] = True
+    free = np.flatnonzero(~held.ravel())
+    K = csr_array(assemble_stiffness(mesh))
+    z = np.zeros(f.size)
+    z[free] = factorise(csr_array(K[free][:, free])).solve(f.ravel()[free][:, None])[:, 0]
+    S = flexibility(*CONSTANTS)
+    beta = {(i, j): S[i, i, j, j] - S[i, i, 2, 2] * S[j, j, 2, 2] / S[2, 2, 2, 2] for i in (0, 1) for j in (0, 1)}
+    k, c = np.sqrt(beta[0, 0] / beta[1, 1]), 0.5
+    share = p * c ** (k + 1) / (1 - c ** (2 * k))
+
+    def stresses(rho):
+        return share * (rho ** (k - 1) - rho ** (-k - 1)), share * k * (rho ** (k - 1) + rho ** (-k - 1))
+
+    radial, hoop = stresses(radius)
+    assert radial[radius < 0.5 + 1e-9] == pytest.approx(-p, rel=1e-9)
+    exact = radius * (beta[0, 1] * radial + beta[1, 1] * hoop)
+    moved = np.einsum("nc,nc->n", z.reshape(-1, 3)[:, :2], mesh.position[:, :2]) / radius
+    assert np.abs(moved - exact).max() < displacement * exact.max()
+
+    state = surface_state(surface_model(mesh, facet_strain(mesh, facets), z[:, None]), {}, np.ones(1))
+    centre = mesh.position[facets.nodes[bore, :4]].mean(axis=1)
+    tangent = np.column_stack([-centre[:, 1], centre[:, 0]]) / np.hypot(*centre[:, :2].T)[:, None]
+    xx, yy, xy = state.stress[bore][:, [0, 1, 3]].T
+    found = xx * tangent[:, 0] ** 2 + yy * tangent[:, 1] ** 2 + 2 * xy * tangent[:, 0] * tangent[:, 1]
+    np.testing.assert_allclose(found, stresses(0.5)[1], rtol=stress)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+def test_a_body_turned_and_moved_with_its_cylindrical_axes_has_the_same_stiffness(box, kind):
+    mesh = ring(box, kind, (2, 2, 1))
+    at = np.array([3.0, -2.0, 1.0])
+    there = replace(
+        mesh,
+        position=mesh.position @ TURN.T + at,
+        orientations={1: Orientation(CoordinateSystem("cylindrical", at, TURN), np.eye(3))},
+    )
+    K, other = (assemble_stiffness(own).toarray() for own in (mesh, there))
+    R = np.kron(np.eye(len(mesh.position)), TURN)
+    assert np.abs(R.T @ other @ R - K).max() < 1e-12 * np.abs(K).max()
+
+
+def test_units_and_size_take_the_axes_with_them(box):
+    mesh = ring(box, "hex8", (2, 2, 1))
+    away = Orientation(CoordinateSystem("cylindrical", np.array([0.2, 0.1, 0.0]), np.eye(3)), np.eye(3))
+    mesh = replace(mesh, orientations={1: away})
+    millimetres = replace(
+        mesh,
+        position=1e3 * mesh.position,
+        orientations={1: away.resized(1e3)},
+        anisotropic={1: replace(mesh.anisotropic[1], stiffness=1e-6 * mesh.anisotropic[1].stiffness, density=1.6e-9)},
+    )
+    K, same, double = (assemble_stiffness(own) for own in (mesh, to_si(millimetres, "mm", "t"), scaled(mesh, 2.0)))
+    assert abs(same - K).max() < 1e-12 * abs(K).max()
+    assert abs(double - 2 * K).max() < 1e-12 * abs(K).max()
+    assert to_si(millimetres, "mm", "t").anisotropic[1].density == pytest.approx(1600.0)
+
+
+def test_a_factor_of_the_stiffness_is_free_and_a_modulus_is_not(box):
+    mesh = anisotropic(box("hex8"), triclinic())
+    stiffness, _ = assemble(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0)])
+    changed = with_properties(mesh, [1], stiffness_factor=1.3, density=900.0)
+    K = assemble_stiffness(changed)
+    assert mass_properties(changed)[0] == pytest.approx(900.0)
+    assert abs(stiffness.at({"s": 1.3}) - K).max() < 1e-13 * abs(K).max()
+    with pytest.raises(UserError, match="region 1, of an anisotropic material") as error:
+        assemble(mesh, [Parameter("E", "youngs_modulus", (1,), 2e11)])
+    assert "stiffness_factor" in error.value.remedy
+    z = np.random.default_rng(0).normal(size=(3 * len(mesh.position), 1))
+    model = surface_model(
+        mesh, facet_strain(mesh, exterior_facets(mesh)), z, [Parameter("s", "stiffness_factor", (1,), 1.0)]
+    )
+    once, more = (surface_state(model, {"s": s}, np.ones(1), np.eye(2), ["s"]) for s in (1.0, 1.3))
+    np.testing.assert_allclose(more.stress, 1.3 * once.stress)
+    np.testing.assert_allclose(once.stress_std**2, once.stress**2 + once.stress**2)  # of q and of s, each of σ = 1
+
+
+def test_a_record_keeps_it(box):
+    mesh = ring(box, "hex8", (1, 1, 1))
+    other = MeshColumns.of(mesh).made()
+    assert (assemble_stiffness(other) != assemble_stiffness(mesh)).nnz == 0
+    assert other.anisotropic[1].density == 1600.0
+    plain = MeshColumns.of(box("hex8"))
+    assert plain.anisotropic is None
+    assert plain.orientations is None
+
+
+def test_what_no_material_can_be_is_refused_with_its_eigenvalue(box):
+    C = orthotropic(*CONSTANTS)
+    C[0, 1] = C[1, 0] = 1.1 * np.sqrt(C[0, 0] * C[1, 1])
+    what, remedy = stiffness_fault(C)
+    scale = np.sqrt(np.diag(C))
+    assert f"{np.linalg.eigvalsh(C / np.outer(scale, scale))[0]:.3g}" in what
+    assert "off the diagonal" in remedy
+    with pytest.raises(DeckError, match="not positive definite"):
+        check_mesh(anisotropic(box("hex8"), C))
+    assert "resists no strain" in stiffness_fault(np.diag([1.0, 1, 1, 1, 0, 1]))[0]
+    assert stiffness_fault(isotropic(1e7, 0.4999)) is None
