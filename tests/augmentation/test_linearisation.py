@@ -11,6 +11,7 @@ from scipy.linalg import sqrtm
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, rate_matrix
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearisation_instants, linearise
 from strainsight.errors import ConfigError
+from strainsight.fem.affine import Coefficient, Newton
 from strainsight.rom.model import Damping
 
 AMPLITUDE = {"tip": 40.0, "side": 7.0}
@@ -31,7 +32,8 @@ def augmented_rate(model, unknowns, theta, x_star, known_u):
     for i, name in enumerate(unknowns.parameters):
         value[name] = unknowns.guess[name] * np.exp(rest[len(unknowns.inputs) + i])
     M = model.mass.constant + model.mass.terms["rho"] * value["rho"]
-    K = model.stiffness.constant + model.stiffness.terms["E"] * value["E"]
+    ((label, slope),) = model.stiffness.terms.items()
+    K = model.stiffness.constant + slope * (value["E"] if label == "E" else value["E"] ** 3 / theta["E"] ** 2)
     if model.damping.kind == "modal":
         C = 2 * model.damping.ratio * M @ sqrtm(np.linalg.solve(M, K)).real
     else:
@@ -41,14 +43,21 @@ def augmented_rate(model, unknowns, theta, x_star, known_u):
     return np.concatenate([v, a, np.zeros(len(rest))])
 
 
+@pytest.mark.parametrize("cubic", [False, True])
 @pytest.mark.parametrize("on_mass", [False, True])
 @pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
 @pytest.mark.parametrize(
     ("inputs", "parameters"),
     [(("tip",), ()), ((), ("E",)), ((), ("rho",)), (("side", "tip"), ("rho", "E")), (("tip",), ("E", "rho"))],
 )
-def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters, on_mass):
+def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters, on_mass, cubic):
     model = chain_of(damping=damping)
+    if cubic:  # as the stiffness of a plate in its thickness
+        K = model.stiffness
+        third = Newton("E", (0.0, 0.0, 0.0), theta["E"] ** (2 / 3))
+        model = replace(
+            model, stiffness=replace(K, terms={"E^3": K.terms["E"]}, coefficients={"E^3": Coefficient((third,), np.eye(4)[3])})
+        )
     if on_mass:  # loads proportional to a density, in part
         model = replace(model, input_slope={"rho": 0.7 * model.input_shape[::-1] / model.reference["rho"]})
     unknowns = unknowns_of(theta, inputs, parameters)
