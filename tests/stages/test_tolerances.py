@@ -11,7 +11,7 @@ import yaml
 from scipy.stats import chi2
 
 from strainsight import api
-from strainsight.cases.structure.drawn import in_words, installation_of, model_of
+from strainsight.cases.structure.drawn import in_words, installation_of, model_of, modulus_estimated
 from strainsight.cases.structure.installation_noise import installation_variances
 from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.cases.structure.scenarios import scenarios_of
@@ -243,3 +243,15 @@ def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, s
     plain = beam.expected("tolerances=none", *extended)
     assert found.std["E"] ** 2 == pytest.approx(plain.std["E"] ** 2 + variance, rel=1e-4)
     assert sum(found.budget["E"].values()) == pytest.approx(1.0, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("property", "estimated"),
+    [("youngs_modulus", True), ("e1", True), ("stiffness_factor", True), ("density", False), ("bending_factor", False)],
+)
+def test_a_modulus_that_is_estimated_stands_for_the_scale_of_the_stiffness(property, estimated):
+    """A density or a factor of a section does not; and what is not estimated neither."""
+    parameters = {"p": SimpleNamespace(property=property, springs=None)}
+    for names in (["p"], []):
+        config = SimpleNamespace(parameters=parameters, place=SimpleNamespace(estimate=names))
+        assert modulus_estimated(config) == (estimated and bool(names))
