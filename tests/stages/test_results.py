@@ -22,6 +22,7 @@ from strainsight.records.reduced import Reduced
 from ..frd import calculix, solved, write_frd
 from ..shared import stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
+from .tested_beam import changed, estimated, result
 
 DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
 TIP, MODES = 2, 12
@@ -215,3 +216,27 @@ def test_what_a_config_may_not_ask_of_results(folder, override, key):
     with pytest.raises(StrainsightError) as caught:
         load_config(folder / "beam.yaml", (OF_RESULTS, override))
     assert key in str(caught.value)
+
+
+@pytest.mark.slow
+def test_a_load_and_a_modulus_from_a_record(tmp_path, mesh):
+    """One record, estimated with the deck and with results in double precision, to the page of the test; measured: force and its
+    σ 7e-8, E 1e-9, its σ 2e-8, strain where no gauge is 1e-8."""
+    names = ("/smoothed/side", "/smoothed_std/side", "/smoothed/E", "/smoothed_std/E", "/virtual/strain")
+    write_frd(tmp_path / "found.frd", mesh, solved(mesh, [*FORCES, [(TIP, (0.0, 1.0, 0.0))]], 24), form=3)
+    loads = "{tip: {step: 1}, side: {step: 2}}"
+    estimates = []
+    for section in (f"file: {DECK}", f"file: {DECK}, results: {{file: found.frd, loads: {loads}}}"):
+        changed(tmp_path, "test", {f"file: {ROOT / 'meshes' / 'cantilever.bdf'}": section})
+        record = tmp_path / "record.csv"
+        if not record.exists():
+            shutil.copy(tmp_path / "results" / "test" / "measured.csv", record)
+        code, said = estimated(tmp_path, record, "--page")
+        assert code == 0, said
+        found = result(tmp_path)
+        estimates.append({name: found[name].copy() for name in names})
+    whole, own = estimates
+    for name in names:
+        off = np.abs(own[name] - whole[name]).max() / np.abs(whole[name]).max()
+        assert off < 1e-6, name
+    assert (tmp_path / "results" / "test" / "test.html").is_file()
