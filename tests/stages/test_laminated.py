@@ -119,7 +119,7 @@ def test_what_is_of_no_laminate_is_refused(strip, old, new, what, key):
 
 def test_init_asks_for_the_factor_and_lacks_no_material(tmp_path):
     found = suggestion(deck(tmp_path / "strip.bdf"))
-    assert (found.laminate, found.lacking, found.length_unit) == (True, (), "m")
+    assert (found.several_moduli, found.lacking, found.length_unit) == (True, (), "m")
     text = template("strip.bdf", found)
     assert "property: stiffness_factor" in text
     assert "stiffness: 1.05" in text

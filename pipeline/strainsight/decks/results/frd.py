@@ -26,6 +26,8 @@ ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
 """Largest relative error of a number by the format of its block: text has six digits."""
 NUMBER, NUMBERS_A_LINE = 12, 6
 STATIC, FREQUENCY = 0, 2
+DAMAGE = (ValueError, LookupError, ArithmeticError)
+"""What damaged bytes raise where they are taken for numbers."""
 _REAL = re.compile(rb" *-?(?:\d\.\d+E[+-]\d+|[Nn]a[Nn]|[Ii]nf)")
 
 
@@ -49,6 +51,13 @@ def frd_responses(path: Path) -> Iterator[Response]:
     Raises DeckError for a file that is cut off or damaged, for numbers that are not finite, and for other kinds of steps that
     have displacements (dynamic, buckling, complex frequencies).
     """
+    try:
+        yield from _responses(path)
+    except DAMAGE:
+        raise no_number(str(path)) from None
+
+
+def _responses(path: Path) -> Iterator[Response]:
     known: tuple[bytes, np.ndarray] = (b"", np.zeros(0, dtype=np.int64))
     with opened(path) as file:
         for block, where in _blocks(file, path):
@@ -57,16 +66,8 @@ def frd_responses(path: Path) -> Iterator[Response]:
                 continue
             raw, motion = _table(file, block, where)
             if raw != known[0]:
-                known = raw, _ids(raw, block.format, where)
-            try:
-                response = _response(block, known[1], motion, where)
-            except (ValueError, IndexError):
-                raise DeckError(
-                    "the lines 1P before a block of displacements are damaged",
-                    where=where,
-                    remedy="write the results again",
-                ) from None
-            yield response
+                known = raw, _ids(raw, block.format)
+            yield _response(block, known[1], motion, where)
 
 
 def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
@@ -111,22 +112,13 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[_Block, str]]:
         key = line[:6]
         if key == b"    1P":
             words = line[6:].split()
-            if words[:1] == [b"STEP"]:
+            if words[0] == b"STEP":
                 parameters = {}
-            parameters[b"".join(words[:1])] = words[1:]
+            parameters[words[0]] = words[1:]
         elif key in (b"    2C", b"    3C"):
             _skip_mesh(file, line, str(path))
         elif key == b"  100C":
-            where = str(path)
-            try:
-                block = _header(file, line, parameters)
-            except (ValueError, IndexError, KeyError):
-                raise DeckError(
-                    f"the header of a block of results is damaged: {line[:75].decode('latin-1').strip()}",
-                    where=where,
-                    remedy="write the results again",
-                ) from None
-            yield block, where
+            yield _header(file, line, parameters), str(path)
         elif line[:5] == b" 9999":
             return
     raise DeckError(
@@ -143,7 +135,7 @@ def _header(file: BinaryIO, line: bytes, parameters: dict[bytes, list[bytes]]) -
         own = file.readline()
         if own[33:38].strip() in (b"", b"0"):  # else cgx computes it, and the file has no number of it
             components.append(own[5:13].strip())
-    if entity[:3] != b" -4" or format not in (*ID_WIDTH, *ITEM) or not parameters[b"STEP"][2:]:
+    if rows < 0 or entity[:3] != b" -4" or format not in (*ID_WIDTH, *ITEM) or not parameters[b"STEP"][2:]:
         raise ValueError
     return _Block(value, rows, analysis, format, entity[5:13].strip(), tuple(components), dict(parameters))
 
@@ -160,27 +152,23 @@ def _table(file: BinaryIO, block: _Block, where: str) -> tuple[bytes, np.ndarray
             f"{k} numbers a node in a block of displacements", where=where, remedy="write the results again"
         )
     width = ID_WIDTH[block.format]
-    last = 3 + width + NUMBER * k
     start = file.tell()
     length = len(file.readline())
-    if length <= last or block.rows < 0:
-        raise _no_number(where)
+    if length <= 3 + width + NUMBER * k:
+        raise no_number(where)
     file.seek(start)
     text = np.frombuffer(whole(file, block.rows * length, where), np.uint8).reshape(block.rows, length)
     if (text[:, :3] == np.frombuffer(b" -1", np.uint8)).all() and (text[:, -1] == ord("\n")).all():
-        ids = text[:, 3 : 3 + width].tobytes()
+        ids, last = text[:, 3 : 3 + width].tobytes(), 3 + width + NUMBER * k
         columns = np.ascontiguousarray(text[:, 3 + width : last]).view(f"S{NUMBER}")
-        try:
-            values = columns.astype(float)
-        except ValueError:
-            raise _no_number(where) from None
+        values = columns.astype(float)
     else:  # a number as -1.00000E-100 makes its line longer
         file.seek(start)
         lines = [file.readline() for _ in range(block.rows)]
         ids = b"".join(line[3 : 3 + width] for line in lines)
         rows = [_REAL.findall(line[3 + width :]) for line in lines]
         if any(line[:3] != b" -1" for line in lines) or any(len(row) != k for row in rows):
-            raise _no_number(where)
+            raise no_number(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
         raise DeckError(
@@ -189,13 +177,10 @@ def _table(file: BinaryIO, block: _Block, where: str) -> tuple[bytes, np.ndarray
     return ids, values
 
 
-def _ids(raw: bytes, format: int, where: str) -> np.ndarray:
+def _ids(raw: bytes, format: int) -> np.ndarray:
     if format in ITEM:
         return np.frombuffer(raw, "<i4").astype(np.int64)
-    try:
-        return np.frombuffer(raw, f"S{ID_WIDTH[format]}").astype(np.int64)
-    except ValueError:
-        raise _no_number(where) from None
+    return np.frombuffer(raw, f"S{ID_WIDTH[format]}").astype(np.int64)
 
 
 def _skip(file: BinaryIO, block: _Block, where: str) -> None:
@@ -218,21 +203,14 @@ class NodeTable:
 
 def node_table(file: BinaryIO, line: bytes, where: str) -> NodeTable:
     """The block `2C` whose first line is `line`."""
-    try:
-        count, format = int(line[24:36]), int(line[73:75])
-        block = _Block(0.0, count, STATIC, format, b"", (b"X", b"Y", b"Z"))
-        raw, position = _table(file, block, where)
-    except (ValueError, KeyError):
-        raise _no_number(where) from None
-    return NodeTable(_ids(raw, format, where), position, format in ID_WIDTH)
+    count, format = int(line[24:36]), int(line[73:75])
+    raw, position = _table(file, _Block(0.0, count, STATIC, format, b"", (b"X", b"Y", b"Z")), where)
+    return NodeTable(_ids(raw, format), position, format in ID_WIDTH)
 
 
 def _skip_mesh(file: BinaryIO, line: bytes, where: str) -> None:
     """Pass over nodes or elements, whose first line `line` says how many there are and how they are written."""
-    try:
-        count, format = int(line[24:36]), int(line[73:75])
-    except ValueError:
-        raise _no_number(where) from None
+    count, format = int(line[24:36]), int(line[73:75])
     if line[:6] == b"    2C" and format in ITEM:
         whole(file, count * (4 + 3 * ITEM[format].itemsize), where)
     elif format in ITEM:
@@ -255,5 +233,6 @@ def whole(file: BinaryIO, size: int, where: str) -> bytes:
     return found
 
 
-def _no_number(where: str) -> DeckError:
+def no_number(where: str) -> DeckError:
+    """A damaged file."""
     return DeckError("a block of results has a line that cannot be read", where=where, remedy="write the results again")

@@ -8,7 +8,7 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.decks.faults import IdTable, check_elements, check_nodes
-from strainsight.decks.results.frd import NODES_OF, NodeTable, node_table, whole
+from strainsight.decks.results.frd import DAMAGE, NODES_OF, NodeTable, no_number, node_table, whole
 from strainsight.decks.text import opened
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
@@ -25,6 +25,13 @@ def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
     Elements that are no solids are left out, with a note. required: there have to be solids. Raises DeckError for a file that is
     cut off, damaged or has no nodes, and for what makes no mesh.
     """
+    try:
+        return _mesh(path, required)
+    except DAMAGE:
+        raise no_number(str(path)) from None
+
+
+def _mesh(path: Path, required: bool) -> Mesh:
     names: dict[int, str] = {}
     nodes: NodeTable | None = None
     elements: dict[int, tuple[list[tuple[int, int]], list[IntArray]]] = {}
@@ -76,27 +83,24 @@ def read_frd_mesh(path: Path, *, required: bool = True) -> Mesh:
 def _elements(file: BinaryIO, line: bytes, where: str) -> dict[int, tuple[list[tuple[int, int]], list[IntArray]]]:
     """Kind → ids and materials of its elements, and their nodes (ids)."""
     found: dict[int, tuple[list[tuple[int, int]], list[IntArray]]] = {}
-    try:
-        count, format = int(line[24:36]), int(line[73:75])
-        for _ in range(count):
-            if format > 1:
-                number, kind, _, material = np.frombuffer(whole(file, 16, where), "<i4").tolist()
-                nodes = np.frombuffer(whole(file, 4 * NODES_OF[kind], where), "<i4").astype(np.int64)
-            else:
-                wide = 10 if format == 1 else 5
-                head = file.readline()
-                number = int(head[3 : 3 + wide])
-                kind, _, material = (int(head[at : at + 5]) for at in range(3 + wide, 18 + wide, 5))
-                listed: list[bytes] = []
-                while len(listed) < NODES_OF[kind]:
-                    row = file.readline().rstrip()
-                    if row[:3] != b" -2":
-                        raise ValueError
-                    listed += [row[at : at + wide] for at in range(3, len(row), wide)]
-                nodes = np.array([int(own) for own in listed], dtype=np.int64)
-            heads, rows = found.setdefault(kind, ([], []))
-            heads.append((number, material))
-            rows.append(nodes)
-    except (ValueError, KeyError, IndexError):
-        raise DeckError("the block of elements is damaged", where=where, remedy="write the results again") from None
+    count, format = int(line[24:36]), int(line[73:75])
+    for _ in range(count):
+        if format > 1:
+            number, kind, _, material = np.frombuffer(whole(file, 16, where), "<i4").tolist()
+            nodes = np.frombuffer(whole(file, 4 * NODES_OF[kind], where), "<i4").astype(np.int64)
+        else:
+            wide = 10 if format == 1 else 5
+            head = file.readline()
+            number = int(head[3 : 3 + wide])
+            kind, _, material = (int(head[at : at + 5]) for at in range(3 + wide, 18 + wide, 5))
+            listed: list[bytes] = []
+            while len(listed) < NODES_OF[kind]:
+                row = file.readline().rstrip()
+                if row[:3] != b" -2":
+                    raise no_number(where)
+                listed += [row[at : at + wide] for at in range(3, len(row), wide)]
+            nodes = np.array([int(own) for own in listed], dtype=np.int64)
+        heads, rows = found.setdefault(kind, ([], []))
+        heads.append((number, material))
+        rows.append(nodes)
     return found
