@@ -1,0 +1,214 @@
+"""meshes/hinge.bdf.gz: what its script writes, what it weighs, and how its parts hold each other."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import runpy
+
+import numpy as np
+import pytest
+
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import NumericalError
+from strainsight.fem.assembly import assemble
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.mass import mass_properties
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes
+from strainsight.fem.shells import shell_axes
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.zones import NormalCone
+from strainsight.mesh.beam_sides import with_sides
+from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
+from strainsight.mesh.shell_faces import with_faces
+
+from ...shared import ROOT
+
+MESHES = ROOT / "meshes"
+PIN = np.array([0.0, 0.0, 63.5e-3])
+BOLTS = [(x, y) for x in (-36e-3, 36e-3) for y in (-27e-3, 27e-3)]
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return with_sides(with_faces(read_mesh(MESHES / "hinge.bdf.gz", "mm", "t")))
+
+
+@pytest.fixture(scope="module")
+def model(mesh):
+    return build_model(mesh)
+
+
+@pytest.fixture(scope="module")
+def static(model):
+    """Displacements (3n, 3) under a newton along x, y and z at the pin."""
+    loads = [PointLoad(name, tuple(axis), node_id=2) for name, axis in zip("xyz", np.eye(3), strict=True)]
+    return nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, loads)))
+
+
+def test_the_script_writes_the_committed_deck(tmp_path):
+    """The packed bytes depend on the version of zlib, what is in them does not."""
+    runpy.run_path(str(MESHES / "make_hinge.py"))["main"](tmp_path)
+    written, committed = (gzip.decompress((folder / "hinge.bdf.gz").read_bytes()) for folder in (tmp_path, MESHES))
+    assert written == committed
+    for folder in (tmp_path, MESHES):
+        digest, name = (folder / "hinge.sha256").read_text().split()
+        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+
+
+def test_it_is_of_solids_shells_and_bars_that_are_all_read(mesh):
+    assert {block.kind: len(block.ids) for block in mesh.elements} == {
+        "hex8": 824,
+        "quad4": 1748,
+        "tri3": 10,
+        "beam": 288,
+    }
+    assert not mesh.ignored
+    assert not mesh.unsupported
+    assert sorted({len(own.nodes) for own in mesh.averaging}) == [3, 4, 128]
+    for shells in mesh.shells:
+        normal = shell_axes(mesh.position[shells.nodes], shells.ids)[:, :, 2]
+        expected = np.where((shells.region == 3)[:, None], [0, 0, 1], [1, 0, 0])
+        np.testing.assert_allclose(normal, expected, atol=1e-12)
+
+
+def test_it_weighs_the_sum_of_its_parts(mesh):
+    """In mm and t: web, stiffeners, gussets; foot, neck, and an eye that is half a square and half a circle, less its bore."""
+    web, stiffeners, gussets = 432 * 324 * 3.0 * 1.6e-9, 6 * 432 * 96 * 2.81e-9, 2 * 450 * 3 * 2.81e-9
+    fitting = (96 * 78 * 8 + 48 * 18 * 30 + 18 * (48 * 24 + np.pi * 24**2 / 2 - np.pi * 12**2)) * 2.81e-9
+    # circles are polygons of 32 sides
+    assert mass_properties(mesh)[0] == pytest.approx(1000 * (web + stiffeners + gussets + fitting), rel=2e-4)
+
+
+def test_its_first_modes_are_those_that_its_readme_states(model):
+    frequency, _ = modes(model.stiffness.constant, model.mass.constant, 3)
+    np.testing.assert_allclose(frequency, [585.0, 620.9, 1049.6], rtol=2e-3)
+
+
+def test_the_bolts_carry_all_of_the_force_at_the_pin_and_its_moment(mesh, static):
+    """What holds the solids at their underside: a quarter of a pull each, and couples of a push 62 mm above."""
+    forces = (assemble(mesh)[0].constant @ static).reshape(-1, 3, 3)
+    solid = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    x = mesh.position
+    pads = [
+        solid[(np.abs(x[solid, :2] - bolt).max(axis=1) < 6.1e-3) & (np.abs(x[solid, 2] - 1.5e-3) < 1e-6)]
+        for bolt in BOLTS
+    ]
+    assert [len(pad) for pad in pads] == [9] * 4
+    every = np.concatenate(pads)
+    for column, force in enumerate(np.eye(3)):
+        carried = forces[every, :, column]
+        np.testing.assert_allclose(carried.sum(axis=0), -force, atol=1e-8)
+        np.testing.assert_allclose(np.cross(x[every], carried).sum(axis=0), -np.cross(PIN, force), atol=1e-9)
+    bolt = np.array([forces[pad].sum(axis=0) for pad in pads])
+    # plies at ±45° bend and twist together: a turn by 180° about z leaves the web as it is, a mirror does not
+    np.testing.assert_allclose(bolt[:2, 2, 2], bolt[3:1:-1, 2, 2], rtol=1e-9)
+    np.testing.assert_allclose(bolt[:, 2, 2], -0.25, rtol=1e-3)
+    # of 62 mm N what is no couple of the bolts, 72 mm apart, turns the washers
+    couple = 0.072 * bolt[2:, 2, 0].sum()
+    own = [
+        np.cross(x[pad] - [*at, 1.5e-3], forces[pad, :, 0]).sum(axis=0)[1] for pad, at in zip(pads, BOLTS, strict=True)
+    ]
+    assert couple - sum(own) == pytest.approx(0.062, rel=1e-6)
+    assert 0.8 * 0.062 < couple < 0.062
+
+
+def membrane():
+    """A [N/m] of the web, quasi-isotropic: invariants of its ply (Tsai and Pagano 1968)."""
+    E1, E2, nu12, G = 140e9, 9e9, 0.3, 5e9
+    Q11, Q22 = np.array([E1, E2]) / (1 - nu12**2 * E2 / E1)
+    Q12 = nu12 * Q22
+    U1, U4 = (3 * Q11 + 3 * Q22 + 2 * Q12 + 4 * G) / 8, (Q11 + Q22 + 6 * Q12 - 4 * G) / 8
+    return 3e-3 * np.array([[U1, U4, 0], [U4, U1, 0], [0, 0, (U1 - U4) / 2]])
+
+
+@pytest.fixture(scope="module")
+def readings(mesh, static):
+    """(which gauges: 3 of the web, 4 of the stiffeners, else 0; facet, place (g, 3), strain (g, 3 angles, 3 loads))."""
+    ends = [NormalCone((side, 0, 0), 15.0) for side in (1, -1)]
+    gauges = candidates(mesh, exterior_facets(mesh), (1, 0, 0), (0.0, 45.0, 90.0), ends, on_constraints=True)
+    thin = {
+        id: region for block in (*mesh.shells, *mesh.beams) for id, region in zip(block.ids, block.region, strict=True)
+    }
+    read = channel_rows(mesh.position, gauges, static).reshape(-1, 3, 3)
+    return np.array([thin.get(id, 0) for id in gauges.element[::3]]), gauges.facet[::3], gauges.position[::3], read
+
+
+def ordered(place):
+    return np.lexsort((place[:, 1].round(6), place[:, 0].round(6)))
+
+
+@pytest.mark.parametrize("along", [0, 1])
+def test_what_gauges_on_web_and_stiffeners_read_carries_the_force_at_the_pin(readings, along):
+    """Around the fitting, along a rectangle through centres of elements: N = A ε of the middle of the web, the mean of its
+    faces, and E A ε of the middle of the stiffeners that cross it, the mean of their upper and lower side."""
+    part, facet, place, read = readings
+    across = np.array([130.5e-3, 112.5e-3])
+    faces = []
+    for face, sense in ((UPPER, 1), (LOWER, -1)):
+        own = np.flatnonzero((part == 3) & (facet == face))
+        own = own[ordered(place[own])]
+        e0, e45, e90 = read[own, :, along].T
+        faces.append(np.column_stack([e0, e90, sense * (2 * e45 - e0 - e90)]))
+    x, y = place[own, :2].T
+    N = (faces[0] + faces[1]) / 2 @ membrane()
+    outside = [np.isclose(np.abs(own), edge) for own, edge in zip((x, y), across, strict=True)]
+    inside = [np.abs(own) < edge + 1e-6 for own, edge in zip((x, y), across, strict=True)]
+    corner = np.where(outside[0] & outside[1], 0.5, 1.0)
+    # 9 mm of the line; on the sides across x the force is (N_x, N_xy), on those across y (N_xy, N_y)
+    first, second = N[:, [[0, 2][along], [2, 1][along]]].T * corner * 9e-3
+    carried = np.sum((np.sign(x) * first)[outside[0] & inside[1]]) + np.sum(
+        (np.sign(y) * second)[outside[1] & inside[0]]
+    )
+    if along == 0:
+        bars = (part == 4) & (np.abs(place[:, 1]) < across[1]) & np.isclose(np.abs(place[:, 0]), across[0])
+        sides = bars & (np.isclose(place[:, 2], -1.5e-3) | np.isclose(place[:, 2], -25.5e-3))
+        assert np.sum(sides) == 2 * 4 * 2
+        carried += 71e9 * 96e-6 / 2 * np.sum(np.sign(place[sides, 0]) * read[sides, 0, along])
+    assert carried == pytest.approx(-1.0, rel=0.005)
+
+
+def strip_on_a_block(file, tied):
+    """Model and top nodes of a strip of shells, 60 × 30 × 3 mm, edge-on on a block of steel, its top pushed by 1 N."""
+    blocks = [(i, j, k) for i in range(6) for j in range(7) for k in range(3)]
+    node = {}
+
+    def solid(*at):
+        return node.setdefault(at, len(node) + 1)
+
+    lines = ["BEGIN BULK", "MAT1,1,2.1+5,,0.3,7.85-9", "PSOLID,1,1", "PSHELL,2,1,3.0,1,,1"]
+    for id, (i, j, k) in enumerate(blocks, start=1):
+        own = [solid(i + a, j + b, k + c) for c in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines += [f"CHEXA,{id},1,{','.join(map(str, own[:6]))},", f",{own[6]},{own[7]}"]
+    for id, (j, k) in enumerate(((j, k) for j in range(1, 6) for k in range(3, 13)), start=1001):
+        own = [solid(3, j + b, k + c) for b, c in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines.append(f"CQUAD4,{id},2,{','.join(map(str, own))}")
+    for j in range(1, 7) if tied else ():
+        cross = [solid(3 + a, j + b, 3) for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        lines.append(f"RBE3,{2000 + j},,{solid(3, j, 3)},456,1.0,123,{cross[0]},{cross[1]}")
+        lines.append(f",{cross[2]},{cross[3]}")
+    lines += [f"GRID,{id},,{6.0 * i},{6.0 * j},{6.0 * k}" for (i, j, k), id in node.items()]
+    lines += [f"SPC1,1,123,{id}" for (_, _, k), id in node.items() if k == 0]
+    lines += [f"FORCE,1,{solid(3, j, 13)},,{(0.1, 0.2)[1 < j < 6]},1.,0.,0." for j in range(1, 7)]
+    file.write_text("\n".join([*lines, "ENDDATA", ""]))
+    mesh = read_mesh(file, "mm", "t")
+    return build_model(mesh), np.searchsorted(mesh.node_ids, [solid(3, j, 13) for j in range(1, 7)])
+
+
+def test_a_shell_on_the_face_of_a_solid_is_clamped_by_the_mean_rotation_of_its_neighbours(tmp_path):
+    """Bent about its foot it sinks as a plate, w = 4 (1 − ν²) F L³/(E b t³), and by what the solid gives: at most what the
+    edge of a plate on a half plane does, θ = 16.67 M (1 − ν²)/(π E b t²) (O'Donnell 1960). By shared nodes alone it is hinged:
+    stiffness is singular."""
+    L, b, t, E, nu = 60e-3, 30e-3, 3e-3, 2.1e11, 0.3
+    hinged, _ = strip_on_a_block(tmp_path / "hinged.bdf", tied=False)
+    with pytest.raises(NumericalError, match="not positive definite"):
+        factorise(hinged.stiffness.constant)
+    model, top = strip_on_a_block(tmp_path / "strip.bdf", tied=True)
+    S = input_shape(model, [PointLoad("push", deck_load="FORCE-1")])
+    z = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
+    moved = z[top, 0].mean()
+    plate, foot = 4 * (1 - nu**2) * L**3 / (E * b * t**3), 16.67 * (1 - nu**2) * L**2 / (np.pi * E * b * t**2)
+    assert 0 < moved - plate < foot
