@@ -70,6 +70,8 @@ def places(path, kind):
         ("SPC1,1,123,1,2,3", []),
         ("SPC1,1,123,1,2,3\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", [("50", False)]),
         ("SPC1,1,123456,50\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9", [("50", True)]),
+        ("SPC1,1,123,1,2,3\nGRID,50,,2.,2.,2.\nRBE2,60,50,123,9\nRBE2,61,50,123,4", [("50", False)]),
+        ("SPC1,1,123,1,2,3\nRBE3,60,,9,456,1.,123,2,3\n,4", []),  # a rotation alone
     ],
 )
 def test_a_tie_offers_its_reference_and_no_node_of_a_solid_is_made_up(tmp_path, more, nodes):
@@ -90,6 +92,7 @@ FORCES = "FORCE,7,4,,4.,0.,0.,1.\nFORCE,7,9,,3.,0.,1.,0."
     [
         (FORCES, [("FORCE-7", False)]),
         (f"FORCE,5,1,,1.,0.,0.,1.\n{FORCES}", [("FORCE-5", True), ("FORCE-7", False)]),  # 1 is held
+        (f"FORCE,5,1,,1.,0.,0.,1.\nFORCE,5,4,,1.,0.,0.,1.\n{FORCES}", [("FORCE-5", False), ("FORCE-7", False)]),
         # 5 is in balance
         (f"FORCE,5,4,,1.,0.,0.,1.\nFORCE,5,9,,1.,0.,0.,-1.\n{FORCES}", [("FORCE-7", False)]),
     ],

@@ -19,6 +19,7 @@ from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.given_sections import GivenSection
+from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import without_modulus
@@ -158,13 +159,18 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
-            yield Place("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].any()), force)
+            yield Place("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
         elif load.body:
             yield Place("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
-    ties = [(str(tie), tie.reference, len(tie.nodes)) for tie in mesh.rigid]
-    ties += [(str(tie), tie.reference, len(tie.nodes)) for tie in mesh.averaging]
-    for name, reference, count in ties:
-        yield Place("node", str(mesh.node_ids[reference]), f"reference of {name}, {count} nodes", bool(held[reference]))
+    # an average of rotations alone ties a shell to a solid: no load is put there
+    ties: list[RigidElement | AveragingElement] = [
+        *mesh.rigid,
+        *(tie for tie in mesh.averaging if min(tie.components) < 3),
+    ]
+    for reference in dict.fromkeys(tie.reference for tie in ties):
+        led = [tie for tie in ties if tie.reference == reference]
+        what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
+        yield Place("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
     for name, ids in mesh.node_sets.items():
         own = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
         if own.size:
