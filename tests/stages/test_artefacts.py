@@ -51,8 +51,8 @@ stiffness and mass, or strain rows, come from files (test_ready.py), or modes an
 gauges are bonded already (test_sensors.py) or bridges
 (test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
 (tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are placed
-for (test_load_cases.py); of shells, beams and anisotropic materials (a test of their own below); where a stiffness is no multiple of its parameter (a
-test of tests/stages/test_laminated.py)."""
+for (test_load_cases.py); of shells, beams and anisotropic materials (a test of their own
+below); where a stiffness is no multiple of its parameter (test_laminated.py)."""
 
 
 UNITS_OF = {
