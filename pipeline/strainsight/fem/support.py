@@ -7,16 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint, describe_row
+from strainsight.fem.motion_words import AXES, motion_words
+from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
 from strainsight.fem.springs import spring_rows
 from strainsight.fem.ties import references, rigid_rows
 from strainsight.mesh.model import Mesh
 
-AXES = "xyz"
 TOLERANCE = 1e-9
+MOST = 300
+"""Bodies whose motions are looked at one by one."""
 
 
 @dataclass(frozen=True)
@@ -32,19 +34,22 @@ def rigid_body_motions(mesh: Mesh, constraint: Constraint) -> tuple[str, ...]:
 
     With z = R c on the nodes of an element body (six motions c) and y the motions of reference nodes outside the
     elements, the constraint holds where T (R c, y) = R c on the clamped and dependent rows, all along the axes of the node
-    they belong to, and springs are not stretched where R_s T (R c, y) = 0. The null vectors (c, y) of that system, its columns
-    scaled to unit motion, are what moves freely. First the whole structure is one body; if it is held, each part that shares no
-    node with the others is a body of its own.
-    Raises UserError for more than 300 parts.
+    they belong to; springs are not stretched where R_s T (R c, y) = 0; bodies that share a node move it alike. The null vectors
+    (c, y) of that system, its columns scaled to unit motion, are what moves freely. First the whole structure is one body; if it
+    is held, each piece that is stiff in itself is a body of its own.
+    Raises UserError for more than 300 parts that share no node.
     """
-    nodes = mesh.nodes_of_elements
-    label = np.full(len(mesh.position), -1)
-    label[nodes] = 0
-    whole = _free_motions(mesh, constraint, label).words
-    if whole:
-        return whole
-    parts = _parts(mesh, nodes)
-    return _free_motions(mesh, constraint, parts).words if parts.max() > 0 else ()
+    return _words(mesh, constraint)[0]
+
+
+def _words(mesh: Mesh, constraint: Constraint) -> tuple[tuple[str, ...], bool]:
+    """Those of `rigid_body_motions`, and whether they are of pieces that share nodes."""
+    words = _free_motions(mesh, constraint, whole(mesh)).words
+    if words:
+        return words, False
+    each = _bodies(mesh)
+    words = _free_motions(mesh, constraint, each).words if each.count > 1 else ()
+    return words, bool(each.meeting[0].size)
 
 
 def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
@@ -53,64 +58,62 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
     They are the null vectors that `rigid_body_motions` names, on the free motions: K R = 0 at any moduli.
     Raises UserError where the supports hold all of them, and where parts move against each other.
     """
-    nodes = mesh.nodes_of_elements
-    label = np.full(len(mesh.position), -1)
-    label[nodes] = 0
-    whole = _free_motions(mesh, constraint, label)
-    if not whole.words:
+    together = _free_motions(mesh, constraint, whole(mesh))
+    if not together.words:
         raise UserError(
             "supports or springs hold every rigid motion of the structure", key="mesh.free", remedy="remove mesh.free"
         )
-    parts = _parts(mesh, nodes)
-    each = _free_motions(mesh, constraint, parts) if parts.max() > 0 else whole
-    if each.vectors.shape[1] > whole.vectors.shape[1]:
+    bodies = _bodies(mesh)
+    each = _free_motions(mesh, constraint, bodies, against_first=True) if bodies.count > 1 else together
+    if each.vectors.shape[1] > together.vectors.shape[1]:
+        first = _node_of(mesh, bodies, 0)
         more = f" and {len(each.words) - 8} more" if len(each.words) > 8 else ""
         raise UserError(
-            f"the {parts.max() + 1} parts of the structure move against each other, {each.vectors.shape[1]} free motions and not "
-            f"{whole.vectors.shape[1]}: {', '.join(each.words[:8])}{more}",
+            f"the {bodies.count} parts of the structure move against each other, {each.vectors.shape[1]} free motions and not "
+            f"{together.vectors.shape[1]}: against the part with node {first}, {', '.join(each.words[:8])}{more}",
             key="mesh.free",
             remedy="a free structure is one piece: tie the parts (mesh.ties), or merge coincident nodes",
         )
-    return whole.vectors
+    return together.vectors
 
 
 def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] = str) -> None:
     """Raise UserError that names the free motions where there are any; hint: more of a remedy for what is free altogether."""
-    motions = rigid_body_motions(mesh, constraint)
+    motions, hinged = _words(mesh, constraint)
     if motions:
         more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
         free = {f"translation {axis}" for axis in AXES} <= set(motions)
         raise UserError(
             f"the structure can move freely: {', '.join(motions[:8])}{more}",
             remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties"
+            + (
+                "; parts that share nodes on one line only are hinged there: tie their rotations (RBE3)"
+                if hinged
+                else ""
+            )
             + (hint() if free else ""),
         )
 
 
-def _parts(mesh: Mesh, nodes: np.ndarray) -> np.ndarray:
-    """Connected part of each node, through shared nodes of elements; −1 for a node outside the elements.
-
-    Raises UserError for more than 300 parts.
-    """
-    n = len(mesh.position)
-    rows = np.concatenate([nodes[:, :-1].ravel() for nodes in mesh.connectivity])
-    columns = np.concatenate([nodes[:, 1:].ravel() for nodes in mesh.connectivity])
-    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n))
-    _, component = connected_components(graph, directed=False)
-    parts = np.full(n, -1)
-    parts[nodes] = np.unique(component[nodes], return_inverse=True)[1]
-    count = int(parts.max()) + 1
-    if count > 300:
+def _bodies(mesh: Mesh) -> Pieces:
+    """Stiff pieces, or where these are more than MOST the parts that share no node. Raises UserError for more than MOST parts."""
+    found = stiff_pieces(mesh)
+    if found.count > MOST:
+        found = parts(mesh)
+    if found.count > MOST:
         raise UserError(
-            f"the mesh falls into {count} parts that share no node", remedy="merge coincident nodes, then try again"
+            f"the mesh falls into {found.count} parts that share no node",
+            remedy="merge coincident nodes, then try again",
         )
-    return parts
+    return found
 
 
-def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> FreeMotions:
-    bodies = int(label.max()) + 1
-    centre = np.array([mesh.position[label == b].mean(axis=0) for b in range(bodies)])
-    radius = np.array([np.linalg.norm(mesh.position[label == b] - centre[b], axis=1).max() for b in range(bodies)])
+def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_first: bool = False) -> FreeMotions:
+    """against_first: the words are on the motions in which the first piece stays where it is."""
+    label, bodies = pieces.label, pieces.count
+    own = [mesh.position[pieces.node[pieces.piece == b]] for b in range(bodies)]
+    centre = np.array([x.mean(axis=0) for x in own])
+    radius = np.array([np.linalg.norm(x - x.mean(axis=0), axis=1).max() for x in own])
     nodes = np.flatnonzero(label >= 0)
     # along the axes of each node, in which its components are held and follow
     R = constraint.along_own_axes(_motions(mesh, constraint, nodes, label, centre, radius))
@@ -125,6 +128,7 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> Free
     Th = T[held_rows]
     loose = Th[:, np.flatnonzero(~inside)]
     stretched = _stretched(mesh, constraint)
+    parted = _parted(mesh, pieces, centre, radius)
     size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
     size[size == 0] = 1.0
     B = sparse.hstack([Th[:, np.flatnonzero(inside)] @ R[free[inside]] - R[held_rows], loose / size], format="csr")
@@ -133,12 +137,17 @@ def _free_motions(mesh: Mesh, constraint: Constraint, label: np.ndarray) -> Free
         B = sparse.vstack(
             [B, sparse.hstack([stretched[:, np.flatnonzero(inside)] @ R[free[inside]], outside])], format="csr"
         )
+    if parted.shape[0]:
+        apart = sparse.csr_array((parted.shape[0], loose.shape[1]))
+        B = sparse.vstack([B, sparse.hstack([parted, apart])], format="csr")
     null = _that_move(_null_space(B), R)
     words: list[str] = []
+    named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
     for b in range(bodies):
-        words += _named(null[6 * b : 6 * b + 6], centre[b], radius[b], "" if bodies == 1 else _near(mesh, label, b))
-    if null.shape[1] and not words:
-        column = null[6 * bodies :]
+        where = "" if bodies == 1 else f" of the part with node {_node_of(mesh, pieces, b)}"
+        words += motion_words(named[6 * b : 6 * b + 6], centre[b], radius[b], where)
+    column = null[6 * bodies :]
+    if column.size and not words:
         rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
         words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in rows]
     vectors = np.empty((len(free), null.shape[1]))
@@ -180,6 +189,22 @@ def _motions(
     return sparse.csr_array((values, places), shape=(constraint.transform.shape[0], 6 * len(centre)))
 
 
+def _parted(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) -> sparse.csr_array:
+    """R_a c_a − R_b c_b (3s, 6b) at the s nodes that a piece has beside the one that they move with."""
+    node, other = pieces.meeting
+    values, columns = [], []
+    for body, sign in ((pieces.label[node], 1.0), (other, -1.0)):
+        blocks = sign * rigid_rows(mesh.position[node] - centre[body])
+        blocks[:, :, 3:] /= radius[body][:, None, None]
+        values.append(blocks)
+        columns.append(np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape))
+    rows = np.arange(3 * len(node)).reshape(-1, 3, 1)
+    return sparse.csr_array(
+        (np.ravel(values), (np.ravel([np.broadcast_to(rows, own.shape) for own in values]), np.ravel(columns))),
+        shape=(3 * len(node), 6 * len(centre)),
+    )
+
+
 def _null_space(B: sparse.csr_array) -> np.ndarray:
     """Right null space (columns, k), by QR of slabs of rows and an SVD of the last factor."""
     triangle = np.zeros((0, B.shape[1]))
@@ -200,48 +225,8 @@ def _that_move(null: np.ndarray, R: sparse.csr_array) -> np.ndarray:
     return np.asarray(null @ Vt[strength > TOLERANCE * max(1.0, strength.max(initial=0.0))].T)
 
 
-def _named(null: np.ndarray, centre: np.ndarray, radius: float, where: str) -> list[str]:
-    """The motions in span(null), null (6, k) in scaled coordinates of one body."""
-    U, strength, _ = np.linalg.svd(null, full_matrices=False)
-    U = U[:, strength > 1e-6]
-    pure = [i for i in range(6) if np.linalg.norm(U[i]) > 1 - 1e-9]
-    words = [(f"translation {AXES[i]}" if i < 3 else f"rotation about {AXES[i - 3]}") + where for i in pure]
-    rest = U.copy()
-    rest[pure] = 0.0
-    Q, strength, _ = np.linalg.svd(rest, full_matrices=False)
-    for t, w in ((q[:3], q[3:] / radius) for q in _echelon(Q[:, strength > 1e-6]).T):
-        if np.linalg.norm(w) * radius < 1e-6 * np.linalg.norm(t):
-            words.append(f"translation along {_triple(_upward(t))}{where}")
-        else:
-            point = centre + np.cross(w, t) / (w @ w)
-            words.append(f"rotation about {_line(_upward(w))} through {_triple(point)} m{where}")
-    return words
-
-
-def _echelon(Q: np.ndarray) -> np.ndarray:
-    """The basis of span(Q), Q (6, k), in which each vector alone has a one in one of k rows, rotations first: no rounding
-    chooses among the bases."""
-    rows: list[int] = []
-    for row in (3, 4, 5, 0, 1, 2):
-        if np.linalg.matrix_rank(Q[[*rows, row]], tol=1e-6) > len(rows):
-            rows.append(row)
-    return Q @ np.linalg.inv(Q[rows])
-
-
-def _upward(v: np.ndarray) -> np.ndarray:
-    """±v/|v|, its first component that is none of rounding positive."""
-    v = v / np.linalg.norm(v)
-    return v * np.sign(v[np.argmax(np.abs(v) > 1e-6)])
-
-
-def _near(mesh: Mesh, label: np.ndarray, body: int) -> str:
-    return f" of the part with node {mesh.node_ids[np.argmax(label == body)]}"
-
-
-def _line(w: np.ndarray) -> str:
-    along = int(np.argmax(np.abs(w)))
-    return AXES[along] if abs(w[along]) > 1 - 1e-9 else _triple(w)
-
-
-def _triple(v: np.ndarray) -> str:
-    return "(" + ", ".join(f"{round(float(x), 6) + 0.0:.4g}" for x in v) + ")"
+def _node_of(mesh: Mesh, pieces: Pieces, body: int) -> int:
+    """Id of the first node of a piece that no other one has; of its first node, where it has none."""
+    own = pieces.node[pieces.piece == body]
+    alone = own[~np.isin(own, pieces.meeting[0])]
+    return int(mesh.node_ids[(alone if len(alone) else own)[0]])
