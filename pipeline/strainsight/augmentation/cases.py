@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.rom.model import ReducedModel, modal_basis
 
-ORDER = ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2), (0, 1, 2))
-"""Which of inputs, moduli and densities are unknown together, in the order of the tables."""
+GROUPS = 4
+ORDER = tuple(chosen for count in range(1, GROUPS + 1) for chosen in combinations(range(GROUPS), count))
+"""Which of inputs, moduli, densities and damping are unknown together; the first three in the order of the tables."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,7 @@ def cases(
     inputs: Sequence[str],
     moduli: Sequence[str],
     densities: Sequence[str],
+    damping: Sequence[str] = (),
     amplitude: Mapping[str, float],
     guess: Mapping[str, float],
     rows: np.ndarray,
@@ -52,18 +55,18 @@ def cases(
     instants: int,
     seed: int,
 ) -> tuple[Case, ...]:
-    """Every combination of unknown inputs, moduli and densities at the same motion; fewer where a group is empty.
+    """Every combination of unknown inputs, moduli, densities and damping at the same motion; fewer where a group is empty.
 
     Each is linearised at its own `linearisation_instants`; the instant of the median condition speaks for it, of an even
     number the better of the two in the middle. Inputs are random walks, whatever the filter takes them for.
 
-    theta: all parameters [SI]; x (s, 2n) = [q, q̇], u (s, n_u) [N]: the motion; inputs, moduli, densities: names;
+    theta: all parameters [SI]; x (s, 2n) = [q, q̇], u (s, n_u) [N]: the motion; inputs, moduli, densities, damping: names;
     amplitude [N], guess [SI]: scales of the unknowns; rows (m, n), quantity (m,): of every channel, as
     `measurement_rows` takes them; largest (m,): largest reading of the channel's quantity in that motion, by which its
     row is divided. A parameter on which the motion never depends makes its cases unobservable, with that as the reason.
     Raises ConfigError where a quantity reads nothing in the motion. Source: thesis (6.1), tables 6.1 and 6.2.
     """
-    groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)))
+    groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
     if not np.all(largest > 0):
         raise ConfigError(
             f"{np.sum(~(largest > 0))} of {len(largest)} channels are of a quantity that reads nothing in the motion",

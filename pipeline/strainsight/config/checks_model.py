@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from strainsight.config.checks_damping import DAMPING, damping_problems
 from strainsight.config.checks_material import material_problems, plane_problems
 from strainsight.config.loads import Load, Recorded, signal_problems
 from strainsight.config.mesh import ElementSection, MeshFile, Support
@@ -22,6 +23,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _mesh(config.mesh)
     yield from _free(config)
     yield from _static(config)
+    yield from damping_problems(config)
     yield from _matrices(config)
     yield from _results(config)
     for name, parameter in config.parameters.items():
@@ -247,6 +249,8 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
             if parameter.property != "stiffness_factor":
                 what = f"springs have no {parameter.property}"
                 yield Problem(f"{key}.property", what, "property: stiffness_factor, which multiplies their stiffness")
+        elif parameter.property == DAMPING:
+            continue
         elif parameter.region is None and matrices is None and config.mesh.results is None:
             remedy = "give a region's id or name, or a list, or the names of springs (springs)"
             yield Problem(f"{key}.region", "missing", remedy, at_key=True)
@@ -278,7 +282,7 @@ def _matrices(config: PlacementConfig) -> Iterator[Problem]:
                     f"the {kind} depends on a {' or '.join(wanted)}",
                 )
     for name in config.parameters:
-        if name not in named and named <= set(config.parameters):
+        if name not in named and named <= set(config.parameters) and config.parameters[name].property != DAMPING:
             yield Problem(
                 f"parameters.{name}",
                 "no term of mesh.matrices belongs to it",

@@ -53,18 +53,20 @@ class MaterialParameter(Section):
         "area_factor",
         "bending_factor",
         "torsion_factor",
+        "damping_factor",
     ] = Field(
         description="Which property: youngs_modulus [Pa], density [kg/m³], of a laminate the mean over its thickness, or "
         "stiffness_factor [-], which multiplies all stiffness of the regions as the deck has it, whatever they are made of: "
         "laminates, several materials, beams whose section is uncertain; or the stiffness of `springs`. Of plies of laminates: "
         "e1 and e2 along and across their fibres, g12, g1z and g2z of shear across, or youngs_modulus of isotropic plies [Pa]. "
         "Of beams, as factors of what the deck has [-]: area_factor, with the mass, bending_factor of all second moments, "
-        "torsion_factor of the torsion constant; an area_factor of rods, too, and a bending_factor of homogeneous shells."
+        "torsion_factor of the torsion constant; an area_factor of rods, too, and a bending_factor of homogeneous shells. "
+        "damping_factor [-], without region, multiplies `damping` in every mode."
     )
     region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
         None,
-        description="Region id (PSOLID id) or name, or a list of them; left out only with `springs` or mesh.matrices, or with "
-        "mesh.results, which know all regions alone.",
+        description="Region id (PSOLID id) or name, or a list of them; left out only with `springs`, mesh.matrices or a "
+        "damping_factor, or with mesh.results, which know all regions alone.",
     )
     springs: Annotated[tuple[Text, ...], Field(min_length=1)] | None = Field(
         None,

@@ -146,7 +146,7 @@ def linear_models(
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
-    motion = _motion_nuisances(model, modal, nuisances)
+    motion = _motion_nuisances(model, modal, nuisances, theta)
     f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
     beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load[:f]])
@@ -241,7 +241,7 @@ def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
         return modal
     own = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
     tables = (np.repeat(each[:, :, None], count, axis=2) for each in (modal.table, modal.table_slope))
-    return ModalMap(*(np.repeat(each[None], count, axis=0) for each in own), *tables)
+    return ModalMap(*(np.repeat(each[None], count, axis=0) for each in own), *(*tables, modal.table_damped))
 
 
 def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
@@ -265,14 +265,16 @@ def _step_matrices(model: FilterModel, moved: np.ndarray, pushed: np.ndarray) ->
     return A, G
 
 
-def _motion_nuisances(model: FilterModel, modal: ModalMap, nuisances: Nuisances) -> tuple[np.ndarray, np.ndarray]:
+def _motion_nuisances(
+    model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
     """σ times the derivative of a step in ln c of each mode, in the logarithm of the stiffness, and in the input shape:
     (B, e, n, n), (B, e, n, p).
 
     Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends, and those
     of the same frequency.
     """
-    own, n, lam = model.model.damping, model.model.size, modal.eigenvalue
+    own, n, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
     slopes: list[tuple[np.ndarray, np.ndarray]] = []
     if nuisances.damping > 0:
         table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -38,9 +38,13 @@ class Parameter:
     material: int | str | None = None
 
 
+DAMPING: Final = "damping_factor"
+"""The property that multiplies the damping: neither stiffness nor mass depend on it."""
+
+
 def of_stiffness(property: str) -> bool:
     """Whether the stiffness depends on such a parameter."""
-    return property != "density"
+    return property not in ("density", DAMPING)
 
 
 def scales_stiffness(property: str) -> bool:

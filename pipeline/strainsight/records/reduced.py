@@ -88,6 +88,7 @@ class DampingLaw:
     ratio: float = dataset("/ratio", "1", "", "damping ratio ζ")
     alpha: float = dataset("/alpha", "1/s", "", "α")
     beta: float = dataset("/beta", "s", "", "β")
+    parameter: str = dataset("/parameter", "1", "", "name of the parameter that multiplies the damping, or empty")
 
 
 @record
@@ -118,7 +119,7 @@ class ModelTerms:
             mass=model.mass,
             stiffness=model.stiffness,
             damping=AffineOperator(damping_matrix(model, model.reference), slopes),
-            law=DampingLaw(kind=law.kind, ratio=law.ratio, alpha=law.alpha, beta=law.beta),
+            law=DampingLaw(kind=law.kind, ratio=law.ratio, alpha=law.alpha, beta=law.beta, parameter=law.parameter),
             input_shape=model.input_shape,
             input_slope=dict(model.input_slope),
             inputs=model.inputs,
@@ -135,7 +136,7 @@ class ModelTerms:
             input_shape=self.input_shape,
             inputs=self.inputs,
             reference=dict(zip(self.parameters, self.reference.tolist(), strict=True)),
-            damping=Damping(kind, law.ratio, law.alpha, law.beta),
+            damping=Damping(kind, law.ratio, law.alpha, law.beta, parameter=law.parameter),
             input_slope=self.input_slope,
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.rom.model import ReducedModel, divided_difference, modal_basis
-from strainsight.rom.oscillator import oscillator_acceleration
+from strainsight.rom.oscillator import Along, oscillator_acceleration
 from strainsight.rom.schemes import Scheme, scheme_step
 
 
@@ -20,7 +20,8 @@ class ModalMap:
 
     transition A (..., i n, 2n); input B (..., i n, J, n_u), i = 2 of a step and 1 of the acceleration. The rest is what
     the derivatives need: shape S(θ) (..., n, n_u), without (...) where it is the same at any θ; eigenvalue λ (..., n), modes
-    Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode for itself, and dT/dλ.
+    Φ (..., n, n), dual ΦᵀM (..., n, n), table T (i, 2 + J, ..., n) of every mode for itself, dT/dλ, and dT/d ln c, of a model
+    whose damping no parameter multiplies the same as none: (0,).
     """
 
     transition: np.ndarray
@@ -31,9 +32,10 @@ class ModalMap:
     dual: np.ndarray
     table: np.ndarray
     table_slope: np.ndarray
+    table_damped: np.ndarray
 
 
-Table = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+Table = Callable[[np.ndarray, Along], tuple[np.ndarray, np.ndarray]]
 
 
 def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float, scheme: Scheme = "exact") -> ModalMap:
@@ -41,21 +43,27 @@ def modal_step(model: ReducedModel, theta: Mapping[str, Any], h: float, scheme: 
 
     Raises NumericalError at critical damping (exact only).
     """
-    return modal_map(model, theta, lambda lam: scheme_step(lam, model.damping, h, scheme))
+    own = model.damping.at(theta)
+    return modal_map(model, theta, lambda lam, along: scheme_step(lam, own, h, scheme, along))
 
 
 def acceleration_map(model: ReducedModel, theta: Mapping[str, Any]) -> ModalMap:
     """q̈ = M⁻¹(S u − C q̇ − K q) at θ (values of shape (...) [SI]): z̈ = −λz − c(λ)ż + g of every mode."""
-    return modal_map(model, theta, lambda lam: oscillator_acceleration(lam, model.damping))
+    own = model.damping.at(theta)
+    return modal_map(model, theta, lambda lam, along: oscillator_acceleration(lam, own, along))
 
 
 def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> ModalMap:
-    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and dT/dλ (i, 2 + J, ..., n)."""
+    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and a slope of it (i, 2 + J, ..., n)."""
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
-    T, dT = table(lam)
+    if model.damping.parameter:  # the modes are the same at any damping
+        lam = np.broadcast_to(lam, (*np.shape(theta[model.damping.parameter]), model.size)) if lam.ndim == 1 else lam
+        Phi, dual = (np.broadcast_to(own, (*lam.shape[:-1], *own.shape[-2:])) for own in (Phi, dual))
+    T, dT = table(lam, "eigenvalue")
+    damped = table(lam, "damping")[1] if model.damping.parameter else np.zeros(0)
     S = model.input_shape_at(theta)
-    return ModalMap(*modal_blocks(S, Phi, dual, T), S, lam, Phi, dual, T, dT)
+    return ModalMap(*modal_blocks(S, Phi, dual, T), S, lam, Phi, dual, T, dT, damped)
 
 
 def modal_blocks(S: np.ndarray, Phi: np.ndarray, dual: np.ndarray, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,6 +98,7 @@ def parameter_slopes(
 
         df = Φ [G ∘ f[λᵢ, λⱼ]] ΦᵀM,   G = Φᵀ(dK Φ − dM Φ Λ),   d(M⁻¹S) = ΦΦᵀ(dS − dM ΦΦᵀS)
 
+    and Φ [dT/d ln c]/θ ΦᵀM of the parameter that multiplies the damping.
     theta: where the map was made; x (..., 2n) = [q, q̇]; u (..., J, n_u) hold coefficients; names: the parameters.
     Returns (..., i n, len(names)).
     Source: Daleckii and Krein; Higham, Functions of Matrices, theorem 3.11.
@@ -103,6 +112,11 @@ def parameter_slopes(
     differences = divided_difference(lam, step.table, step.table_slope)
     columns = []
     for name in names:
+        if name == model.damping.parameter:
+            slope = step.table_damped / np.asarray(theta[name])[..., None]
+            change = np.moveaxis(np.einsum("ij...a,...aj->i...a", slope, modal), 0, -1)
+            columns.append(np.swapaxes(Phi @ change, -1, -2).reshape(*x.shape[:-1], -1))
+            continue
         dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
         PhiT_dM_Phi = PhiT @ dM @ Phi
         G = PhiT @ dK @ Phi - PhiT_dM_Phi * lam[..., None, :]

@@ -19,6 +19,7 @@ class Damping:
 
     ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s]; factors [-] on c of every mode in ascending
     order of λ, none: 1; modes of one frequency have the factor of the first of them, since any rotation of them are modes too.
+    parameter: name of the one that multiplies every c, "" where none does; value θ of it [-], (..., 1) for many at once.
     """
 
     kind: Literal["modal", "rayleigh"] = "modal"
@@ -26,10 +27,16 @@ class Damping:
     alpha: float = 0.0
     beta: float = 0.0
     factors: tuple[float, ...] = ()
+    parameter: str = ""
+    value: float | np.ndarray = 1.0
+
+    def at(self, theta: Mapping[str, Any]) -> Damping:
+        """The damping at θ, values of shape (...)."""
+        return replace(self, value=np.asarray(theta[self.parameter])[..., None]) if self.parameter else self
 
     def viscous(self, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """c(λ) and dc/dλ; lam (...) [rad²/s²], with factors (..., n) ascending of all n modes."""
-        f = np.array(self.factors)[first_of_equal(lam)] if self.factors else 1.0
+        f = self.value * (np.array(self.factors)[first_of_equal(lam)] if self.factors else 1.0)
         if self.kind == "modal":
             c = f * 2 * self.ratio * np.sqrt(lam)
             return c, c / (2 * lam)
@@ -82,6 +89,10 @@ class ReducedModel:
         """The same model under loads of another input shape (n, n_u), at any θ."""
         return replace(self, input_shape=shape, input_slope={})
 
+    def with_damping(self, name: str, value: float) -> ReducedModel:
+        """The same model with one more parameter: name, and its reference value [-], which multiplies the damping."""
+        return replace(self, reference={**self.reference, name: value}, damping=replace(self.damping, parameter=name))
+
     @property
     def parameters(self) -> tuple[str, ...]:
         return tuple(self.reference)
@@ -104,7 +115,7 @@ def damping_matrix(model: ReducedModel, theta: Mapping[str, float]) -> np.ndarra
     lam, Phi = modal_basis(model, theta)
     M = model.mass.at(theta)
     MPhi = M @ Phi
-    return (MPhi * model.damping.viscous(lam)[0]) @ MPhi.T
+    return (MPhi * model.damping.at(theta).viscous(lam)[0]) @ MPhi.T
 
 
 def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: str) -> np.ndarray:
@@ -112,12 +123,15 @@ def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: st
 
         dC = dM c(A) + M Φ [(ΦᵀM dA Φ) ∘ c[λᵢ, λⱼ]] ΦᵀM,    ΦᵀM dA Φ = Φᵀ(dK Φ − dM Φ Λ)
 
-    c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case.
+    c[·,·] the divided difference (Daleckii-Krein), so that repeated frequencies need no special case; C/θ of the parameter that
+    multiplies the damping.
     """
+    if name == model.damping.parameter:
+        return damping_matrix(model, theta) / theta[name]
     K, M = model.stiffness.at(theta), model.mass.at(theta)
     lam, Phi = eigh(K, M)
     dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
-    c, slope = model.damping.viscous(lam)
+    c, slope = model.damping.at(theta).viscous(lam)
     G = Phi.T @ (dK @ Phi - (dM @ Phi) * lam)
     MPhi = M @ Phi
     return (dM @ Phi * c) @ MPhi.T + MPhi @ (G * divided_difference(lam, c, slope)) @ MPhi.T

@@ -7,13 +7,15 @@ from typing import Literal
 import numpy as np
 
 from strainsight.rom.model import Damping
-from strainsight.rom.oscillator import HOLD, oscillator_step
+from strainsight.rom.oscillator import HOLD, Along, oscillator_step, slopes_along
 
 Scheme = Literal["exact", "trapezoidal", "implicit_euler"]
 
 
-def scheme_step(lam: np.ndarray, damping: Damping, h: float, scheme: Scheme = "exact") -> tuple[np.ndarray, np.ndarray]:
-    """Propagator T of a damped oscillator over one step by the scheme, and dT/dλ, as `oscillator_step` gives them.
+def scheme_step(
+    lam: np.ndarray, damping: Damping, h: float, scheme: Scheme = "exact", along: Along = "eigenvalue"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Propagator T of a damped oscillator over one step by the scheme, and its slope, as `oscillator_step` gives them.
 
         trapezoidal      z⁺ = z + h(ż + ż⁺)/2,   ż⁺ = ż + h(z̈ + z̈⁺)/2         (Newmark with β = ¼, γ = ½)
         implicit Euler   z⁺ = z + hż⁺,           ż⁺ = ż + hz̈⁺
@@ -21,15 +23,15 @@ def scheme_step(lam: np.ndarray, damping: Damping, h: float, scheme: Scheme = "e
     with z̈ = g − c(λ)ż − λz. lam (...) [rad²/s²]; h [s]. Returns two arrays (2, 2 + HOLD, ...).
     """
     if scheme == "exact":
-        return oscillator_step(lam, damping, h)
-    c, c_slope = damping.viscous(lam)
+        return oscillator_step(lam, damping, h, along)
+    c, lam_slope, c_slope = slopes_along(lam, damping, along)
     # both are ż⁺ = (a ż − hλz + hḡ)/d with ḡ the mean of the force over both ends or the force at the end
     s, at_end = (0.5 * h, 0.5) if scheme == "trapezoidal" else (h, 1.0)
-    d, d_slope = 1 + s * c + s * s * lam, s * c_slope + s * s
+    d, d_slope = 1 + s * c + s * s * lam, s * c_slope + s * s * lam_slope
     a, a_slope = (2 - d, -d_slope) if scheme == "trapezoidal" else (np.ones_like(lam), np.zeros_like(lam))
     force = [np.full_like(lam, h * (1.0 if j == 0 else at_end)) for j in range(HOLD)]
     over = np.stack([-h * lam, a, *force])
-    over_slope = np.stack([np.full_like(lam, -h), a_slope, *([np.zeros_like(lam)] * HOLD)])
+    over_slope = np.stack([-h * lam_slope, a_slope, *([np.zeros_like(lam)] * HOLD)])
     T, dT = np.zeros((2, 2 + HOLD, *lam.shape)), np.zeros((2, 2 + HOLD, *lam.shape))
     T[1] = over / d
     dT[1] = (over_slope - T[1] * d_slope) / d

@@ -31,7 +31,9 @@ def steady_start(
     step, n = modal_step(model, theta, h), model.size
     forces = amplitude @ (step.modes.T @ step.shape).T
     stiffness = (
-        step.eigenvalue - frequency[:, None] ** 2 + 1j * frequency[:, None] * model.damping.viscous(step.eigenvalue)[0]
+        step.eigenvalue
+        - frequency[:, None] ** 2
+        + 1j * frequency[:, None] * model.damping.at(theta).viscous(step.eigenvalue)[0]
     )
     resonant, still = np.abs(stiffness) <= RESONANT * step.eigenvalue, forces == 0
     if (resonant & ~still).any():

@@ -48,7 +48,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ROM = Stage(
     "rom",
-    version=7,
+    version=8,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

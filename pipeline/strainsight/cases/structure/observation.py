@@ -15,7 +15,7 @@ from strainsight.cases.structure.settings import characteristic
 from strainsight.cases.structure.start import loading_of, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
-from strainsight.fem.affine import of_stiffness
+from strainsight.fem.affine import DAMPING, of_stiffness
 from strainsight.records.placed import Observed
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -59,6 +59,7 @@ def observed_of(
                 inputs=tuple(name for name in model.inputs if not config.loads[name].known) or model.inputs,
                 moduli=[name for name, kind in kinds.items() if of_stiffness(kind)],
                 densities=[name for name, kind in kinds.items() if kind == "density"],
+                damping=[name for name, kind in kinds.items() if kind == DAMPING],
                 amplitude=amplitude,
                 guess=model.reference,
                 rows=rows,

@@ -253,8 +253,9 @@ def scheme_in_words(problem: Problem, h: float) -> str:
     """What the time step of the filter does to the lowest mode; empty where it is exact."""
     if problem.scheme == "exact":
         return ""
-    lam, _ = modal_basis(problem.model, problem.model.reference)
-    longer, damped = (values[0] for values in scheme_bias(lam, problem.model.damping, h, problem.scheme))
+    model, at = problem.model, problem.model.reference
+    bias = scheme_bias(modal_basis(model, at)[0], model.damping.at(at), h, problem.scheme)
+    longer, damped = (values[0] for values in bias)
     return (
         f"the {problem.scheme.replace('_', ' ')} step of {h:g} s lengthens the period of the first mode by "
         f"{100 * longer:.2g} %, so that a modulus comes out {200 * longer:.2g} % off, and adds {100 * damped:.2g} % of damping"

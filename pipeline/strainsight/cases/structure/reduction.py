@@ -10,10 +10,17 @@ from strainsight.cases.material import damping_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.scales import refuse_damping
-from strainsight.cases.structure.settings import load_shapes, load_slopes, parameters_of, places_of, point_loads
+from strainsight.cases.structure.settings import (
+    damping_parameter,
+    load_shapes,
+    load_slopes,
+    parameters_of,
+    places_of,
+    point_loads,
+)
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
-from strainsight.fem.affine import Parameter
+from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.misaligned import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
@@ -76,6 +83,8 @@ def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]
     """The free material properties at the geometric mean of their ranges."""
     found = []
     for name, entry in config.parameters.items():
+        if entry.property == DAMPING:
+            continue
         regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh, config.mesh)
         middle = float(np.sqrt(entry.range[0] * entry.range[1]))
         found.append(Parameter(name, entry.property, regions, middle, springs, entry.range, entry.material))
@@ -107,7 +116,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
         _require_strain(config, built.model, S)
     off = misalignment_shapes(built.model, list(point_loads(config.loads).values()))
     reference = {p.name: p.reference for p in parameters}
-    ranges = {name: entry.range for name, entry in config.parameters.items()}
+    ranges = {name: config.parameters[name].range for name in reference}
     using.progress("static responses", 0.2)
     with blame("rom.modes"):
         found = reduce_model(
@@ -133,11 +142,12 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     if config.train.model == "static":
         model, basis = quasi_static(found.model, found.basis)
         found = replace(found, model=model, basis=basis)
+    free = damping_parameter(config.parameters, using.files)
     shape = np.tensordot(found.basis, off, axes=(0, 0))
     kept = np.linalg.solve(found.model.stiffness.at(reference), shape.reshape(len(shape), -1))
     missed = found.aside - found.basis @ kept
     return Reduced(
-        model=found.model,
+        model=found.model if free is None else found.model.with_damping(*free),
         frequency=found.frequency,
         basis=nodal(built.model, found.basis),
         static=found.static,

@@ -13,6 +13,7 @@ from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of,
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import InfeasibleError, UserError, blame
+from strainsight.fem.affine import DAMPING
 from strainsight.fem.loads import loaded_nodes, nodal_forces
 from strainsight.fem.springs import spring_owners
 from strainsight.gauges.admissible import admissible
@@ -51,7 +52,8 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
         known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
         parameters_of(known, mesh, {}, config.mesh)
         for name, parameter in config.parameters.items():
-            places_of(name, parameter, mesh, config.mesh)
+            if parameter.property != DAMPING:
+                places_of(name, parameter, mesh, config.mesh)
         with blame("parameters"):
             spring_owners(mesh, {name: own.springs or () for name, own in config.parameters.items()})
     for name, load in point_loads(config.loads).items():

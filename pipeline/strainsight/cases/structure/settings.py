@@ -17,7 +17,7 @@ from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, UserError, blame
-from strainsight.fem.affine import Parameter
+from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.assembly import regions_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
@@ -42,6 +42,7 @@ PARAMETER_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg/m^3",
     "stiffness_factor": "1",
+    DAMPING: "1",
     **dict.fromkeys(PLY_MODULI, "Pa"),
     **dict.fromkeys(SECTION_FACTORS, "1"),
 }
@@ -66,6 +67,8 @@ def parameters_of(
                 key=f"parameters.{name}.range",
                 remedy="widen the range, or take the guess from another run",
             )
+        if entry.property == DAMPING:
+            continue
         if section is not None and section.matrices is not None:
             _check_against_terms(name, value, section.matrices)
             found.append(Parameter(name, entry.property, (), value, range=entry.range))
@@ -92,6 +95,14 @@ def parameters_of(
                 )
         found.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
     return tuple(found)
+
+
+def damping_parameter(config: Mapping[str, MaterialParameter], files: Mapping[str, Path]) -> tuple[str, float] | None:
+    """Name and reference value [-] of the parameter that multiplies the damping; None where it is known."""
+    for name, entry in config.items():
+        if entry.property == DAMPING:
+            return name, reference_value(name, entry.guess, files)
+    return None
 
 
 def places_of(

@@ -99,7 +99,7 @@ def decay_left(model: ReducedModel, loading: Loading) -> float:
     if loading.tones is not None:
         return -np.inf
     lam, _ = modal_basis(model, model.reference)
-    rate = 0.5 * float(model.damping.viscous(lam[:1])[0][0])
+    rate = 0.5 * float(model.damping.at(model.reference).viscous(lam[:1])[0][0])
     return (DECAYS / rate if rate > 0 else np.inf) - len(loading.lead) * loading.h
 
 

@@ -126,11 +126,13 @@ def truth_of(
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads)
     modes = built.at_most(stated.modes)
+    factor = theta.get(problem.model.damping.parameter, 1.0)
+    damping = damping_of(config.damping).scaled(factor)
     with blame("validate.truth"):
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
-        return _full(damping_of(config.damping), mesh, training, built, S, theta, words, modes, using)
+        return _full(damping, mesh, training, built, S, theta, words, modes, using)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
@@ -138,9 +140,7 @@ def truth_of(
         static = np.hstack([static, reduced.misaligned.static.reshape(len(static), -1)])
     shapes = None if spectrum is None else Snapshots(spectrum.frequency, built.in_coordinates(spectrum.shape), static)
     with blame("validate.truth.modes"):
-        model, basis = modal_model(
-            built.model, S, problem.model.inputs, theta, modes, damping_of(config.damping), shapes, aside
-        )
+        model, basis = modal_model(built.model, S, problem.model.inputs, theta, modes, damping, shapes, aside)
     whole = "full model" if built.modes is None else f"results ({stated.modes} asked for, {built.modes} there)"
     words = f"{modes} modes of the {whole} with static terms, {values}"
     installed = _installed(mesh, built, basis, training)
