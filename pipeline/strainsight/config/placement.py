@@ -298,6 +298,12 @@ class PlacementConfig(Section):
     mesh: MeshFile = Field(description="The finite-element model.")
     parameters: dict[Name, MaterialParameter] = Field({}, description="Material properties that stay free, by name.")
     loads: Annotated[dict[Name, Load], Field(min_length=1)] = Field(description="Loads, by name.")
+    solver: Literal["direct", "slepc"] = Field(
+        "direct",
+        description="Who factorises the stiffness, for modes and static responses. direct: this process, by PARDISO; slepc: "
+        "processes of MPI, by SLEPc and MUMPS, where one machine has too little memory or time; which launcher and how many "
+        "processes say STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON in the environment, and no config.",
+    )
     damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
         description="Structural damping."
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy import sparse
@@ -20,13 +21,24 @@ LEAST_BYTES = 32
 """PARDISO's analysis, the upper triangle and a factor without fill, per entry of the matrix."""
 
 
+class Lowest(Protocol):
+    """lowest(M, count, basis, start, beside, tolerance): λ (count,) and φ (n, count) of A φ = λ M φ, the lowest in the complement
+    of `beside` (n, k), which are orthonormal in M; by iterations with so many basis vectors from `start` (n,)."""
+
+    def __call__(
+        self, M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]: ...
+
+
 @dataclass(frozen=True)
 class Factor:
-    """A factorised symmetric positive definite matrix; its memory goes with the last reference to it."""
+    """A factorised symmetric positive definite matrix; its memory goes with the last reference to it. lowest: modes by whoever
+    holds the factor, None where they are iterated for here."""
 
     size: int
     solver: str
     _solve: Callable[[np.ndarray], np.ndarray]
+    lowest: Lowest | None = None
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """A⁻¹B for B (n,) or (n, r), in blocks of 32 columns. Raises NumericalError where the result is not finite."""
@@ -40,6 +52,10 @@ class Factor:
         return X.reshape(B.shape)
 
 
+Factorise = Callable[[sparse.csr_array], Factor]
+"""Who factorises: `factorise`, or the processes of MPI (`fem.mpi.session`)."""
+
+
 def factorise(A: sparse.csr_array) -> Factor:
     """A = LLᵀ by PARDISO (mtype 2, upper triangle), or by SuperLU with a warning where PARDISO cannot be loaded.
 
@@ -48,16 +64,8 @@ def factorise(A: sparse.csr_array) -> Factor:
     Raises NumericalError where A is not positive definite, UserError where the memory is not enough for it (known after
     PARDISO's analysis, before its factorisation) and beyond 100 000 unknowns without PARDISO.
     """
-    diagonal = A.diagonal()
-    if not np.all(diagonal > 0):
-        raise NumericalError(
-            f"the stiffness is not positive definite: diagonal entry {int(np.argmin(diagonal > 0))} is "
-            f"{diagonal[np.argmin(diagonal > 0)]:g}",
-            remedy=MECHANISM,
-        )
-    size = A.shape[0]
+    scale, size = conditioned(A), A.shape[0]
     require_memory(LEAST_BYTES * A.nnz, f"the factor of {size} unknowns, at the very least")
-    scale = 1.0 / np.sqrt(diagonal)
     upper = scaled_upper(A, scale)
     try:
         solve, name = pardiso(upper), "PARDISO"
@@ -71,6 +79,18 @@ def factorise(A: sparse.csr_array) -> Factor:
         )
         solve, name = _superlu(upper), "SuperLU"
     return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
+
+
+def conditioned(A: sparse.csr_array) -> np.ndarray:
+    """s (n,) for which SAS, S = diag(s), has a unit diagonal. Raises NumericalError where A has an entry there ≤ 0."""
+    diagonal = A.diagonal()
+    if not np.all(diagonal > 0):
+        raise NumericalError(
+            f"the stiffness is not positive definite: diagonal entry {int(np.argmin(diagonal > 0))} is "
+            f"{diagonal[np.argmin(diagonal > 0)]:g}",
+            remedy=MECHANISM,
+        )
+    return np.asarray(1.0 / np.sqrt(diagonal))
 
 
 def scaled_upper(A: sparse.csr_array, scale: np.ndarray) -> sparse.csr_array:

@@ -12,6 +12,7 @@ from strainsight.errors import DeckError, StrainsightError
 from strainsight.fem.affine import AffineOperator, Parameter, sum_of
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.factorisation import Factorise, factorise
 from strainsight.fem.idle import idle_rotations
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.modes import modes
@@ -28,13 +29,14 @@ from strainsight.mesh.model import Material, Mesh
 @dataclass(frozen=True)
 class FiniteElementModel:
     """stiffness Tᵀ K(θ) T and mass Tᵀ M(θ) T: sparse affine operators (n_free, n_free); rigid (n_free, k): the motions
-    without stiffness of a free structure, None of one that is held."""
+    without stiffness of a free structure, None of one that is held; factorise: who factorises its stiffness."""
 
     mesh: Mesh
     constraint: Constraint
     stiffness: AffineOperator
     mass: AffineOperator
     rigid: np.ndarray | None = None
+    factorise: Factorise = factorise
 
     @property
     def size(self) -> int:

@@ -8,7 +8,7 @@ from scipy.linalg import eigh, null_space
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import Factor, factorise
+from strainsight.fem.factorisation import Factor, Factorise, factorise
 from strainsight.fem.memory import require_memory
 from strainsight.fem.relief import Relief, factorise_free, pinned, relief_of
 
@@ -32,6 +32,7 @@ def modes(
     shift: float = 0.0,
     factor: Factor | None = None,
     rigid: np.ndarray | None = None,
+    by: Factorise = factorise,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M (ARPACK, shift-invert, seeded), repeated beside those found:
 
@@ -42,7 +43,8 @@ def modes(
     K, M (n, n) symmetric, K − σM positive definite, M positive semidefinite; count ≤ the rank of M; shift σ ≤ 0
     [rad²/s²]: 0 for a supported structure, negative for a free one (its rigid motions then come first); factor of
     K − σM, where there is one; rigid (n, k): all motions without stiffness of a free structure, whose elastic modes alone
-    are then found, without a shift, with `factorise_free` as factor.
+    are then found, without a shift, with `factorise_free` as factor; by: who factorises where there is no factor. A factor that
+    has `lowest` iterates by itself (Krylov and Schur, SLEPc); order, copies and checks are the same.
 
     Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
@@ -58,7 +60,7 @@ def modes(
     if shift > 0 or (shift and relief is not None):
         raise ValueError("the shift must not be positive, and 0 where the rigid motions are given")
     A = K if shift == 0 else sparse.csr_array(K - shift * M)
-    inverse, shapes = _lowest(A, M, count, factor, relief)
+    inverse, shapes = _lowest(A, M, count, factor, relief, by)
     inverse, shapes = inverse[:count], (shapes @ turned(inverse, shapes))[:, :count]
     lam = 1.0 / inverse + shift
     _check(A, M, lam - shift, shapes)
@@ -71,7 +73,7 @@ def _massive(M: sparse.csr_array, relief: Relief | None) -> int:
 
 
 def _lowest(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None, relief: Relief | None
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor | None, relief: Relief | None, by: Factorise
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ and φ of the modes, and of a few more: until no copy of the last frequency asked for is cut off."""
     n, massive, guard = A.shape[0], _massive(M, relief), GUARD
@@ -84,7 +86,7 @@ def _lowest(
             else:
                 inverse, shapes = _dense_free(A, M, count, wanted, relief)
         else:
-            factor = factor or (factorise(A) if relief is None else factorise_free(A, relief))
+            factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
             else:
@@ -172,6 +174,9 @@ def _beside(
         return y - shapes @ (weighted.T @ y)
 
     start = M @ np.random.default_rng(0).standard_normal(n)
+    if factor.lowest is not None:
+        lam, V = factor.lowest(M, count, _basis(count), solve(start), shapes, tolerance)
+        return _ascending(M, lam, V)
     inverted = LinearOperator((n, n), matvec=solve, matmat=solve, dtype=float)
     try:
         lam, V = eigsh(A, count, M=M, sigma=0.0, OPinv=inverted, v0=solve(start), ncv=_basis(count), tol=tolerance)
@@ -180,6 +185,11 @@ def _beside(
             f"the Lanczos iterations did not converge: {error}",
             remedy="check the model for nearly loose parts, or ask for fewer modes",
         ) from None
+    return _ascending(M, lam, V)
+
+
+def _ascending(M: sparse.csr_array, lam: np.ndarray, V: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """1/λ, falling, and φ with φᵀMφ = 1."""
     order = np.argsort(lam)
     V = V[:, order]
     return 1.0 / lam[order], V / np.sqrt(np.einsum("ij,ij->j", V, M @ V))

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.linalg import qr
 
 from strainsight.errors import UserError
-from strainsight.fem.factorisation import Factor, factorise
+from strainsight.fem.factorisation import Factor, Factorise, factorise
 
 MASSLESS = 1e-12
 """Share of the largest inertia below which a rigid motion has none."""
@@ -57,12 +57,25 @@ def pinned(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
     return sparse.csr_array(K + sparse.diags_array(diagonal))
 
 
-def factorise_free(K: sparse.csr_array, relief: Relief) -> Factor:
+def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factorise) -> Factor:
     """The inverse of K in the space of elastic motions, as a factor:
 
         K⁺f = (I − R(MR)ᵀ) A⁻¹ (f − MRRᵀf),     A = K and the springs of `pinned`;     M K⁺f ⊥ R,  K K⁺f = f − MRRᵀf
 
     Raises the errors of `factorise`.
     """
-    inner = factorise(pinned(K, relief.shapes))
-    return Factor(inner.size, inner.solver, lambda B: relief.elastic(inner.solve(relief.balanced(B))))
+    inner = by(pinned(K, relief.shapes))
+
+    def lowest(
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Orthogonal to R in M, so that no vector of the iterations stretches a spring."""
+        assert inner.lowest is not None
+        return inner.lowest(M, count, basis, start, np.hstack([relief.shapes, beside]), tolerance)
+
+    return Factor(
+        inner.size,
+        inner.solver,
+        lambda B: relief.elastic(inner.solve(relief.balanced(B))),
+        None if inner.lowest is None else lowest,
+    )

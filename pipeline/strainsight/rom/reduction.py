@@ -123,6 +123,7 @@ def modal_model(
         AffineOperator(full.stiffness.at(theta), {}),
         AffineOperator(full.mass.at(theta), {}),
         full.rigid,
+        full.factorise,
     )
     forces = S if aside is None else np.hstack([S, aside])
     serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes

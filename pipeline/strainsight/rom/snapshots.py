@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.factorisation import factorise
+from strainsight.fem.factorisation import Factorise
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import factorise_free, relief_of
@@ -47,12 +47,12 @@ def snapshots(
     return snapshots_at(shared_by_all(full, S, modes), theta, known)
 
 
-Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int]
+Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise]
 
 
 def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int) -> Shared:
     """What every task of a sweep over θ needs."""
-    return full.stiffness, full.mass, full.rigid, S, modes
+    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise
 
 
 def snapshots_at(
@@ -60,10 +60,10 @@ def snapshots_at(
     theta: Mapping[str, float],
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S and the number of modes."""
-    stiffness, mass, rigid, S, modes = shared
+    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S, the number of modes, and who factorises."""
+    stiffness, mass, rigid, S, modes, factorise = shared
     K = stiffness.at(theta)
-    factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid))
+    factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid), factorise)
     if known is None:
         known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid)
     frequency, shapes = known

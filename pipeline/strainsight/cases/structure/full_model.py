@@ -15,13 +15,14 @@ from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter
+from strainsight.fem.factorisation import Factorise, factorise
 from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, with_value
 from strainsight.mesh.units import length_factor, mass_factor
 
-READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results")
+READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results", "solver")
 FILES = (
     *("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file"),
     *("mesh.results.file", "mesh.results.modes.file", "mesh.results.loads.*.file"),
@@ -55,13 +56,26 @@ def full_model(
     parameters: Sequence[Parameter],
     files: Mapping[str, Path],
     loads: Mapping[str, Load] | None = None,
+    by: Factorise = factorise,
 ) -> FullModel:
     """Assemble, or read matrices where `mesh.matrices` says so, or results where `mesh.results` does; constrained and affine in
     the parameters in any case. The mesh of an assembled model and of one from results has the densities and sections of the
     parameters' references.
 
-    config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for.
+    config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for; by: who
+    factorises its stiffness.
     """
+    built = _built(config, mesh, parameters, files, loads)
+    return replace(built, model=replace(built.model, factorise=by))
+
+
+def _built(
+    config: MeshFile,
+    mesh: Mesh,
+    parameters: Sequence[Parameter],
+    files: Mapping[str, Path],
+    loads: Mapping[str, Load] | None,
+) -> FullModel:
     if config.results is not None:
         of_results = model_of_results(config, mesh, parameters, files, loads)
         model = _with_densities(of_results.model, parameters)

@@ -18,6 +18,7 @@ from strainsight.cases.structure.settings import (
     places_of,
     point_loads,
 )
+from strainsight.cases.structure.solver import solver_of, sweep_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
 from strainsight.fem.affine import DAMPING, Parameter
@@ -66,7 +67,7 @@ def _lowest(
 ) -> Modes:
     """Assemble, constrain, factorise, iterate. scaled: only where the parameters scale one material as a whole."""
     using.progress("assembly", 0.0)
-    built = full_model(config.mesh, mesh, parameters, using.files)
+    built = full_model(config.mesh, mesh, parameters, using.files, by=solver_of(config, using))
     model = built.model
     if scaled and not only_scales(model):
         return Modes(frequency=np.zeros(0), shape=np.zeros((model.size, 0)))
@@ -75,7 +76,9 @@ def _lowest(
         count = built.at_most(count)
     using.progress(f"{count} modes of {model.size} unknowns", 0.2)
     with blame(key):
-        frequency, shape = lowest_modes(model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid)
+        frequency, shape = lowest_modes(
+            model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid, by=model.factorise
+        )
     return Modes(frequency=frequency, shape=shape)
 
 
@@ -110,7 +113,8 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
     using.progress("assembly", 0.0)
-    built = full_model(config.mesh, mesh, parameters, using.files, config.loads)
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
+    sweep = sweep_of(config, using)
     S = load_shapes(built.model, config.loads)
     if built.model.rigid is not None:
         _require_strain(config, built.model, S)
@@ -130,13 +134,13 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             config.rom.tolerance,
             damping_of(config.damping),
             (modes.frequency, built.in_coordinates(modes.shape)),
-            watched(using.sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
+            watched(sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
             off.reshape(len(off), -1),
             load_slopes(built.model, config.loads, parameters),
         )
     refuse_damping(found.model.damping, found.frequency)
     using.progress("held-out errors", 0.7)
-    watch = watched(using.sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
+    watch = watched(sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
     held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
     tried = np.array([[point[name] for name in reference] for point in held_out.theta])
     if config.train.model == "static":

@@ -25,6 +25,7 @@ from strainsight.cases.structure.drawn import (
 from strainsight.cases.structure.full_model import FullModel, full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
+from strainsight.cases.structure.solver import solver_of
 from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
@@ -124,7 +125,7 @@ def truth_of(
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
-    built = full_model(config.mesh, mesh, parameters, using.files, config.loads)
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
     factor = theta.get(problem.model.damping.parameter, 1.0)
     damping = damping_of(config.damping).scaled(factor)

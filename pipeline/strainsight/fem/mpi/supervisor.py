@@ -1,0 +1,81 @@
+"""The process between strainsight and MPI's launcher: when either ends, however it does, it ends the other's and clears up.
+
+A run that is interrupted leaves at once, without another line of its own (`strainsight_cli.failures`). So the private folder is
+made and removed here: stdin that is closed says that nobody is there any more.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+ENDED, END, SAID = "ended.json", "end", "said.txt"
+"""Files of the folder: how the launcher ended; that it may end by itself; what it and its processes have printed."""
+LOOK = 0.05
+"""[s] between two looks at launcher and parent."""
+PATIENCE = 5.0
+"""[s] for a launcher to end what it has started."""
+
+
+def _leave(number: int, _: object) -> None:
+    raise SystemExit(128 + number)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """By SIGTERM, which a launcher passes on; its processes end with it in any case."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
+            return
+
+
+def main() -> None:
+    """Make the folder and say its name; start the command that a line of stdin states, [command, environment]; wait for one of
+    the two to end."""
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, _leave)
+    folder, process = Path(tempfile.mkdtemp(prefix="strainsight-")), None
+    try:
+        print(folder, flush=True)
+        line = sys.stdin.readline()
+        if not line:
+            return
+        command, environment = json.loads(line)
+        with open(folder / SAID, "wb") as said:
+            process = subprocess.Popen(
+                [*command, str(folder)],
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=said,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        while process.poll() is None:
+            if select.select([sys.stdin], [], [], LOOK)[0]:
+                if (folder / END).exists():
+                    with suppress(subprocess.TimeoutExpired):
+                        process.wait(PATIENCE)
+                return
+        (folder / "ended").write_text(json.dumps(process.returncode))
+        os.replace(folder / "ended", folder / ENDED)
+        sys.stdin.read()
+    finally:
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, signal.SIG_IGN)
+        if process is not None and process.poll() is None:
+            _end(process)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,249 @@
+"""One process of MPI: it holds its rows of A and M and its part of the factor, and answers requests until it is ended.
+
+Runs under another interpreter than strainsight, and knows numpy, petsc4py and slepc4py alone. Requests and answers are files of
+the working directory, which is private to one factorisation (`session.py` says which); every process reads and writes the rows
+that are its own.
+"""
+
+import json
+import os
+import sys
+import time
+import traceback
+
+sys.path.pop(0)  # the folder of this file, in which nothing is to be found
+
+import numpy as np
+
+SHORT, LONG = 0.001, 0.01
+"""[s] between two looks for a request: processes that wait in MPI would each take a core."""
+PR_SET_PDEATHSIG, SIGKILL = 1, 9
+OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -19, -20, -29)
+"""INFOG(1) of MUMPS where a work array is too small for the memory that it was given, or cannot be had."""
+NEGATIVE_ROOT, NULL_PIVOT = -40, -10
+LOCAL = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
+"""In which launchers say how many processes are on this machine: Open MPI, MPICH."""
+SHARE = 0.9
+"""Of the memory that is there."""
+ROOM = 50
+"""Per cent that MUMPS may take beyond its estimate."""
+
+
+class Refused(Exception):
+    """What every process knows alike: kind, and figures for the message."""
+
+    def __init__(self, kind, **figures):
+        super().__init__(kind)
+        self.answer = {"refused": kind, **figures}
+
+
+class Rows:
+    """The matrices and the factor, as far as they are of this process."""
+
+    def __init__(self, PETSc, SLEPc):
+        self.PETSc, self.SLEPc = PETSc, SLEPc
+        self.comm = PETSc.COMM_WORLD
+        self.A = self.ksp = self.factor = self.eps = None
+
+    def matrix(self, name):
+        """The upper triangle of a symmetric matrix from its files, distributed by rows."""
+        PETSc = self.PETSc
+        indptr, indices, data = (np.load(f"{name}.{part}.npy", mmap_mode="r") for part in ("indptr", "indices", "data"))
+        n = len(indptr) - 1
+        own = n // self.comm.size + (self.comm.rank < n % self.comm.size)
+        first = self.comm.rank * (n // self.comm.size) + min(self.comm.rank, n % self.comm.size)
+        pointers = np.asarray(indptr[first : first + own + 1])
+        entries = slice(int(pointers[0]), int(pointers[-1]))
+        most = np.iinfo(PETSc.IntType).max
+        if pointers[-1] - pointers[0] > most:
+            raise OverflowError(f"{pointers[-1] - pointers[0]} entries a process, PETSc counts to {most}")
+        X = PETSc.Mat().createSBAIJ(
+            ((own, n), (own, n)),
+            1,
+            csr=(
+                (pointers - pointers[0]).astype(PETSc.IntType),
+                np.asarray(indices[entries], dtype=PETSc.IntType),
+                np.asarray(data[entries]),
+            ),
+            comm=self.comm,
+        )
+        X.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        return X
+
+    def factorise(self, memory):
+        """A = LLᵀ by MUMPS, which takes no more than `memory` [bytes] on the machine of the command, 0: whatever it needs."""
+        PETSc = self.PETSc
+        self.A = self.matrix("A")
+        self.A.setOption(PETSc.Mat.Option.SPD, True)
+        self.ksp = PETSc.KSP().create(self.comm)
+        self.ksp.setOperators(self.A)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType("mumps")
+        pc.setFactorSetUpSolverType()
+        self.factor = pc.getFactorMatrix()
+        self.factor.setMumpsIcntl(14, ROOM)
+        if memory:
+            self.factor.setMumpsIcntl(23, share_of(memory, self.comm.size))
+        pc.setUp()
+        code, estimate = self.factor.getMumpsInfog(1), self.factor.getMumpsInfog(17)
+        if code in OUT_OF_MEMORY:
+            raise Refused("memory", estimate=estimate)
+        if code in (NEGATIVE_ROOT, NULL_PIVOT) or (code >= 0 and self.factor.getMumpsInfog(12) > 0):
+            raise Refused("indefinite")
+        if code < 0:
+            raise Refused("mumps", code=code, detail=self.factor.getMumpsInfog(2))
+        return {"memory": self.factor.getMumpsInfog(22)}
+
+    def own(self, file, mode):
+        """The columns that this process has of an array (k, n) of a file."""
+        first, last = self.A.getOwnershipRange()
+        return np.load(file, mmap_mode=mode)[:, first:last]
+
+    def solve(self, request):
+        """A⁻¹B, B and the result as rows of a file (k, n)."""
+        PETSc = self.PETSc
+        B = self.own(request["of"], "r")
+        own, k, n = B.shape[1], len(B), self.A.getSize()[0]
+        given, found = (PETSc.Mat().createDense(((own, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
+        given.setUp()
+        found.setUp()
+        given.getDenseArray()[:] = B.T
+        given.assemble()
+        found.assemble()
+        self.factor.matSolve(given, found)
+        self.written(request["into"], found.getDenseArray(readonly=True).T)
+        given.destroy()
+        found.destroy()
+        return {}
+
+    def written(self, file, rows):
+        """Write what this process has of rows (k, n)."""
+        into = self.own(file, "r+")
+        into[:] = rows
+        into.base.flush()
+
+    def lowest(self, request):
+        """A φ = λ M φ of the lowest λ beside the vectors of a file, which are orthonormal in M; φᵀMφ = 1."""
+        eps, count = self.iterations(), request["count"]
+        eps.setDimensions(count, request["basis"])
+        eps.setTolerances(request["tolerance"], request["restarts"])
+        beside = [self.vector(row) for row in self.own(request["beside"], "r")] if request["beside"] else []
+        eps.setDeflationSpace(beside)
+        start = self.vector(self.own(request["start"], "r")[0])
+        eps.setInitialSpace([start])
+        eps.solve()
+        if eps.getConverged() < count:
+            raise Refused("converged", found=eps.getConverged(), iterations=eps.getIterationNumber())
+        values, shapes, phi = [], [], self.A.createVecRight()
+        for i in range(count):
+            values.append(eps.getEigenpair(i, phi).real)
+            shapes.append(phi.getArray().copy())
+        self.written(request["into"], np.array(shapes))
+        for vector in (*beside, start, phi):
+            vector.destroy()
+        return {"values": values}
+
+    def iterations(self):
+        """SLEPc's solver, made once: each that is made factorises anew."""
+        if self.eps is None:
+            SLEPc = self.SLEPc
+            self.eps = SLEPc.EPS().create(self.comm)
+            self.eps.setOperators(self.A, self.matrix("M"))
+            self.eps.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+            self.eps.setType(SLEPc.EPS.Type.KRYLOVSCHUR)
+            self.eps.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+            self.eps.setTarget(0.0)
+            st = self.eps.getST()
+            st.setType(SLEPc.ST.Type.SINVERT)
+            st.setKSP(self.ksp)
+        return self.eps
+
+    def vector(self, own):
+        x = self.A.createVecRight()
+        x.setArray(own)
+        return x
+
+
+def say(name, what):
+    """Write a file at once: whoever finds it finds all of it."""
+    with open(f"{name}.tmp", "w", encoding="utf-8") as file:
+        json.dump(what, file)
+    os.replace(f"{name}.tmp", name)
+
+
+def share_of(memory, size):
+    """[MB] that a process may take, of `memory` [bytes] where all are on one machine, else of what its own machine has."""
+    here = next((int(os.environ[name]) for name in LOCAL if os.environ.get(name, "").isdigit()), size)
+    if here < size:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            memory = 1024 * next(int(line.split()[1]) for line in file if line.startswith("MemAvailable:"))
+    return max(1, int(SHARE * memory / here / 1e6))
+
+
+def end_with_parent():
+    """The kernel ends this process with the one that started it."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)
+
+
+def serve():
+    """Answer requests, one after the other."""
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    PETSc.Sys.popErrorHandler()  # an error is Python's, and not a page of MPI's
+    PETSc.Sys.pushErrorHandler("ignore")
+    comm, rows, number = PETSc.COMM_WORLD, Rows(PETSc, SLEPc), 0
+    if comm.rank == 0:
+        os.close(os.open("first", os.O_CREAT | os.O_EXCL))
+        say(
+            "hello.json",
+            {
+                "processes": comm.size,
+                "complex": bool(np.issubdtype(PETSc.ScalarType, np.complexfloating)),
+                "mumps": bool(PETSc.Sys.hasExternalPackage("mumps")),
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "slepc": ".".join(map(str, SLEPc.Sys.getVersion())),
+            },
+        )
+    while True:
+        request, pause = f"request-{number}.json", SHORT
+        while not os.path.exists(request):
+            time.sleep(pause)
+            pause = min(1.2 * pause, LONG)
+        with open(request, encoding="utf-8") as file:
+            asked = json.load(file)
+        if asked["do"] == "end":
+            return
+        try:
+            answer = rows.factorise(asked["memory"]) if asked["do"] == "factorise" else getattr(rows, asked["do"])(asked)
+        except Refused as refused:
+            answer = refused.answer
+        comm.barrier()
+        if comm.rank == 0:
+            say(f"answer-{number}.json", answer)
+        number += 1
+
+
+def main():
+    end_with_parent()
+    os.chdir(sys.argv[1])
+    sys.argv = sys.argv[:1]  # PETSc takes none of ours
+    try:
+        serve()
+    except BaseException as error:
+        # The other processes wait for this one: the launcher ends them with it.
+        kind = {FileExistsError: "apart", OverflowError: "indices", MemoryError: "memory"}.get(type(error), "failed")
+        if getattr(error, "ierr", None) == 55:  # PETSC_ERR_MEM
+            kind = "memory"
+        say("failure.json", {"refused": kind, "text": f"{type(error).__name__}: {error}"})
+        traceback.print_exc()
+        sys.stderr.flush()
+        os._exit(1)
+
+
+main()
