@@ -69,9 +69,11 @@ def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factoris
     def lowest(
         M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Orthogonal to R in M, so that no vector of the iterations stretches a spring."""
+        """Orthogonal to R in M, so that no vector of the iterations stretches a spring; A⁻¹Mφ that a solver may return for φ
+        holds rigid motions."""
         assert inner.lowest is not None
-        return inner.lowest(M, count, basis, start, np.hstack([relief.shapes, beside]), tolerance)
+        values, moved = inner.lowest(M, count, basis, start, np.hstack([relief.shapes, beside]), tolerance)
+        return values, relief.elastic(moved)
 
     return Factor(
         inner.size,

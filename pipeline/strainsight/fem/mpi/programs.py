@@ -63,7 +63,7 @@ def _launcher(environment: Mapping[str, str]) -> tuple[str, ...]:
         raise UserError(f"{LAUNCHER}={stated!r} is no command: {error}", key="solver", remedy="close its quotes") from None
     if not launcher or shutil.which(launcher[0], path=environment.get("PATH")) is None:
         raise UserError(
-            f"there is no program {launcher[0] if launcher else stated!r}, the launcher of MPI",
+            f"there is no program {launcher[0] if launcher else stated}, the launcher of MPI",
             key="solver",
             remedy=f"install an MPI (Debian: apt install openmpi-bin), or name its launcher: export {LAUNCHER}='mpiexec -n 4'; "
             "or solver: direct",

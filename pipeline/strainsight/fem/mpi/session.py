@@ -99,7 +99,7 @@ class _Session:
     """Processes of MPI and their folder, until `close`."""
 
     def __init__(self, own: Programs):
-        self.own, self.asked, self.written = own, 0, 0
+        self.own, self.asked, self.written, self.started = own, 0, 0, False
         self.process = subprocess.Popen(
             command_of("strainsight.fem.mpi.supervisor"), env=inherited(), stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -112,15 +112,21 @@ class _Session:
         command = [*self.own.launcher, self.own.python, str(WORKER)]
         self.process.stdin.write(json.dumps([command, dict(self.own.environment)]).encode() + b"\n")
         self.process.stdin.flush()
-        hello = self._wait("hello.json", START_LIMIT, started=False)
+        hello = self._wait("hello.json", START_LIMIT)
+        if hello["launched"] != hello["processes"]:
+            raise UserError(
+                f"`{' '.join(self.own.launcher)}` starts {hello['launched']} processes that do not know each other",
+                key="solver",
+                remedy=f"take the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
+            )
         remedy = ""
         if hello["complex"]:
-            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "take a build for real numbers (Debian: "
-            remedy += "PETSC_DIR=/usr/lib/petscdir/petsc-real)"
+            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "take a build for real numbers"
         elif not hello["mumps"]:
             what, remedy = f"PETSc {hello['petsc']} is built without MUMPS", "build it with --download-mumps --download-scalapack"
         if remedy:
             raise UserError(what, key="solver", remedy=f"{remedy}; another interpreter: export {PYTHON}=/path/to/python")
+        self.started = True
         return hello
 
     def matrix(self, name: str, upper: sparse.csr_array) -> None:
@@ -167,8 +173,9 @@ class _Session:
     def close(self) -> None:
         """End the processes and remove the folder."""
         with suppress(OSError):
-            (self.folder / END).touch()  # before the processes are asked to end, which the supervisor then leaves to them
-            self._request("end")
+            if self.started:
+                (self.folder / END).touch()  # before the processes are asked to end, which the supervisor then leaves to them
+                self._request("end")
         with suppress(OSError):
             assert self.process.stdin is not None
             self.process.stdin.close()
@@ -199,13 +206,13 @@ class _Session:
             (self.folder / name).unlink()
         return np.asarray(found.T)
 
-    def _wait(self, name: str, limit: float, started: bool = True) -> dict[str, Any]:
+    def _wait(self, name: str, limit: float) -> dict[str, Any]:
         """What a file says, once it is there. Raises what the processes refuse, or have died of."""
         answer, pause, until = self.folder / name, SHORT, time.monotonic() + limit
         while not answer.exists():
             ended = self.process.poll() is not None or (self.folder / ENDED).exists()
             if (ended or (self.folder / FAILURE).exists()) and not answer.exists():
-                raise self._failed(started)
+                raise self._failed()
             if time.monotonic() > until:
                 raise UserError(
                     f"{limit:g} s after `{' '.join(self.own.launcher)}` was started its processes have not found each other"
@@ -238,12 +245,6 @@ class _Session:
                 key="solver",
                 remedy=f"start them on more machines by {LAUNCHER}, or {SMALLER}",
             )
-        if kind == "apart":
-            return UserError(
-                f"`{' '.join(self.own.launcher)}` starts processes that do not know each other, each alone",
-                key="solver",
-                remedy=f"take the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
-            )
         if kind == "indices":
             return UserError(
                 f"PETSc with indices of 32 bits cannot count the entries of a process ({found['text']})",
@@ -253,14 +254,14 @@ class _Session:
         said = f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}" if kind == "mumps" else found["text"]
         return NumericalError(said, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
 
-    def _failed(self, started: bool) -> NumericalError | UserError:
+    def _failed(self) -> NumericalError | UserError:
         """Of processes that have ended by themselves."""
         failure, ended = self.folder / FAILURE, self.folder / ENDED
         if failure.exists():
             return self._refused(json.loads(failure.read_text()))
         code = json.loads(ended.read_text()) if ended.exists() else self.process.poll()
         what = f"`{' '.join(self.own.launcher)}` ended with exit code {code}{self._said()}"
-        if started:
+        if self.started:
             killed = "a process was killed, mostly as there was no memory left: start" if code == KILLED else "start"
             return NumericalError(
                 f"a process of MPI died: {what}",

@@ -29,14 +29,19 @@ def _leave(number: int, _: object) -> None:
     raise SystemExit(128 + number)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """By SIGTERM, which a launcher passes on; its processes end with it in any case."""
+def _end(process: subprocess.Popen[bytes], signalled: bool) -> None:
+    """By SIGTERM, which a launcher passes on; its processes end with it in any case. Where this process was ended by a signal the
+    launcher has mostly had one, too, and a second one would keep it from clearing up."""
+    if signalled:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(PATIENCE)
     for number in (signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is not None:
+            return
         with suppress(ProcessLookupError):
             os.killpg(process.pid, number)
         with suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
-            return
 
 
 def main() -> None:
@@ -45,6 +50,7 @@ def main() -> None:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, _leave)
     folder, process = Path(tempfile.mkdtemp(prefix="strainsight-")), None
+    signalled = False
     try:
         print(folder, flush=True)
         line = sys.stdin.readline()
@@ -69,11 +75,14 @@ def main() -> None:
         (folder / "ended").write_text(json.dumps(process.returncode))
         os.replace(folder / "ended", folder / ENDED)
         sys.stdin.read()
+    except SystemExit:
+        signalled = True
+        raise
     finally:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
             signal.signal(number, signal.SIG_IGN)
-        if process is not None and process.poll() is None:
-            _end(process)
+        if process is not None:
+            _end(process, signalled)
         shutil.rmtree(folder, ignore_errors=True)
 
 

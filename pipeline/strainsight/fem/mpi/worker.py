@@ -23,6 +23,8 @@ OUT_OF_MEMORY = (-7, -8, -9, -11, -13, -19, -20, -29)
 NEGATIVE_ROOT, NULL_PIVOT = -40, -10
 LOCAL = ("OMPI_COMM_WORLD_LOCAL_SIZE", "MPI_LOCALNRANKS")
 """In which launchers say how many processes are on this machine: Open MPI, MPICH."""
+ALL = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
+"""In which they say how many they have started."""
 SHARE = 0.9
 """Of the memory that is there."""
 ROOM = 50
@@ -199,11 +201,11 @@ def serve():
     PETSc.Sys.pushErrorHandler("ignore")
     comm, rows, number = PETSc.COMM_WORLD, Rows(PETSc, SLEPc), 0
     if comm.rank == 0:
-        os.close(os.open("first", os.O_CREAT | os.O_EXCL))
         say(
             "hello.json",
             {
                 "processes": comm.size,
+                "launched": next((int(os.environ[name]) for name in ALL if os.environ.get(name, "").isdigit()), comm.size),
                 "complex": bool(np.issubdtype(PETSc.ScalarType, np.complexfloating)),
                 "mumps": bool(PETSc.Sys.hasExternalPackage("mumps")),
                 "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
@@ -237,7 +239,7 @@ def main():
         serve()
     except BaseException as error:
         # The other processes wait for this one: the launcher ends them with it.
-        kind = {FileExistsError: "apart", OverflowError: "indices", MemoryError: "memory"}.get(type(error), "failed")
+        kind = {OverflowError: "indices", MemoryError: "memory"}.get(type(error), "failed")
         if getattr(error, "ierr", None) == 55:  # PETSC_ERR_MEM
             kind = "memory"
         say("failure.json", {"refused": kind, "text": f"{type(error).__name__}: {error}"})

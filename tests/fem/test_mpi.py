@@ -1,0 +1,261 @@
+"""A factor in the processes of MPI: modes against closed forms, whatever their number, and clear words where there is none."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from strainsight.errors import NumericalError, UserError
+from strainsight.fem import memory
+from strainsight.fem.modes import modes
+from strainsight.fem.mpi import session
+from strainsight.fem.mpi.programs import LAUNCHER, PYTHON
+from strainsight.fem.mpi.session import OverMpi
+from strainsight.fem.relief import factorise_free, relief_of
+
+from ..mpi import needs_slepc, over
+
+SIDE = 9
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+
+
+def line(n, ends):
+    """Springs of 1 N/m in a row of n masses, `ends` of them to the ground: ω² = 4 sin²(kπ/(2n + 2)) with two, 4 sin²(kπ/2n) with
+    none."""
+    K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    if not ends:
+        K[0, 0] = K[-1, -1] = 1.0
+    k = np.arange(1, n + 1) if ends else np.arange(n)
+    return K, 4 * np.sin(k * np.pi / (2 * n + 2 if ends else 2 * n)) ** 2
+
+
+def lattice(ends, n=SIDE):
+    """K, M of n³ masses of 2 kg in a cube, units far from 1 N/m, and its frequencies: sums of three of a line's, most of them
+    three or six times."""
+    K, own = line(n, ends)
+    one, stiff = sparse.eye_array(n), 1e9
+    whole = sum(sparse.kron(sparse.kron(*pair[:2]), pair[2]) for pair in ((K, one, one), (one, K, one), (one, one, K)))
+    exact = np.sort((own[:, None, None] + own[None, :, None] + own[None, None, :]).ravel())
+    M = sparse.csr_array(2.0 * sparse.eye_array(n**3))
+    return sparse.csr_array(stiff * whole), M, np.sqrt(stiff * exact / 2) / (2 * np.pi)
+
+
+@pytest.fixture
+def start(monkeypatch):
+    """start(processes): who factorises from now on."""
+
+    def started(processes):
+        for name, value in over(processes).items():
+            monkeypatch.setenv(name, value)
+        return OverMpi()
+
+    return started
+
+
+@needs_slepc
+@pytest.mark.parametrize("processes", [1, 2, 4])
+def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
+    """Every copy of a frequency, M-orthonormal shapes, K⁻¹B; a rotation of the processes changes no shape, and nothing is left."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    K, M, exact = lattice(ends=True)
+    said = []
+    factor = OverMpi(said.append)(K) if start(processes) else None
+    frequency, shapes = modes(K, M, 8, factor=factor)
+    assert f"in {processes} processes: the factor of {SIDE**3} unknowns" in said[0]
+    assert np.allclose(frequency, exact[:8], rtol=1e-11)
+    assert np.allclose(shapes.T @ (M @ shapes), np.eye(8), atol=1e-11)
+    assert np.allclose(shapes, modes(K, M, 8)[1], atol=1e-9 * np.abs(shapes).max())
+    B = np.random.default_rng(3).normal(size=(SIDE**3, 45))
+    assert np.allclose(K @ factor.solve(B), B, atol=1e-11)
+    assert factor.solve(B[:, 0]).shape == (SIDE**3,)
+    assert factor.solve(B[:, :0]).shape == (SIDE**3, 0)
+    del factor
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_slepc
+def test_a_free_structure(start):
+    """Of a cube that nothing holds: its one rigid motion is left out, a load is balanced by inertia."""
+    K, M, exact = lattice(ends=False)
+    rigid = np.ones((SIDE**3, 1))
+    relief = relief_of(M, rigid)
+    factor = factorise_free(K, relief, start(2))
+    frequency, _ = modes(K, M, 7, factor=factor, rigid=rigid)
+    assert np.allclose(frequency, exact[1:8], rtol=1e-10)
+    force = np.zeros(SIDE**3)
+    force[0] = 1.0
+    found = factor.solve(force)
+    assert np.allclose(K @ found, force - 1 / SIDE**3, atol=1e-11)
+    assert abs(np.sum(found)) < 1e-11 * np.abs(found).sum()
+
+
+@needs_slepc
+def test_an_indefinite_matrix_is_refused(start):
+    K, _, _ = lattice(ends=True)
+    with pytest.raises(NumericalError, match="a pivot is not positive"):
+        start(2)(sparse.csr_array(K - 1e9 * sparse.eye_array(SIDE**3)))
+
+
+@needs_slepc
+def test_too_little_memory_is_refused_before_it_is_taken(start, monkeypatch):
+    K, _, _ = lattice(ends=True, n=16)
+    monkeypatch.setattr(session, "available_memory", lambda: 1e6)
+    with pytest.raises(UserError, match=r"not enough memory for the factor.*asks for") as caught:
+        start(2)(K)
+    assert caught.value.key == "solver"
+
+
+@needs_slepc
+def test_a_process_that_dies_ends_the_others_and_is_named(start, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    factor = start(2)(lattice(ends=True)[0])
+    os.kill(workers(tmp_path)[0], signal.SIGKILL)
+    with pytest.raises(NumericalError, match=r"a process of MPI died: `mpiexec -n 2` ended with exit code 137") as caught:
+        factor.solve(np.ones(SIDE**3))
+    assert "no memory left" in caught.value.remedy
+    del factor, caught
+    assert gone(tmp_path)
+
+
+@needs_slepc
+def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
+    """The pointers of a matrix of three thousand million entries, of which none is read."""
+    K, _, _ = lattice(ends=True)
+    far = np.arange(SIDE**3 + 1) * (3 * 10**9 // SIDE**3)
+    monkeypatch.setattr(session, "scaled_upper", lambda A, scale: type("Upper", (), {"indptr": far, "indices": far, "data": far}))
+    with pytest.raises(UserError, match="indices of 32 bits") as caught:
+        start(1)(K)
+    assert "more processes" in caught.value.remedy
+
+
+@needs_slepc
+@pytest.mark.parametrize("ending", ENDINGS, ids=lambda number: number.name)
+def test_a_run_that_is_ended_leaves_no_process_and_no_file(tmp_path, ending):
+    """Ctrl-C and SIGTERM as the command line takes them, and SIGKILL, which asks nobody."""
+    script = (
+        "import time\n"
+        "from scipy import sparse\n"
+        "from strainsight_cli.failures import reported\n"
+        "from strainsight.fem.mpi.session import OverMpi\n"
+        "with reported():\n"
+        "    factor = OverMpi()(sparse.csr_array(sparse.eye_array(500)))\n"
+        "    print('ready', flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", script]
+    with subprocess.Popen(command, env={**over(2), "TMPDIR": str(tmp_path)}, stdout=subprocess.PIPE) as process:
+        assert process.stdout.readline() == b"ready\n"
+        assert len(workers(tmp_path)) == 2
+        process.send_signal(ending)
+        process.wait()
+    assert gone(tmp_path)
+
+
+def workers(folder):
+    """Processes that work in a folder below this one."""
+    found = []
+    for command in Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            words = command.read_bytes().decode(errors="replace").split("\0")
+        except OSError:
+            continue
+        if any(word.startswith(f"{folder}/") for word in words) and any(word.endswith("worker.py") for word in words[:3]):
+            found.append(int(command.parent.name))
+    return found
+
+
+def gone(folder, limit=20.0):
+    """Whether the processes end and the folder becomes empty, within a limit [s]."""
+    until = time.monotonic() + limit
+    while workers(folder) or list(folder.iterdir()):
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+STUB = """
+import numpy as np
+from types import SimpleNamespace as N
+class PETSc:
+    COMM_WORLD = N(rank=0, size=1, barrier=lambda: None)
+    ScalarType = {scalar}
+    Sys = N(popErrorHandler=lambda: 0, pushErrorHandler=lambda name: 0, getVersion=lambda: (9, 9, 9), hasExternalPackage=lambda name: {mumps})
+"""
+
+
+def pretend(folder, monkeypatch, scalar="np.float64", mumps=True, launcher="env"):
+    """Modules petsc4py and slepc4py that say so of themselves, started without MPI."""
+    (folder / "petsc4py.py").write_text(STUB.format(scalar=scalar, mumps=mumps))
+    (folder / "slepc4py.py").write_text("from petsc4py import PETSc as SLEPc\n")
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.setenv(PYTHON, sys.executable)
+    monkeypatch.setenv(LAUNCHER, launcher)
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    return lattice(ends=True)[0]
+
+
+@pytest.mark.parametrize(
+    ("built", "said"),
+    [({"scalar": "np.complex128"}, "PETSc 9.9.9 is built for complex numbers"), ({"mumps": False}, "PETSc 9.9.9 is built without MUMPS")],
+)
+def test_a_build_that_does_not_serve(tmp_path, monkeypatch, built, said):
+    K = pretend(tmp_path, monkeypatch, **built)
+    with pytest.raises(UserError, match=said) as caught:
+        OverMpi()(K)
+    assert caught.value.key == "solver"
+    assert caught.value.remedy
+
+
+def test_processes_that_do_not_know_each_other(tmp_path, monkeypatch):
+    """The launcher of another MPI starts several, each of which believes to be alone."""
+    K = pretend(tmp_path, monkeypatch, launcher="env PMI_SIZE=2")
+    with pytest.raises(UserError, match="starts 2 processes that do not know each other"):
+        OverMpi()(K)
+
+
+def test_no_answer_in_time(tmp_path, monkeypatch):
+    """A launcher that waits for something: it is ended."""
+    waiting = tmp_path / "waiting"
+    waiting.write_text("#!/bin/sh\necho no host answers\nexec sleep 60\n")
+    waiting.chmod(0o755)
+    K = pretend(tmp_path, monkeypatch, launcher=str(waiting))
+    monkeypatch.setattr(session, "START_LIMIT", 1.0)
+    with pytest.raises(UserError, match=r"1 s after .* have not found each other\n    \| no host answers"):
+        OverMpi()(K)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "said", "remedy"),
+    [
+        (LAUNCHER, "no-such-mpiexec -n 2", "there is no program no-such-mpiexec", "apt install openmpi-bin"),
+        (LAUNCHER, "mpiexec '-n 2", "is no command", "quotes"),
+        (LAUNCHER, "false", "`false` ended with exit code 1", "OMPI_ALLOW_RUN_AS_ROOT=1"),
+        (PYTHON, "no-such-python", "no-such-python lacks everything", "pip install"),
+        (PYTHON, "false", "false lacks everything", "python3-slepc4py"),
+    ],
+)
+def test_what_is_not_there(tmp_path, monkeypatch, variable, value, said, remedy):
+    K = pretend(tmp_path, monkeypatch)
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(UserError, match=said) as caught:
+        OverMpi()(K)
+    assert caught.value.key == "solver"
+    assert remedy in caught.value.remedy
+    assert caught.value.exit_code == 2
+
+
+def test_an_interpreter_without_slepc_is_named_with_what_it_lacks(tmp_path, monkeypatch):
+    pretend(tmp_path, monkeypatch)
+    (tmp_path / "slepc4py.py").unlink()
+    monkeypatch.setenv(PYTHON, sys.executable)
+    with pytest.raises(UserError, match=f"{sys.executable} lacks slepc4py"):
+        OverMpi()(lattice(ends=True)[0])
