@@ -48,8 +48,11 @@ def costs_of(
     from strainsight.config.placement import PlacementConfig
 
     config = work.job.model
-    names = [stage.name for stage in work.stages if stage.name in (*SOLVES, "place") and stage.name in pending]
-    if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None or not names:
+    if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None:
+        return ()
+    lawful = (*(SOLVES if config.solver == "direct" else ()), "place")
+    names = [stage.name for stage in work.stages if stage.name in lawful and stage.name in pending]
+    if not names:
         return ()
     if imported is None:
         return None

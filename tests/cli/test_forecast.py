@@ -44,6 +44,8 @@ def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(call, m
     (line,) = lines(call("run", "--dry-run"))
     assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
     monkeypatch.undo()
+    (line,) = lines(call("run", "--dry-run", "--set", "solver=slepc"))
+    assert line.startswith("forecast: place 4 s for 246 unknowns")
     (line,) = lines(call("modes"))
     assert line.startswith("forecast: modes 1 s for 246 unknowns")
     assert lines(call("modes")) == lines(call("modes", "--force", "--json")) == []

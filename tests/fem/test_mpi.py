@@ -14,7 +14,6 @@ import pytest
 from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import memory
 from strainsight.fem.modes import modes
 from strainsight.fem.mpi import session
 from strainsight.fem.mpi.programs import LAUNCHER, PYTHON
@@ -63,7 +62,7 @@ def start(monkeypatch):
 @needs_slepc
 @pytest.mark.parametrize("processes", [1, 2, 4])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
-    """Every copy of a frequency, M-orthonormal shapes, K⁻¹B; a rotation of the processes changes no shape, and nothing is left."""
+    """Every copy of a frequency, M-orthonormal shapes, K⁻¹B; shapes are those of PARDISO, and nothing is left."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     K, M, exact = lattice(ends=True)
     said = []
@@ -118,7 +117,9 @@ def test_a_process_that_dies_ends_the_others_and_is_named(start, tmp_path, monke
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     factor = start(2)(lattice(ends=True)[0])
     os.kill(workers(tmp_path)[0], signal.SIGKILL)
-    with pytest.raises(NumericalError, match=r"a process of MPI died: `mpiexec -n 2` ended with exit code 137") as caught:
+    with pytest.raises(
+        NumericalError, match=r"a process of MPI died: `mpiexec -n 2` ended with exit code 137"
+    ) as caught:
         factor.solve(np.ones(SIDE**3))
     assert "no memory left" in caught.value.remedy
     del factor, caught
@@ -130,7 +131,9 @@ def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
     """The pointers of a matrix of three thousand million entries, of which none is read."""
     K, _, _ = lattice(ends=True)
     far = np.arange(SIDE**3 + 1) * (3 * 10**9 // SIDE**3)
-    monkeypatch.setattr(session, "scaled_upper", lambda A, scale: type("Upper", (), {"indptr": far, "indices": far, "data": far}))
+    monkeypatch.setattr(
+        session, "scaled_upper", lambda A, scale: type("Upper", (), {"indptr": far, "indices": far, "data": far})
+    )
     with pytest.raises(UserError, match="indices of 32 bits") as caught:
         start(1)(K)
     assert "more processes" in caught.value.remedy
@@ -167,7 +170,9 @@ def workers(folder):
             words = command.read_bytes().decode(errors="replace").split("\0")
         except OSError:
             continue
-        if any(word.startswith(f"{folder}/") for word in words) and any(word.endswith("worker.py") for word in words[:3]):
+        if any(word.startswith(f"{folder}/") for word in words) and any(
+            word.endswith("worker.py") for word in words[:3]
+        ):
             found.append(int(command.parent.name))
     return found
 
@@ -188,7 +193,8 @@ from types import SimpleNamespace as N
 class PETSc:
     COMM_WORLD = N(rank=0, size=1, barrier=lambda: None)
     ScalarType = {scalar}
-    Sys = N(popErrorHandler=lambda: 0, pushErrorHandler=lambda name: 0, getVersion=lambda: (9, 9, 9), hasExternalPackage=lambda name: {mumps})
+    Sys = N(popErrorHandler=lambda: 0, pushErrorHandler=lambda name: 0, getVersion=lambda: (9, 9, 9))
+    Sys.hasExternalPackage = lambda name: {mumps}
 """
 
 
@@ -205,7 +211,10 @@ def pretend(folder, monkeypatch, scalar="np.float64", mumps=True, launcher="env"
 
 @pytest.mark.parametrize(
     ("built", "said"),
-    [({"scalar": "np.complex128"}, "PETSc 9.9.9 is built for complex numbers"), ({"mumps": False}, "PETSc 9.9.9 is built without MUMPS")],
+    [
+        ({"scalar": "np.complex128"}, "PETSc 9.9.9 is built for complex numbers"),
+        ({"mumps": False}, "PETSc 9.9.9 is built without MUMPS"),
+    ],
 )
 def test_a_build_that_does_not_serve(tmp_path, monkeypatch, built, said):
     K = pretend(tmp_path, monkeypatch, **built)

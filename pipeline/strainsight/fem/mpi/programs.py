@@ -17,9 +17,14 @@ LAUNCHER, PYTHON = "STRAINSIGHT_MPI", "STRAINSIGHT_MPI_PYTHON"
 """Variables of the environment: the launcher with its options; the interpreter that has petsc4py and slepc4py."""
 DEFAULT_LAUNCHER = "mpiexec"
 DEBIAN_PYTHON = Path("/usr/bin/python3")
-DEBIAN_PACKAGES = ("usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages", "usr/lib/slepcdir/slepc*/*-real/lib/python3/dist-packages")
+DEBIAN_PACKAGES = (
+    "usr/lib/petscdir/petsc*/*-real/lib/python3/dist-packages",
+    "usr/lib/slepcdir/slepc*/*-real/lib/python3/dist-packages",
+)
 """Where Debian's python3-slepc4py has them, whichever build the system's alternatives point to."""
-LACKING = "import sys, importlib.util as u; print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
+LACKING = (
+    "import sys, importlib.util as u; print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
+)
 LIMIT = 60.0
 """[s] for an interpreter to say what it lacks."""
 WHERE = "apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
@@ -60,7 +65,9 @@ def _launcher(environment: Mapping[str, str]) -> tuple[str, ...]:
     try:
         launcher = tuple(shlex.split(stated))
     except ValueError as error:
-        raise UserError(f"{LAUNCHER}={stated!r} is no command: {error}", key="solver", remedy="close its quotes") from None
+        raise UserError(
+            f"{LAUNCHER}={stated!r} is no command: {error}", key="solver", remedy="close its quotes"
+        ) from None
     if not launcher or shutil.which(launcher[0], path=environment.get("PATH")) is None:
         raise UserError(
             f"there is no program {launcher[0] if launcher else stated}, the launcher of MPI",

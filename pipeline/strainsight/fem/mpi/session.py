@@ -123,9 +123,14 @@ class _Session:
         if hello["complex"]:
             what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "take a build for real numbers"
         elif not hello["mumps"]:
-            what, remedy = f"PETSc {hello['petsc']} is built without MUMPS", "build it with --download-mumps --download-scalapack"
+            what, remedy = (
+                f"PETSc {hello['petsc']} is built without MUMPS",
+                "build it with --download-mumps --download-scalapack",
+            )
         if remedy:
-            raise UserError(what, key="solver", remedy=f"{remedy}; another interpreter: export {PYTHON}=/path/to/python")
+            raise UserError(
+                what, key="solver", remedy=f"{remedy}; another interpreter: export {PYTHON}=/path/to/python"
+            )
         self.started = True
         return hello
 
@@ -174,7 +179,9 @@ class _Session:
         """End the processes and remove the folder."""
         with suppress(OSError):
             if self.started:
-                (self.folder / END).touch()  # before the processes are asked to end, which the supervisor then leaves to them
+                (
+                    self.folder / END
+                ).touch()  # before the processes are asked to end, which the supervisor then leaves to them
                 self._request("end")
         with suppress(OSError):
             assert self.process.stdin is not None
@@ -251,7 +258,7 @@ class _Session:
                 key="solver",
                 remedy=f"start more processes by {LAUNCHER}, or build PETSc --with-64-bit-indices",
             )
-        said = f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}" if kind == "mumps" else found["text"]
+        said = found.get("text") or f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}"
         return NumericalError(said, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
 
     def _failed(self) -> NumericalError | UserError:

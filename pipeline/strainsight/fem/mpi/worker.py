@@ -5,11 +5,14 @@ the working directory, which is private to one factorisation (`session.py` says 
 that are its own.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import sys
 import time
 import traceback
+from typing import Any
 
 sys.path.pop(0)  # the folder of this file, in which nothing is to be found
 
@@ -27,6 +30,7 @@ ALL = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "SLURM_STEP_NUM_TASKS")
 """In which they say how many they have started."""
 SHARE = 0.9
 """Of the memory that is there."""
+PETSC_ERR_MEM = 55
 ROOM = 50
 """Per cent that MUMPS may take beyond its estimate."""
 
@@ -34,7 +38,7 @@ ROOM = 50
 class Refused(Exception):
     """What every process knows alike: kind, and figures for the message."""
 
-    def __init__(self, kind, **figures):
+    def __init__(self, kind: str, **figures: int):
         super().__init__(kind)
         self.answer = {"refused": kind, **figures}
 
@@ -42,12 +46,16 @@ class Refused(Exception):
 class Rows:
     """The matrices and the factor, as far as they are of this process."""
 
-    def __init__(self, PETSc, SLEPc):
+    def __init__(self, PETSc: Any, SLEPc: Any):
         self.PETSc, self.SLEPc = PETSc, SLEPc
         self.comm = PETSc.COMM_WORLD
+        self.A: Any
+        self.ksp: Any
+        self.factor: Any
+        self.eps: Any
         self.A = self.ksp = self.factor = self.eps = None
 
-    def matrix(self, name):
+    def matrix(self, name: str) -> Any:
         """The upper triangle of a symmetric matrix from its files, distributed by rows."""
         PETSc = self.PETSc
         indptr, indices, data = (np.load(f"{name}.{part}.npy", mmap_mode="r") for part in ("indptr", "indices", "data"))
@@ -72,7 +80,7 @@ class Rows:
         X.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         return X
 
-    def factorise(self, memory):
+    def factorise(self, memory: float) -> dict[str, Any]:
         """A = LLᵀ by MUMPS, which takes no more than `memory` [bytes] on the machine of the command, 0: whatever it needs."""
         PETSc = self.PETSc
         self.A = self.matrix("A")
@@ -98,12 +106,12 @@ class Rows:
             raise Refused("mumps", code=code, detail=self.factor.getMumpsInfog(2))
         return {"memory": self.factor.getMumpsInfog(22)}
 
-    def own(self, file, mode):
+    def own(self, file: str, mode: Any) -> Any:
         """The columns that this process has of an array (k, n) of a file."""
         first, last = self.A.getOwnershipRange()
         return np.load(file, mmap_mode=mode)[:, first:last]
 
-    def solve(self, request):
+    def solve(self, request: dict[str, Any]) -> dict[str, Any]:
         """A⁻¹B, B and the result as rows of a file (k, n)."""
         PETSc = self.PETSc
         B = self.own(request["of"], "r")
@@ -120,13 +128,13 @@ class Rows:
         found.destroy()
         return {}
 
-    def written(self, file, rows):
+    def written(self, file: str, rows: np.ndarray) -> None:
         """Write what this process has of rows (k, n)."""
         into = self.own(file, "r+")
         into[:] = rows
         into.base.flush()
 
-    def lowest(self, request):
+    def lowest(self, request: dict[str, Any]) -> dict[str, Any]:
         """A φ = λ M φ of the lowest λ beside the vectors of a file, which are orthonormal in M; φᵀMφ = 1."""
         eps, count = self.iterations(), request["count"]
         eps.setDimensions(count, request["basis"])
@@ -147,7 +155,7 @@ class Rows:
             vector.destroy()
         return {"values": values}
 
-    def iterations(self):
+    def iterations(self) -> Any:
         """SLEPc's solver, made once: each that is made factorises anew."""
         if self.eps is None:
             SLEPc = self.SLEPc
@@ -162,20 +170,20 @@ class Rows:
             st.setKSP(self.ksp)
         return self.eps
 
-    def vector(self, own):
+    def vector(self, own: np.ndarray) -> Any:
         x = self.A.createVecRight()
         x.setArray(own)
         return x
 
 
-def say(name, what):
+def say(name: str, what: dict[str, Any]) -> None:
     """Write a file at once: whoever finds it finds all of it."""
     with open(f"{name}.tmp", "w", encoding="utf-8") as file:
         json.dump(what, file)
     os.replace(f"{name}.tmp", name)
 
 
-def share_of(memory, size):
+def share_of(memory: float, size: int) -> int:
     """[MB] that a process may take, of `memory` [bytes] where all are on one machine, else of what its own machine has."""
     here = next((int(os.environ[name]) for name in LOCAL if os.environ.get(name, "").isdigit()), size)
     if here < size:
@@ -184,7 +192,7 @@ def share_of(memory, size):
     return max(1, int(SHARE * memory / here / 1e6))
 
 
-def end_with_parent():
+def end_with_parent() -> None:
     """The kernel ends this process with the one that started it."""
     if sys.platform == "linux":
         import ctypes
@@ -192,7 +200,7 @@ def end_with_parent():
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, SIGKILL)
 
 
-def serve():
+def serve() -> None:
     """Answer requests, one after the other."""
     from petsc4py import PETSc
     from slepc4py import SLEPc
@@ -205,7 +213,9 @@ def serve():
             "hello.json",
             {
                 "processes": comm.size,
-                "launched": next((int(os.environ[name]) for name in ALL if os.environ.get(name, "").isdigit()), comm.size),
+                "launched": next(
+                    (int(os.environ[name]) for name in ALL if os.environ.get(name, "").isdigit()), comm.size
+                ),
                 "complex": bool(np.issubdtype(PETSc.ScalarType, np.complexfloating)),
                 "mumps": bool(PETSc.Sys.hasExternalPackage("mumps")),
                 "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
@@ -222,7 +232,9 @@ def serve():
         if asked["do"] == "end":
             return
         try:
-            answer = rows.factorise(asked["memory"]) if asked["do"] == "factorise" else getattr(rows, asked["do"])(asked)
+            answer = (
+                rows.factorise(asked["memory"]) if asked["do"] == "factorise" else getattr(rows, asked["do"])(asked)
+            )
         except Refused as refused:
             answer = refused.answer
         comm.barrier()
@@ -231,7 +243,7 @@ def serve():
         number += 1
 
 
-def main():
+def main() -> None:
     end_with_parent()
     os.chdir(sys.argv[1])
     sys.argv = sys.argv[:1]  # PETSc takes none of ours
@@ -239,8 +251,8 @@ def main():
         serve()
     except BaseException as error:
         # The other processes wait for this one: the launcher ends them with it.
-        kind = {OverflowError: "indices", MemoryError: "memory"}.get(type(error), "failed")
-        if getattr(error, "ierr", None) == 55:  # PETSC_ERR_MEM
+        kind = "indices" if isinstance(error, OverflowError) else "failed"
+        if isinstance(error, MemoryError) or getattr(error, "ierr", None) == PETSC_ERR_MEM:
             kind = "memory"
         say("failure.json", {"refused": kind, "text": f"{type(error).__name__}: {error}"})
         traceback.print_exc()
