@@ -31,7 +31,7 @@ def test_of_others_nothing_is_known(card):
 
 def test_the_reader_of_a_deck_says_it(tmp_path):
     path = tmp_path / "a.bdf"
-    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD8,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
+    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
     mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD8": 1, "PARAM": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD8": "structure", "PARAM": "none", "PLOAD1": "none", "RSPLINE": "structure"}
+    assert mesh.ignored == {"CQUAD": 1, "PARAM": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
+    assert mesh.effect == {"CQUAD": "structure", "PARAM": "none", "PLOAD1": "none", "RSPLINE": "structure"}

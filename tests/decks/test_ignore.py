@@ -29,16 +29,16 @@ def refused(tmp_path, text, **more):
     return caught.value
 
 
-SHELLS = "CQUAD8,70,3,1,2,3,4\nCQUAD8,71,3,1,2,3,4\nPSHELL,3,1,.1\nPLOAD1,5,70,FX,FR,0.,1.\nPARAM,POST,-1\nTOPVAR,1\nEIGRL,1\n"
+SHELLS = "CQUAD,70,3,1,2,3,4\nCQUAD,71,3,1,2,3,4\nPSHELL,3,1,.1\nPLOAD1,5,70,FX,FR,0.,1.\nPARAM,POST,-1\nTOPVAR,1\nEIGRL,1\n"
 
 
 def test_card_count_line_and_remedy_are_named(tmp_path):
     error = refused(tmp_path, TETRAHEDRON + SHELLS)
-    assert f"2 × CQUAD8 (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
+    assert f"2 × CQUAD (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
     assert error.where == f"{tmp_path}/deck.bdf:9"
     assert error.key == "mesh.file"
-    assert error.remedy.startswith("mesh CQUAD8 with four nodes; if they do not matter")
-    assert error.remedy.endswith("mesh.ignore: [CQUAD8, PLOAD1]")
+    assert error.remedy.startswith("mesh CQUAD with eight or four nodes; if they do not matter")
+    assert error.remedy.endswith("mesh.ignore: [CQUAD, PLOAD1]")
     assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
 
 
@@ -49,10 +49,10 @@ def test_a_missing_enddata_is_named_once(tmp_path):
 
 
 def test_what_is_named_is_left_out_and_listed(tmp_path):
-    mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad8", "PLOAD1", "CBAR"])
-    assert {card: mesh.ignored[card] for card in ("CQUAD8", "PLOAD1")} == {"CQUAD8": 2, "PLOAD1": 1}
+    mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad", "PLOAD1", "CBAR"])
+    assert {card: mesh.ignored[card] for card in ("CQUAD", "PLOAD1")} == {"CQUAD": 2, "PLOAD1": 1}
     assert mesh.notes[-1] == "mesh.ignore names CBAR, of which the deck has none"
-    assert mesh.effect["CQUAD8"] == "structure"
+    assert mesh.effect["CQUAD"] == "structure"
 
 
 @pytest.mark.parametrize(

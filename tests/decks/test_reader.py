@@ -96,8 +96,8 @@ def test_a_stated_format_counts_more_than_the_ending(tmp_path):
 
 
 SHELLS = {
-    "a.bdf": "GRID,1\nGRID,2,,1.\nGRID,3,,1.,1.\nGRID,4,,,1.\nCQUAD8,7,1,1,2,3,4\n",
-    "a.inp": "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n*ELEMENT,TYPE=S8R\n7,1,2,3,4\n",
+    "a.bdf": "GRID,1\nGRID,2,,1.\nGRID,3,,1.,1.\nGRID,4,,,1.\nCQUAD,7,1,1,2,3,4\n",
+    "a.inp": "*NODE\n1,0,0,0\n2,1,0,0\n3,1,1,0\n4,0,1,0\n*ELEMENT,TYPE=S9R5\n7,1,2,3,4\n",
     "a.msh": "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 1 1 0\n4 0 1 0\n$EndNodes\n"
     "$Elements\n1\n7 3 2 1 1 1 2 3 4\n$EndElements\n",
     "a.vtk": "# vtk DataFile Version 3.0\nshell\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 4 double\n"

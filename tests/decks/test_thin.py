@@ -197,10 +197,10 @@ $EndElements
         ({"a": BEAM}, (("\n4 0.125 0.0 0.0", "\n4 0.0 0.0 0.0"),), None, "element 3 is a line without length", "merge"),
         (
             {"a": SHELL},
-            (("13 3 2 3 3 1 4 5 2", "13 9 2 3 3 1 4 5 2 7 8"),),
+            (("13 3 2 3 3 1 4 5 2", "13 10 2 3 3 1 4 5 2 7 8 3 6 9"),),
             None,
-            "13 is a 6-node triangle",
-            "ElementOrder = 1",
+            "13 is a 9-node quadrangle",
+            "SecondOrderIncomplete = 1",
         ),
         (
             {},
@@ -220,13 +220,13 @@ def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key
         assert error.value.where.rpartition(":")[2].isdigit()
 
 
-def test_quadratic_cells_of_a_grid_are_refused_where_they_have_a_section(tmp_path):
-    x = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0.5, 0, 0), (0.5, 0.5, 0), (0, 0.5, 0)])
+def test_cells_of_nine_nodes_are_refused_where_they_have_a_section(tmp_path):
+    x = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0), (0, 0.5, 0), (0.5, 0.5, 0)])
     path = tmp_path / "part.vtu"
-    meshio.Mesh(x, [("triangle6", [range(6)])]).write(path)
-    with pytest.raises(DeckError, match=r"1 triangle6 cell in regions with a section") as error:
+    meshio.Mesh(x, [("quad9", [range(9)])]).write(path)
+    with pytest.raises(DeckError, match=r"1 quad9 cell in regions with a section") as error:
         read_mesh(path, given={"a": GivenSection(None, ShellSection(T))})
-    assert "first order" in error.value.remedy
+    assert "quad8" in error.value.remedy
 
 
 def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):

@@ -10,11 +10,10 @@ ENFORCED = "ENFORCED DISPLACEMENT"
 MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
 LINEAR = {
-    **dict.fromkeys(("S8R", "S8R5", "S9R5", "CQUAD8", "CQUAD"), "four nodes"),
-    **dict.fromkeys(("S6", "STRI65", "CTRIA6"), "three nodes"),
+    **dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"),
     **dict.fromkeys(("B32", "B32R", "B32H", "T3D3", "CBEAM3"), "two nodes"),
 }
-"""Quadratic shells, beams and trusses, in the spelling of `short` → what to mesh with instead."""
+"""Shells of nine nodes and quadratic beams, in the spelling of `short` → what to mesh with instead."""
 _UNUSED = re.compile(r" that no | not selected$")
 
 

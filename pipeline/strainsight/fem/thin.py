@@ -22,6 +22,7 @@ from strainsight.mesh.properties import OF_MASS, meant, shapes, with_value
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock
 
 CHUNK = 2048
+"""Elements at a time; of second-order shells fewer, so that they stay in the cache."""
 
 Block = TypeVar("Block", ShellBlock, BeamBlock)
 
@@ -204,8 +205,9 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | Be
 
 def _cut(block: Block, regions: Mapping[int, float]) -> Iterator[Block]:
     inside = np.flatnonzero(np.isin(block.region, list(regions)))
-    for start in range(0, len(inside), CHUNK):
-        yield _taken(block, inside[start : start + CHUNK])
+    size = CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK
+    for start in range(0, len(inside), size):
+        yield _taken(block, inside[start : start + size])
 
 
 def _taken(block: Block, which: np.ndarray) -> Block:

@@ -22,8 +22,8 @@ UPPER, LOWER = 1, 2
 """Local numbers of the faces of a shell: the one on the side of its normal, and the other."""
 TOUCHING = 1e-7
 """Of the size of the structure: places that are the same."""
-OUTWARD = {3: [0, 2, 1], 4: [0, 3, 2, 1]}
-"""Corners of a shell as seen from below."""
+OUTWARD = {3: [0, 2, 1], 4: [0, 3, 2, 1], 6: [0, 2, 1, 5, 4, 3], 8: [0, 3, 2, 1, 7, 6, 5, 4]}
+"""Nodes of a shell as seen from below."""
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ def all_facets(mesh: Mesh) -> Facets:
             region.append(block.region)
     for shell in (block for block in mesh.shells if len(block.on_faces)):
         for number, own in enumerate(np.moveaxis(shell.on_faces, 1, 0), start=UPPER):
-            count, corners = own.shape
+            count, k = own.shape
             padded = np.full((count, 8), -1, dtype=np.int64)
             # the lower face is seen from below
-            padded[:, :corners] = own if number == UPPER else own[:, OUTWARD[corners]]
+            padded[:, :k] = own if number == UPPER else own[:, OUTWARD[k]]
             ids.append(shell.ids)
             facet.append(np.full(count, number))
             kind.append(np.full(count, CODE[shell.kind]))
@@ -179,9 +179,9 @@ def _covered(mesh: Mesh, facets: Facets, key: IntArray, outside: NDArray[np.bool
     inner: list[int] = []
     for shell in mesh.shells:
         corners = np.full((len(shell.ids), 4), -1)
-        corners[:, : shell.nodes.shape[1]] = shell.nodes
+        corners[:, : shell.corners.shape[1]] = shell.corners
         for number, nodes, around in zip(
-            shell.ids.tolist(), shell.nodes, np.sort(corners, axis=1).tolist(), strict=True
+            shell.ids.tolist(), shell.corners, np.sort(corners, axis=1).tolist(), strict=True
         ):
             i = solid.get(tuple(around), -1)
             if i >= 0 and between[i]:

@@ -11,7 +11,16 @@ from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.plates import plate_normals
 from strainsight.mesh.resized import resized
-from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, BeamBlock, BeamSection, FloatArray, ShellBlock, ShellSection
+from strainsight.mesh.thin import (
+    BEAM_KINDS,
+    CORNERS,
+    SHELL_KINDS,
+    BeamBlock,
+    BeamSection,
+    FloatArray,
+    ShellBlock,
+    ShellSection,
+)
 
 LINE = "line2"
 """Kind of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
@@ -76,7 +85,7 @@ def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], not
     def fault(row: int, what: str, remedy: str) -> DeckError:
         return DeckError(f"{called(row)} {what}", remedy=remedy, entity=("element", int(block.ids[row])))
 
-    plate_normals(mesh.position[block.nodes], fault, called, "tri3", notes)
+    plate_normals(mesh.position[block.nodes[:, : CORNERS[block.nodes.shape[1]]]], fault, called, "tri3", notes)
     offset = np.array([given[region].offset for region in block.region.tolist()])
     axis = np.full((len(block.ids), 3), np.nan)
     return ShellBlock(block.kind, block.ids, block.nodes, block.region, offset, axis)

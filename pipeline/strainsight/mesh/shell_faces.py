@@ -8,7 +8,9 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.shell_normals import normals_at_nodes
 from strainsight.mesh.thin import BeamSection, ShellBlock
 
 SMOOTH = np.cos(np.deg2rad(20.0))
@@ -29,7 +31,7 @@ def with_faces(mesh: Mesh) -> Mesh:
     if not mesh.shells or len(mesh.arms):
         return mesh
     node, normal, low, high = (
-        np.concatenate(parts) for parts in zip(*(_corners(mesh, b) for b in mesh.shells), strict=True)
+        np.concatenate(parts) for parts in zip(*(_around(mesh, b) for b in mesh.shells), strict=True)
     )
     group, side = _smooth(node, normal, low, high)
     count = int(group.max()) + 1
@@ -60,12 +62,11 @@ def with_faces(mesh: Mesh) -> Mesh:
     )
 
 
-def _corners(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of every corner of the shells (e k,): its node, the normal of the shell there (, 3), the heights of both its faces."""
-    x, k = mesh.position[block.nodes], block.nodes.shape[1]
-    along, back = np.roll(x, -1, axis=1) - x, np.roll(x, 1, axis=1) - x
-    normal = np.cross(along, back)
-    normal /= np.linalg.norm(normal, axis=2)[:, :, None]
+def _around(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both its faces."""
+    k = block.nodes.shape[1]
+    kind = next(own for own in FACETS if own.name == block.kind)
+    normal = normals_at_nodes(kind, mesh.position[block.nodes])
     half = 0.5 * np.array([_thickness(mesh, int(region)) for region in block.region])
     low, high = block.offset - half, block.offset + half
     return block.nodes.ravel(), normal.reshape(-1, 3), np.repeat(low, k), np.repeat(high, k)
@@ -78,7 +79,7 @@ def _thickness(mesh: Mesh, region: int) -> float:
 
 
 def _smooth(node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (c,) → group of those around one node that go on smoothly into each other, and ±1: whether the normal of each is
+    """Corners and mid-sides (c,) → group of those around one node that go on smoothly into each other, and ±1: whether the normal of each is
     that of the first of its group or against it."""
     order = np.argsort(node, kind="stable")
     start = np.flatnonzero(np.diff(node[order], prepend=-1))

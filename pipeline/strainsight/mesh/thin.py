@@ -13,7 +13,9 @@ from strainsight.mesh.laminates import Laminate
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
-SHELL_KINDS = ("quad4", "tri3")
+SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
+CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
+"""Nodes of a shell → how many are at its corners, the first ones; the others lie on its sides, the first between 1 and 2."""
 BEAM_KINDS = ("beam", "rod")
 
 
@@ -85,10 +87,10 @@ Section = ShellSection | GeneralShell | Laminate | BeamSection
 
 @dataclass(frozen=True)
 class ShellBlock:
-    """Shells of one kind, "quad4" or "tri3": ids (n,) of the file, nodes (n, k) indices in order around the element, region
-    (n,) ids; offset (n,) [m] of the middle of the shell from its nodes, along the normal that the order of nodes gives; axis
-    (n, 3) a vector whose projection on the shell is x of its material, NaN where that is the side from the first node to the
-    second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are there."""
+    """Shells of one kind of `SHELL_KINDS`: ids (n,) of the file, nodes (n, k) indices in order around the element, corners
+    before those between them, region (n,) ids; offset (n,) [m] of the middle of the shell from its nodes, along the normal that
+    the order of nodes gives; axis (n, 3) a vector whose projection on the shell is x of its material, NaN where that is the side
+    from the first node to the second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are there."""
 
     kind: str
     ids: IntArray
@@ -97,6 +99,11 @@ class ShellBlock:
     offset: FloatArray
     axis: FloatArray
     on_faces: IntArray = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
+
+    @property
+    def corners(self) -> IntArray:
+        """Indices (n, c) of the nodes at its corners."""
+        return self.nodes[:, : CORNERS[self.nodes.shape[1]]]
 
 
 @dataclass(frozen=True)

@@ -192,8 +192,8 @@ def test_what_shells_are_not_the_same_without_is_listed(read):
     assert mesh.unsupported["*NORMAL"].endswith("deck.inp:20")
     normals = read(FLAT.replace("2., 1., 0.", "2., 1., 0., 0., 0., 1.").replace("4., 0., 0.", "4., 0., 0.,,,"))
     assert (set(normals.unsupported), normals.ignored) == ({"*NODE with a normal"}, {"*NODE with a normal": 1})
-    quadratic = read(FLAT + "*NODE\n6,1.,0.\n7,2.,.5\n8,1.,1.\n9,0.,.5\n*ELEMENT, TYPE=S8R\n12, 1,2,3,4,6,7,8,9\n")
-    assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S8R"}
+    quadratic = read(FLAT + "*NODE\n6,1.,0.\n7,2.,.5\n8,1.,1.\n9,0.,.5\n*ELEMENT, TYPE=S9R5\n12, 1,2,3,4,6,7,8,9,1\n")
+    assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S9R5"}
 
 
 def test_shells_whose_section_is_not_supported_may_be_left_out(tmp_path):
@@ -254,7 +254,7 @@ def test_two_shells_on_the_same_nodes_are_noted(read):
         ("ELSET=TRI, MATERIAL", "ELSET=QUAD, MATERIAL", "element 10 is in the section of QUAD already", 18),
         ("*SHELL SECTION, ELSET=TRI", "*STEP\n*SHELL SECTION, ELSET=TRI", "inside a \\*STEP", 19),
         (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
-        (".2, 5\n", ".2\n*SURFACE, NAME=S\nTRI, E4\n", "'E4' is no edge of a shell of 3 nodes", 21),
+        (".2, 5\n", ".2\n*SURFACE, NAME=S\nTRI, E4\n", "'E4' is no edge of a shell of 3 corners", 21),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):

@@ -130,10 +130,10 @@ def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
 def test_every_card_not_imported_is_counted(read, tetrahedron):
     mesh = read(
         tetrahedron
-        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD8,70,2,1,2,3,4\nCQUAD8,71,2,1,2,3,4\n"
+        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD,70,2,1,2,3,4\nCQUAD,71,2,1,2,3,4\n"
         "MAT1,9,1.,,.3\nEIGRL,1\n"
     )
-    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD8": 2, "MAT1 that no property refers to": 1, "EIGRL": 1}
+    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD": 2, "MAT1 that no property refers to": 1, "EIGRL": 1}
     assert mesh.ignored == expected
 
 

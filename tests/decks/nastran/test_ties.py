@@ -185,7 +185,7 @@ def test_sets_of_bulk_data_and_case_control(read, tetrahedron):
     assert mesh.ignored == {"SET of the case control": 1, "SET3": 1}
 
 
-SHELL = "GRID,1\nGRID,2,,1.\nGRID,3,,1.,1.\nGRID,4,,,1.\nCQUAD8,7,1,1,2,3,4\n"
+SHELL = "GRID,1\nGRID,2,,1.\nGRID,3,,1.,1.\nGRID,4,,,1.\nCQUAD,7,1,1,2,3,4\n"
 
 
 def test_element_sets_of_a_deck_without_solids(read):
@@ -199,7 +199,7 @@ def test_element_sets_of_a_deck_without_solids(read):
 
 
 def test_a_set_of_solids_and_shells_keeps_its_solids(read, tetrahedron):
-    mesh = read(tetrahedron + "CQUAD8,7,1,1,2,3,4\nSET3,5,ELEM,7,10\n")
+    mesh = read(tetrahedron + "CQUAD,7,1,1,2,3,4\nSET3,5,ELEM,7,10\n")
     assert list(mesh.element_sets["SET3-5"]) == [10]
     assert mesh.ignored["SET3 with elements that are not imported"] == 1
 

@@ -25,11 +25,16 @@ SHELLS = {
     "S4": ("quad4", ""),
     "S4R": ("quad4", REDUCED),
     "S4R5": ("quad4", REDUCED),
+    "STRI65": ("tri6", ""),
+    "S6": ("tri6", ""),
+    "S8": ("quad8", ""),
+    "S8R": ("quad8", REDUCED),
+    "S8R5": ("quad8", REDUCED),
 }
 BEAMS = {"B31": ("beam", ""), "B31H": ("beam", ""), "B33": ("beam", ""), "T3D2": ("rod", "")}
 THIN = {**SHELLS, **BEAMS}
 """Type → kind of shell or beam, and how it is reinterpreted."""
-CORNERS = {"tri3": 3, "quad4": 4}
+NODES = {"tri3": 3, "quad4": 4, "tri6": 6, "quad8": 8}
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     if kind is not None:
         width = len(kind.nodes) + 1
     elif type_ in SHELLS:
-        width = CORNERS[SHELLS[type_][0]] + 1
+        width = NODES[SHELLS[type_][0]] + 1
     else:
         return _other_cells(keyword, type_, table)
     tokens, counts = keyword.flat()

@@ -66,7 +66,7 @@ class Assembly:
 
     @cached_property
     def thin_kinds(self) -> NDArray[np.str_]:
-        """(m,): "quad4", "tri3", "beam" or "rod", empty of all other elements."""
+        """(m,): the kind of a shell, "beam" or "rod", empty of all other elements."""
         return np.array([THIN.get(type_, ("", ""))[0] for type_ in self.type], dtype="U5")
 
     def element(self, row: int) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
 from strainsight.decks.numbers import parse_integer
-from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
@@ -34,7 +34,7 @@ SIDES = {"SPOS": 1, "S2": 1, "SNEG": -1, "S1": -1}
 """Label → ±1 times the normal of a shell, S1 and S2 as CalculiX has them."""
 EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3, 7)}
 """Label → the edge of a shell from its node of this place, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
-OF_CORNERS = {len(kind.nodes): kind for kind in FACETS if len(kind.nodes) == kind.corners}
+OF_NODES = {len(kind.nodes): kind for kind in FACETS}
 
 
 @dataclass
@@ -129,14 +129,18 @@ def _of_shells(
         )
     facets = shell_facets(assembly, rows)
     if label not in EDGES:
-        return [(kind, nodes if SIDES.get(label, 1) > 0 else nodes[:, ::-1]) for kind, nodes in facets], []
+        return [(kind, nodes if SIDES.get(label, 1) > 0 else nodes[:, OUTWARD[nodes.shape[1]]]) for kind, nodes in facets], []
     lines = []
     for kind, nodes in facets:
         if not EDGES[label] < kind.corners:
-            raise row.error(f"{row.text(1)!r} is no edge of a shell of {kind.corners} nodes", "name another edge")
-        ends = np.take(nodes, [EDGES[label], EDGES[label] + 1], axis=1, mode="wrap")
+            raise row.error(f"{row.text(1)!r} is no edge of a shell of {kind.corners} corners", "name another edge")
+        ends = np.take(nodes[:, : kind.corners], [EDGES[label], EDGES[label] + 1], axis=1, mode="wrap")
         length = np.linalg.norm(np.diff(assembly.position[ends], axis=1)[:, 0], axis=1)
-        lines.append((ends.ravel(), np.repeat(length / 2, 2)))
+        if kind.edges:
+            edge = np.column_stack([ends, nodes[:, kind.corners + EDGES[label]]])
+            lines.append((edge.ravel(), np.repeat(length / 3, 3)))
+        else:
+            lines.append((ends.ravel(), np.repeat(length / 2, 2)))
     return [], lines
 
 
@@ -144,7 +148,7 @@ def shell_facets(assembly: Assembly, rows: IntArray) -> list[tuple[Kind, IntArra
     """Shells in rows as facets with their normal: kind and nodes (f, k)."""
     count = assembly.first[rows + 1] - assembly.first[rows]
     return [
-        (OF_CORNERS[int(k)], assembly.nodes[assembly.first[rows[count == k]][:, None] + np.arange(k)])
+        (OF_NODES[int(k)], assembly.nodes[assembly.first[rows[count == k]][:, None] + np.arange(k)])
         for k in np.unique(count)
     ]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.decks.abaqus.cells import CORNERS
+from strainsight.decks.abaqus.cells import NODES
 from strainsight.decks.abaqus.composites import default_axes
 from strainsight.decks.abaqus.scopes import Assembly
 from strainsight.decks.abaqus.sections import Sections
@@ -12,7 +12,7 @@ from strainsight.decks.faults import coincident, folded, plural
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.plates import PARALLEL, plate_normals
-from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.mesh.thin import CORNERS, SHELL_KINDS, BeamBlock, ShellBlock
 
 APART = 1e-9
 """Length of an element over the extent of the model, below which its ends coincide."""
@@ -25,23 +25,23 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
     """
     blocks = []
     kinds = assembly.thin_kinds
-    for kind in ("quad4", "tri3"):
+    for kind in SHELL_KINDS:
         rows = np.flatnonzero((kinds == kind) & (sections.region > 0))
         if not rows.size:
             continue
-        nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(CORNERS[kind])]
+        nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(NODES[kind])]
         if (at := folded(nodes)) is not None:
             raise assembly.element_error(
                 int(rows[at]), "has a node twice", "write a collapsed quadrangle as an S3, take others out"
             )
-        _check_shape(assembly, rows, nodes)
+        _check_shape(assembly, rows, nodes[:, : CORNERS[NODES[kind]]])
         _note_shared(assembly, rows, nodes)
         region = sections.region[rows]
         offset = np.array([sections.offset[number][0] for number in region.tolist()])
         axis = np.array([sections.direction[number] for number in region.tolist()])
         plies = [isinstance(sections.sections[number], Laminate) for number in region.tolist()]
         bare = np.isnan(axis).any(axis=1) & plies
-        axis[bare] = default_axes(assembly.position[nodes[bare]])
+        axis[bare] = default_axes(assembly.position[nodes[bare, : CORNERS[NODES[kind]]]])
         blocks.append(ShellBlock(kind, assembly.element_ids[rows], nodes, region, offset, axis))
     return tuple(blocks)
 

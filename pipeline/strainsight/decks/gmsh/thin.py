@@ -17,8 +17,10 @@ from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import LINE, GivenSection
 from strainsight.mesh.model import CellBlock, Region
 
-KINDS = {3: "quad4", 2: "tri3", 1: LINE}
+KINDS = {3: "quad4", 2: "tri3", 16: "quad8", 9: "tri6", 1: LINE}
 """Types of elements that may have a section."""
+NINE = 10
+"""Type of the quadrangle that second order makes by default."""
 GROUP = {1: "line", 2: "surface", 3: "volume"}
 
 
@@ -42,7 +44,7 @@ def thin_cells(
 ) -> Thin:
     """Elements of the physical groups that have a section; solids: regions of the volumes.
 
-    Raises UserError for a group that is not there, DeckError for quadratic elements, and for one in groups of two sections.
+    Raises UserError for a group that is not there, DeckError for elements of higher order, and for one in groups of two sections.
     """
     chosen = regions_with_sections(_groups(file), given, solids, notes)
     chunks = []
@@ -55,9 +57,11 @@ def thin_cells(
             element = int(chunk.ids[0])
             raise DeckError(
                 f"element {element} is a {TYPES[chunk.type].name}, and {chosen[dimension, own[0]][0]} has a section: "
-                "shells and beams are linear here",
+                f"its elements may be {', '.join(TYPES[number].name + 's' for number in KINDS)}",
                 where=where("element", element),
-                remedy="set Mesh.ElementOrder = 1 before meshing",
+                remedy="set Mesh.SecondOrderIncomplete = 1 before meshing"
+                if chunk.type == NINE
+                else "set Mesh.ElementOrder = 2 (or 1) before meshing",
                 entity=("element", element),
             )
         groups = tuple(sorted(tag for tag in own if tag is not None))

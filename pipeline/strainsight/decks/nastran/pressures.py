@@ -200,9 +200,9 @@ def _outlined(
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
     for shell in shells:
-        plane = next(kind for kind in FACETS if len(kind.nodes) == shell.nodes.shape[1])
-        for own in shell.nodes[wanted[shell.nodes].all(axis=1)]:
-            facets.setdefault(frozenset(own.tolist()), (plane, own))
+        plane = next(kind for kind in FACETS if kind.name == shell.kind)
+        for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
+            facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
     found = []
     for card, corners, p in outlines:
         if frozenset(corners) not in facets:

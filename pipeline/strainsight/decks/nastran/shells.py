@@ -1,8 +1,9 @@
-"""Shells of a Nastran deck: CQUAD4, CTRIA3 and PSHELL."""
+"""Shells of a Nastran deck: CQUAD4, CTRIA3, CQUAD8, CTRIA6 and PSHELL."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,11 +13,35 @@ from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.numbers import parse_integer
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.plates import PARALLEL, plate_normals
-from strainsight.mesh.thin import BeamSection, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import SHELL_KINDS, BeamSection, Section, ShellBlock, ShellSection
 
-SHELLS = {"CQUAD4": 4, "CQUADR": 4, "CTRIA3": 3, "CTRIAR": 3}
-"""Card → number of nodes."""
-KINDS = {4: "quad4", 3: "tri3"}
+@dataclass(frozen=True)
+class Layout:
+    """Of a card: kind of shell; corners; fields of THETA, ZOFFS, TFLAG and T1."""
+
+    kind: str
+    corners: int
+    theta: int
+    offset: int
+    flag: int
+    thickness: int
+
+    @property
+    def nodes(self) -> int:
+        """How many it has."""
+        return self.corners * (2 if self.kind in ("quad8", "tri6") else 1)
+
+
+_QUAD4, _TRI3 = Layout("quad4", 4, 6, 7, 9, 10), Layout("tri3", 3, 5, 6, 9, 10)
+SHELLS = {
+    "CQUAD4": _QUAD4,
+    "CQUADR": _QUAD4,
+    "CTRIA3": _TRI3,
+    "CTRIAR": _TRI3,
+    "CQUAD8": Layout("quad8", 4, 14, 15, 16, 10),
+    "CTRIA6": Layout("tri6", 3, 8, 9, 13, 10),
+}
+"""Card → where its entries stand."""
 SAME = 1e-5
 """Relative difference of two thicknesses that the digits of a card explain."""
 
@@ -64,36 +89,49 @@ def read_shells(
     """One block a kind of the cards, whose ids and regions are (n,); middles: region → its middle from the plane of its
     elements, where that is not zero.
 
-    Raises DeckError for a missing or repeated node, a shell of no area, folded or warped too much, one whose corners are of
-    another thickness than its property, and a material axis along its normal.
+    Raises DeckError for a missing or repeated node, one of the second order without all of its mid-side nodes, a shell of no
+    area, folded or warped too much, one whose corners are of another thickness than its property, and a material axis along its
+    normal.
     """
     if read_as := sorted({card.name for card in cards} & {"CQUADR", "CTRIAR"}):
         notes.append(f"{', '.join(read_as)}: read as CQUAD4 and CTRIA3")
     blocks = []
-    for corners, kind in KINDS.items():
-        rows = np.flatnonzero([SHELLS[card.name] == corners for card in cards])
+    for kind in SHELL_KINDS:
+        rows = np.flatnonzero([SHELLS[card.name].kind == kind for card in cards])
         if not rows.size:
             continue
         own = [cards[i] for i in rows.tolist()]
-        given = np.array([[card.integer(2 + i, "a node id") for i in range(corners)] for card in own], dtype=np.int64)
+        given = np.array([_node_ids(card) for card in own], dtype=np.int64)
         nodes = grids.nodes.rows_of_cards(given, own)
         if (at := folded(nodes)) is not None:
             raise own[at].error(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
-        x = grids.position[nodes]
+        x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
         normal = _normals(own, x, notes)
         for card, number in zip(own, region[rows].tolist(), strict=True):
             section = sections[number]
             assert not isinstance(section, BeamSection)
-            _check_corners(card, corners, section.thickness)
-        axis = np.array(
-            [_axis(card, corners, *of, grids) for card, of in zip(own, zip(x, normal, strict=True), strict=True)]
-        )
-        offset = np.array([card.real(corners + 3, "the offset ZOFFS", 0.0) for card in own])
+            _check_corners(card, section.thickness)
+        axis = np.array([_axis(card, *of, grids) for card, of in zip(own, zip(x, normal, strict=True), strict=True)])
+        offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in own])
         offset = offset + np.array([middles.get(number, 0.0) for number in region[rows].tolist()])
         blocks.append(ShellBlock(kind, ids[rows], nodes, region[rows], offset, axis.reshape(-1, 3)))
     return tuple(blocks)
+
+
+def _node_ids(card: Card) -> list[int]:
+    """Corners, then those on the sides, the first between the first two corners."""
+    layout = SHELLS[card.name]
+    missing = [i for i in range(layout.corners, layout.nodes) if card.text(2 + i) in ("", "0")]
+    if missing:
+        sides = layout.nodes - layout.corners
+        linear = "CQUAD4" if layout.corners == 4 else "CTRIA3"
+        raise card.error(
+            f"{sides - len(missing)} of {sides} mid-side nodes (G{missing[0] + 1} is blank)",
+            f"give all mid-side nodes, or make a {linear} of it where it has none",
+        )
+    return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
 
 
 def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArray:
@@ -101,19 +139,20 @@ def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArr
     return plate_normals(
         x,
         lambda i, what, remedy: cards[i].error(what, remedy),
-        lambda i: f"CQUAD4 {cards[i].text(0)}",
+        lambda i: f"{cards[i].name.replace('QUADR', 'QUAD4')} {cards[i].text(0)}",
         "CTRIA3",
         notes,
     )
 
 
-def _check_corners(card: Card, corners: int, thickness: float) -> None:
+def _check_corners(card: Card, thickness: float) -> None:
     """T1 to T4, or what they are of T where TFLAG is 1, have to be the thickness of the property."""
-    if not any(card.text(10 + i) for i in range(corners)):
+    layout = SHELLS[card.name]
+    if not any(card.text(layout.thickness + i) for i in range(layout.corners)):
         return
-    unit = thickness if card.integer(9, "TFLAG", 0) == 1 else 1.0
-    for i in range(corners):
-        own = unit * card.real(10 + i, "the thickness of a corner", thickness / unit)
+    unit = thickness if card.integer(layout.flag, "TFLAG", 0) == 1 else 1.0
+    for i in range(layout.corners):
+        own = unit * card.real(layout.thickness + i, "the thickness of a corner", thickness / unit)
         if abs(own - thickness) > SAME * thickness:
             raise card.error(
                 f"T{i + 1} makes it {own:g} thick at a corner, its property {thickness:g}: a thickness that varies is not "
@@ -122,17 +161,18 @@ def _check_corners(card: Card, corners: int, thickness: float) -> None:
             )
 
 
-def _axis(card: Card, corners: int, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatArray:
+def _axis(card: Card, x: FloatArray, normal: FloatArray, grids: Grids) -> FloatArray:
     """Its material axis (3,): side 1-2 turned by THETA about the normal, x of the system MCID; NaN for side 1-2."""
-    token = card.text(corners + 2)
+    theta_at = SHELLS[card.name].theta
+    token = card.text(theta_at)
     if parse_integer(token) is not None:
-        axis = resolved_system(card, corners + 2, grids.systems).axes[:, 0]
+        axis = resolved_system(card, theta_at, grids.systems).axes[:, 0]
         if not np.linalg.norm(np.cross(axis, normal)) > PARALLEL:
             raise card.error(
                 f"x of its material system {token} is along its normal", "name a system whose x lies along the shell"
             )
         return axis
-    theta = np.radians(card.real(corners + 2, "the angle THETA", 0.0))
+    theta = np.radians(card.real(theta_at, "the angle THETA", 0.0))
     if theta == 0:
         return np.full(3, np.nan)
     side = x[1] - x[0]

@@ -14,7 +14,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import LINE, GivenSection
 from strainsight.mesh.model import CellBlock, IntArray
 
-THIN = {"quad": "quad4", "triangle": "tri3", "line": LINE}
+THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri6", "line": LINE}
 """Types of cells that may have a section."""
 
 
@@ -56,7 +56,7 @@ def groups_of(raw: Any, cells: CellData, tags: Labels | None, names: Mapping[int
 def thin_cells(
     raw: Any, thin: list[int], cells: CellData, ids: IntArray, tags: Labels | None, chosen: Chosen, path: str
 ) -> Iterator[CellBlock]:
-    """Cells of the blocks `thin` whose regions have a section. Raises DeckError for others than linear ones."""
+    """Cells of the blocks `thin` whose regions have a section. Raises DeckError for others."""
     for b in sorted(thin, key=lambda b: list(THIN).index(raw.cells[b].type) if raw.cells[b].type in THIN else -1):
         block, rows = raw.cells[b], cells.rows[b]
         region = np.full(len(block.data), -1)
@@ -69,9 +69,9 @@ def thin_cells(
             continue
         if block.type not in THIN:
             raise DeckError(
-                f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section: shells and beams are linear here",
+                f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
                 where=path,
-                remedy=f"mesh with cells of first order ({', '.join(THIN)})",
+                remedy=f"mesh with {', '.join(THIN)}",
             )
         nodes = np.asarray(block.data, np.int64)[inside]
         yield CellBlock(THIN[block.type], ids[rows][inside], nodes, region[inside].astype(np.int64))

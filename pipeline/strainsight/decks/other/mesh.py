@@ -24,7 +24,7 @@ from strainsight.mesh.kinds.kind import in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
-WIDTH = {"quad": 4, "triangle": 3, "line": 2}
+WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3": 3}
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 

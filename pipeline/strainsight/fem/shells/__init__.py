@@ -1,4 +1,4 @@
-"""Flat shells of 3 and 4 nodes, "tri3" and "quad4", with six motions a node: many elements of one kind at once."""
+"""Flat shells of 3 and 4 nodes and curved ones of 6 and 8, with six motions a node: many elements of one kind at once."""
 
 from __future__ import annotations
 

@@ -1,13 +1,15 @@
-"""Stiffness, mass and strain of flat shells on their planes, and from there to the motions of their nodes."""
+"""Stiffness, mass and strain of shells on their middle surfaces, and from there to the motions of their nodes."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from strainsight.fem.shells.curved import curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
 from strainsight.fem.shells.laminate import in_shear
 from strainsight.fem.shells.plane import plane_of, rows_to_basic, to_basic
 from strainsight.fem.shells.quad import GAUSS, quad_shape, quad_strains
 from strainsight.fem.shells.tria import POINTS, WEIGHTS, tria_strains
+from strainsight.fem.shells.tying import TIES
 
 DRILLING = 6.0
 """What holds the rotation about the normal of a quad is this times D₃₃/area: at an edge between two planes it takes up the
@@ -31,29 +33,35 @@ def shell_stiffnesses(
     offset: np.ndarray,
     ids: np.ndarray,
 ) -> np.ndarray:
-    """Stiffness of flat shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
+    """Stiffness of shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
 
         K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = min(6 D₃₃/area, A₃₃/10) + 10⁻⁴ A₃₃
 
-    with ε, κ, γ and θ_z − ω of `quad_strains` and `tria_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes,
-    whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S)
+    with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes, `curved_strains`, and A₃₃ and D₃₃ of
+    `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S)
     together and is no sum over them.
 
-    position (e, k, 3) [m], k = 3 or 4; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes` in the order xx, yy, xy,
-    γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite (a shell that does not shear: a thousand times that of one that does;
+    position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
+    a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite (a shell that does not shear: a thousand times that of one that does;
     nothing locks); offset (e,) [m] of the middle surface from the nodes along the normal, by rigid arms; ids (e,) for the error
     message. Returns (e, 6k, 6k), rows 6·node + component, three translations [m] and three rotations [rad] along the basic axes.
-    Assumes small strain; nodes of a warped quad are linked to its mean plane by rigid arms. Raises what `shell_axes` does.
+    Assumes small strain; nodes of a warped quad of four are linked to its mean plane by rigid arms. Raises what `shell_axes`
+    does, and DeckError for a second-order element that is folded.
     """
-    plane = plane_of(position, offset, ids)
     e, k = position.shape[:2]
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
+    if k in TIES:
+        ties = TIES[k]
+        own = surface_of(ties.facet, position, offset, ids)
+        G, det = curved_strains(ties, own, ties.rule[0])
+        weight = det * ties.rule[1]
+        C[:, 8, 8] = _drilling(A, D, weight)
+        return to_nodes(_condensed(_integral(G, C, weight), 6 * k), own)
+    plane = plane_of(position, offset, ids)
     if k == 4:
         G, weight = quad_strains(plane.xy, GAUSS[None])
-        inside, across = in_shear(A), in_shear(D)
-        drilling = np.minimum(DRILLING * across / weight.sum(axis=1), MOST_DRILLING * inside)
-        C[:, 8, 8] = drilling + LEAST_DRILLING * inside
+        C[:, 8, 8] = _drilling(A, D, weight)
     else:
         G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S))
         C, weight = C[:, :8, :8], area[:, None] * WEIGHTS
@@ -63,16 +71,18 @@ def shell_stiffnesses(
 def shell_masses(
     position: np.ndarray, per_area: np.ndarray, rotary: np.ndarray, offset: np.ndarray, ids: np.ndarray
 ) -> np.ndarray:
-    """Consistent mass of flat shells, of linear or bilinear functions N:
+    """Consistent mass of shells, of the functions N of their nodes:
 
-        M_ab = ∫ N_a N_b dA (m I on translations of the middle surface, ρt³/12 (I − z zᵀ) on rotations)
+        M_ab = ∫ N_a N_b dA (m I on translations of the middle surface, ρt³/12 (n_a·n_b I − n_b n_aᵀ) on rotations)
 
-    Where the nodes of a flat mesh lie on the middle surface, rotation about the normal has no inertia, and M is singular.
+    n the normal, of flat shells one; inner motions of second-order shells carry none. Where the nodes of a flat mesh lie on the middle surface, rotation about the normal has no inertia, and M is singular.
     position (e, k, 3) [m]; per_area m (e,) [kg/m²]; rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`;
     ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises what `shell_axes` does.
     """
-    plane = plane_of(position, offset, ids)
     e, k = position.shape[:2]
+    if k in TIES:
+        return _curved_masses(position, per_area, rotary, offset, ids)
+    plane = plane_of(position, offset, ids)
     if k == 4:
         N, slopes = quad_shape(GAUSS)
         det = np.linalg.det(np.matmul(slopes.swapaxes(1, 2), plane.xy[:, None]))
@@ -93,24 +103,66 @@ def shell_strain_rows(
 ) -> np.ndarray:
     """Rows of ε_xx, ε_yy, γ_xy along the axes of `shell_axes` at a height z above the middle surface, ε + z κ.
 
-    position (e, k, 3) [m]; at (e, 2) natural coordinates, ξ, η in −1 … 1 of four nodes, area coordinates of the second and third
-    of three nodes; height z (e,) [m]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre
+    position (e, k, 3) [m]; at (e, 2) natural coordinates, ξ, η in −1 … 1 of four corners, area coordinates of the second and
+    third of three corners, of second-order elements the same for all; height z (e,) [m]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre
     of an element, (0, 0) or (1/3, 1/3), these are the strains of its stiffness and nu is without effect; elsewhere those of an
     isotropic one without the curvature that varies within a triangle, whose mean is zero. Returns (e, 3, 6k) [1/m, 1].
     Raises what `shell_axes` does.
     """
-    plane = plane_of(position, offset, ids)
     e, k = position.shape[:2]
+    C = np.zeros((e, 9, 9))
+    C[:, :3, :3] = np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
+    if k in TIES:
+        return _curved_rows(position, at, height, offset, ids, C)
+    plane = plane_of(position, offset, ids)
     if k == 4:
         inside, weight = quad_strains(plane.xy, GAUSS[None])
-        C = np.zeros((e, 9, 9))
-        C[:, :3, :3] = np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
         K = _integral(inside, C, weight)
         G = quad_strains(plane.xy, at[:, None])[0][:, 0, :6]
         rows = G[..., :24] - G[..., 24:] @ np.linalg.solve(K[:, 24:, 24:], K[:, 24:, :24])
     else:
         rows = tria_strains(plane.xy, at[:, None], np.full(e, nu), np.zeros(e))[0][:, 0, :6, :18]
     return rows_to_basic(rows[:, :3] + height[:, None, None] * rows[:, 3:], plane)
+
+
+def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """c (e,) of θ_z − ω; weight (e, q) [m²]."""
+    inside = in_shear(A)
+    return np.minimum(DRILLING * in_shear(D) / weight.sum(axis=1), MOST_DRILLING * inside) + LEAST_DRILLING * inside
+
+
+def _curved_masses(
+    position: np.ndarray, per_area: np.ndarray, rotary: np.ndarray, offset: np.ndarray, ids: np.ndarray
+) -> np.ndarray:
+    ties = TIES[position.shape[1]]
+    own = surface_of(ties.facet, position, offset, ids)
+    xi, w = ties.rule
+    at = points_of(ties.facet, own, xi)
+    m = np.einsum("eq,qa,qb->eab", at.det * w, at.N, at.N, optimize=True)
+    e, k = position.shape[:2]
+    M = np.zeros((e, k, 6, k, 6))
+    for c in range(3):
+        M[:, :, c, :, c] = per_area[:, None, None] * m
+    M[:, :, 3:, :, 3:] = np.einsum("e,eab,eaci,ebcj->eaibj", rotary, m, own.turned, own.turned, optimize=True)
+    return to_nodes(M.reshape(e, 6 * k, 6 * k), own)
+
+
+def _curved_rows(
+    position: np.ndarray, at: np.ndarray, height: np.ndarray, offset: np.ndarray, ids: np.ndarray, C: np.ndarray
+) -> np.ndarray:
+    ties = TIES[position.shape[1]]
+    own = surface_of(ties.facet, position, offset, ids)
+    G, det = curved_strains(ties, own, ties.rule[0])
+    kept = 6 * position.shape[1]
+    # ψ within follows with the bending of a shell that is thin
+    C[:, 3:6, 3:6] = C[:, :3, :3]
+    K = _integral(G, C, det * ties.rule[1])
+    inner = -np.linalg.solve(K[:, kept:, kept:], K[:, kept:, :kept])
+    if not (at == at[0]).all():
+        raise ValueError("second-order shells are asked at one point of all")
+    rows = curved_strains(ties, own, at[:1])[0][:, 0, :6]
+    rows = rows[..., :kept] + rows[..., kept:] @ inner
+    return rows_to_nodes(rows[:, :3] + height[:, None, None] * rows[:, 3:], own)
 
 
 def _twist(xy: np.ndarray, D: np.ndarray, S: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import DeckError
+from strainsight.mesh.thin import CORNERS
 
 LEAST_CORNER = 1e-6
 """Of the square of the largest side, what the two sides at a corner must span; below it an element is degenerate."""
@@ -23,12 +24,13 @@ class Plane:
 
 
 def shell_axes(position: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Axes of flat elements: z along the cross product of the diagonals (four nodes) or sides (three), x along the side from
+    """Axes of elements: z along the cross product of the diagonals (four corners) or sides (three), x along the side from
     the first node to the second, projected on the plane across z, and y = z × x.
 
-    position (e, k, 3) [m]; ids (e,) for the error message. Returns (e, 3, 3), an axis in a column. Raises DeckError for an
-    element without area, or with a corner that turns back.
+    position (e, k, 3) [m], of second-order elements the corners first; ids (e,) for the error message. Returns (e, 3, 3), an
+    axis in a column. Raises DeckError for an element without area, or with a corner that turns back.
     """
+    position = position[:, : CORNERS[position.shape[1]]]
     size = np.linalg.norm(position - np.roll(position, 1, axis=1), axis=2).max(axis=1)
     first, second = _across(position)
     normal = np.cross(first, second)
