@@ -12,7 +12,7 @@ from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import CellBlock, Mesh
 
-KINDS = tuple(kind.name for kind in FACETS)
+KINDS = tuple(kind.name for kind in FACETS if not len(kind.read_at))
 
 
 def surface(

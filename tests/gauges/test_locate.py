@@ -16,7 +16,7 @@ from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS
 
-KINDS = {kind.name: kind for kind in FACETS}
+KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
 
 def sampled(name: str, n: int) -> np.ndarray:

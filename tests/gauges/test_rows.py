@@ -12,7 +12,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, Mesh
 
-KINDS = {kind.name: kind for kind in FACETS}
+KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
 
 def bare_mesh(position: np.ndarray, blocks=()) -> Mesh:

@@ -61,6 +61,9 @@ def test_cell_types_are_those_of_vtk():
         "tri6": kinds.QUADRATIC_TRIANGLE,
         "quad4": kinds.QUAD,
         "quad8": kinds.QUADRATIC_QUAD,
+        "shell6": kinds.QUADRATIC_TRIANGLE,
+        "shell8": kinds.QUADRATIC_QUAD,
+        "beam3": kinds.QUADRATIC_EDGE,
     } | {kind: solid.vtk for kind, solid in SOLIDS.items()} == VTK_TYPE
 
 

@@ -6,13 +6,16 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, general_fault, stiffness_fault
-from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.kinds import facet_of, kind_of
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import BeamBlock, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
 MIDSIDE_LIMIT = 0.3
+MIDDLE_HALF = 0.25
+"""Of the side of a shell or beam, how far along it its node may lie off the middle: the strain at the nearer end has no bound
+there."""
 
 
 def check_mesh(mesh: Mesh) -> None:
@@ -36,6 +39,8 @@ def check_geometry(mesh: Mesh) -> None:
         _check_midsides(mesh, block)
     for own in mesh.elements:
         _check_regions(mesh, own)
+    for thin in mesh.thin:
+        _check_middle_half(mesh, thin)
     for shells in mesh.shells:
         _check_sections(mesh, shells, (ShellSection, GeneralShell, Laminate))
     for beams in mesh.beams:
@@ -175,3 +180,35 @@ def _check_midsides(mesh: Mesh, block: CellBlock) -> None:
                 remedy="the mid-side nodes of the file are missing or in another order",
                 entity=("element", int(block.ids[worst])),
             )
+
+
+def _check_middle_half(mesh: Mesh, block: ShellBlock | BeamBlock) -> None:
+    """Nodes on the sides of second-order shells and beams lie in the middle half of these, and not far off the line."""
+    edges, corners = _sides_of(block)
+    for node, ends in enumerate(edges, start=corners):
+        a, b, m = (mesh.position[block.nodes[:, i]] for i in (*ends, node))
+        side, off = b - a, m - 0.5 * (a + b)
+        square = np.maximum(np.sum(side**2, axis=1), np.finfo(float).tiny)
+        along = np.sum(off * side, axis=1) / square
+        across = np.linalg.norm(off - along[:, None] * side, axis=1) / np.sqrt(square)
+        worst = int(np.argmax(np.maximum(np.abs(along) / MIDDLE_HALF, across / MIDSIDE_LIMIT)))
+        if abs(along[worst]) < MIDDLE_HALF and across[worst] <= MIDSIDE_LIMIT:
+            continue
+        where = (
+            f"lies at {0.5 + along[worst]:.2g} of its side, outside of the middle half"
+            if abs(along[worst]) >= MIDDLE_HALF
+            else f"is {across[worst]:.2g} side lengths off its side"
+        )
+        raise DeckError(
+            f"node {mesh.node_ids[block.nodes[worst, node]]} of {block.kind} element {block.ids[worst]} {where}",
+            remedy="move it near the middle of its side, or check the order of the nodes of the element",
+            entity=("element", int(block.ids[worst])),
+        )
+
+
+def _sides_of(block: ShellBlock | BeamBlock) -> tuple[tuple[tuple[int, int], ...], int]:
+    """The two ends of every side with a node between, and how many nodes stand before those."""
+    if isinstance(block, ShellBlock):
+        kind = facet_of(block.kind)
+        return kind.edges, kind.corners
+    return (((0, 1),), 2) if block.nodes.shape[1] == 3 else ((), 2)

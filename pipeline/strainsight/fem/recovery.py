@@ -24,7 +24,7 @@ from strainsight.fem.element_matrices import (
 from strainsight.fem.facet_laws import FacetLaws, facet_laws
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS, kind_of
-from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import CellBlock, Mesh
 
 CHUNK = 2048
@@ -92,11 +92,9 @@ def _of_shells(
     for code in np.unique(facets.kind[own]):
         kind, which = FACETS[code], own[facets.kind[own] == code]
         nodes = facets.nodes[which, : len(kind.nodes)]
-        slope = kind.gradient(kind.centre[None])[0]
-        J = np.einsum("ka,mkc->mca", slope, mesh.position[nodes])
-        g = np.einsum("ka,mac->mkc", slope, np.linalg.pinv(J))
-        n = np.cross(J[:, :, 0], J[:, :, 1])
-        n /= np.linalg.norm(n, axis=1)[:, None]
+        n, within = _along(kind, mesh.position[nodes], kind.centre)
+        if len(kind.read_at):
+            within = _read(kind, mesh.position[nodes], n)
         along = np.eye(3) - n[:, :, None] * n[:, None]
         # ε_nn = −contraction : ε
         material = [mesh.material_of(int(region)) for region in facets.region[which]]
@@ -105,11 +103,34 @@ def _of_shells(
         if laws is not None:
             _, mine, of = np.intersect1d(which, laws.facet, return_indices=True)
             contraction[mine] = laws.contraction[of]
-        # ε_ij of component c of the displacement of node a
-        half = 0.5 * np.einsum("mai,mjc->maijc", g, along)
-        strain = half + half.swapaxes(2, 3) - np.einsum("mi,mj,mac->maijc", n, n, np.matmul(g, contraction))
+        across = np.einsum("mij,maijc->mac", contraction, within)
+        strain = within - n[:, None, :, None, None] * n[:, None, None, :, None] * across[:, :, None, None]
         parts = [strain[:, :, i, i] for i in range(3)] + [2 * strain[:, :, i, j] for i, j in SHEARS]
         yield which, nodes, np.stack(parts, axis=1)
+
+
+def _along(kind: Kind, corners: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal (m, 3) of facets with nodes at corners (m, k, 3) at xi (2,), and ε_ij along them there of component c of the
+    displacement of node a (m, k, 3, 3, 3), sym(g_a ⊗ P)."""
+    slope = kind.gradient(xi[None])[0]
+    J = np.einsum("ka,mkc->mca", slope, corners)
+    g = np.einsum("ka,mac->mkc", slope, np.linalg.pinv(J))
+    n = np.cross(J[:, :, 0], J[:, :, 1])
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    half = 0.5 * np.einsum("mai,mjc->maijc", g, np.eye(3) - n[:, :, None] * n[:, None])
+    return n, half + half.swapaxes(2, 3)
+
+
+def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """ε_ij at the centre as `_along`, from the points where the facets' strain is read, turned the shortest way onto the tangent
+    plane with the normals n (m, 3)."""
+    found = np.zeros((*corners.shape[:2], 3, 3, 3))
+    for point, weight in zip(kind.read_at, kind.reading(kind.centre[None])[0], strict=True):
+        own, strain = _along(kind, corners, point)
+        halfway = (own + n) / (1 + np.sum(own * n, axis=1))[:, None]
+        R = np.eye(3) + 2 * n[:, :, None] * own[:, None] - halfway[:, :, None] * (own + n)[:, None]
+        found += weight * np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
+    return found
 
 
 def _groups(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, ...], np.ndarray, np.ndarray]]:

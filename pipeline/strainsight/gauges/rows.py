@@ -11,7 +11,7 @@ from strainsight.errors import InfeasibleError
 from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.misplaced import misplaced
 from strainsight.gauges.points import Points, points_of, stays, surface_of
-from strainsight.gauges.surface import by_kind, facet_points
+from strainsight.gauges.surface import by_kind, carried, facet_points, normals
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds.kind import Kind
@@ -100,12 +100,31 @@ def _entries(position: np.ndarray, points: Points, kind: Kind) -> tuple[np.ndarr
     nodes = points.nodes[:, : N.shape[1]]
     d = points.direction
     strain = points.quantity == STRAIN
-    if strain.any():
+    if strain.any() and not len(kind.read_at):
         _, J = facet_points(kind, position[nodes[strain]], points.local[strain])
         # d in the dual base of the tangents: solve (JᵀJ) s = Jᵀd.
         s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, d[strain])[..., None])
         N[strain] = (kind.gradient(points.local[strain]) @ s)[..., 0]
     value = (points.weight[:, None] * N)[..., None] * d[:, None]
+    if strain.any() and len(kind.read_at):
+        own = _read(kind, position[nodes[strain]], points.local[strain], d[strain])
+        value[strain] = points.weight[strain, None, None] * own
     row = np.broadcast_to(points.channel[:, None, None], value.shape)
     column = 3 * nodes[..., None] + np.arange(3)
     return value.ravel(), row.ravel(), column.ravel()
+
+
+def _read(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Rows (m, k, 3) of the strain along d (m, 3) at xi (m, 2), from the points where the facet's strain is read, d carried there
+    over the bent surface; corners (m, k, 3) [m] all nodes of the facets."""
+    _, J = facet_points(kind, corners, xi)
+    normal, share = normals(J), kind.reading(xi)
+    found = np.zeros(corners.shape)
+    for point, weight in zip(kind.read_at, share.T, strict=True):
+        at = np.broadcast_to(point, xi.shape)
+        _, J = facet_points(kind, corners, at)
+        along = carried(d, normal, normals(J))
+        s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, along)[..., None])
+        slope = (kind.gradient(at) @ s)[..., 0]
+        found += (weight[:, None] * slope)[..., None] * along[:, None]
+    return found

@@ -18,6 +18,8 @@ from strainsight.mesh.model import CellBlock, IntArray, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
+ON_SHELL = {"quad8": "shell8", "tri6": "shell6"}
+"""Kind of a shell → that of its faces, where it is another."""
 UPPER, LOWER = 1, 2
 """Local numbers of the faces of a shell: the one on the side of its normal, and the other."""
 TOUCHING = 1e-7
@@ -86,7 +88,7 @@ def all_facets(mesh: Mesh) -> Facets:
             padded[:, :k] = own if number == UPPER else own[:, OUTWARD[k]]
             ids.append(shell.ids)
             facet.append(np.full(count, number))
-            kind.append(np.full(count, CODE[shell.kind]))
+            kind.append(np.full(count, CODE[ON_SHELL.get(shell.kind, shell.kind)]))
             nodes.append(padded)
             region.append(shell.region)
     for beam in mesh.beams:

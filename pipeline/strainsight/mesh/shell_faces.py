@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.shell_normals import normals_at_nodes
 from strainsight.mesh.thin import BeamSection, ShellBlock
@@ -65,7 +65,7 @@ def with_faces(mesh: Mesh) -> Mesh:
 def _around(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of every node of the shells (e k,): its index, the normal of the shell there (, 3), the heights of both its faces."""
     k = block.nodes.shape[1]
-    kind = next(own for own in FACETS if own.name == block.kind)
+    kind = facet_of(block.kind)
     normal = normals_at_nodes(kind, mesh.position[block.nodes])
     half = 0.5 * np.array([_thickness(mesh, int(region)) for region in block.region])
     low, high = block.offset - half, block.offset + half

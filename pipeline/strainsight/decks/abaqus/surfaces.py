@@ -34,7 +34,7 @@ SIDES = {"SPOS": 1, "S2": 1, "SNEG": -1, "S1": -1}
 """Label → ±1 times the normal of a shell, S1 and S2 as CalculiX has them."""
 EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3, 7)}
 """Label → the edge of a shell from its node of this place, E1 to E4 of Abaqus, S3 to S6 of CalculiX."""
-OF_NODES = {len(kind.nodes): kind for kind in FACETS}
+OF_NODES = {len(kind.nodes): kind for kind in FACETS if not len(kind.read_at)}
 
 
 @dataclass

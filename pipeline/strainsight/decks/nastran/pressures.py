@@ -11,7 +11,7 @@ from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.nastran.sets import expand
 from strainsight.mesh.coordinates import CoordinateSystem, local_axes
-from strainsight.mesh.kinds import FACETS, kind_of
+from strainsight.mesh.kinds import FACETS, facet_of, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 from strainsight.mesh.thin import ShellBlock
@@ -200,7 +200,7 @@ def _outlined(
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
     for shell in shells:
-        plane = next(kind for kind in FACETS if kind.name == shell.kind)
+        plane = facet_of(shell.kind)
         for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
             facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
     found = []

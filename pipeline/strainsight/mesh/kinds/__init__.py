@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds.hexahedra import HEX8, HEX20
-from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.kinds.pyramids import PYRA5
-from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
+from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8, SHELL8
 from strainsight.mesh.kinds.tetrahedra import TET4, TET10
-from strainsight.mesh.kinds.triangles import TRI3, TRI6
+from strainsight.mesh.kinds.triangles import SHELL6, TRI3, TRI6
 from strainsight.mesh.kinds.wedges import WEDGE6, WEDGE15
 
-FACETS = (TRI3, TRI6, QUAD4, QUAD8)
+FACETS = (TRI3, TRI6, QUAD4, QUAD8, SHELL6, SHELL8)
 """The codes of facets in artefacts are places in this tuple."""
 ELEMENTS = (TET4, TET10, HEX8, HEX20, WEDGE6, WEDGE15, PYRA5)
 _BY_NAME = {kind.name: kind for kind in ELEMENTS}
@@ -25,3 +25,8 @@ def kind_of(name: str) -> ElementKind:
     if name not in _BY_NAME:
         raise DeckError(f"element kind {name!r} is not supported", remedy=f"use {', '.join(_BY_NAME)}")
     return _BY_NAME[name]
+
+
+def facet_of(name: str) -> Kind:
+    """The facet of this name, which is one of `FACETS`."""
+    return next(kind for kind in FACETS if kind.name == name)

@@ -29,7 +29,9 @@ class Kind:
     nodes (k, d) [-] of the reference domain, first those at its corners; edges: the corners between which each of the
     others lies; centre (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with
     N_a(ξ_b) = δ_ab; stiffness, mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly where the Jacobian is constant; vtk: the
-    number of the cell there; split: the parts that it is cut into at the middle of its edges, in the reference domain.
+    number of the cell there; split: the parts that it is cut into at the middle of its edges, in the reference domain;
+    read_at: points (r, 2) whose strain goes on over the facet linearly, or bilinearly from four; none where strain is that at
+    every point itself.
     Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
     |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
     """
@@ -43,6 +45,7 @@ class Kind:
     mass: Rule
     vtk: int
     split: Split
+    read_at: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
 
     @property
     def corners(self) -> int:
@@ -52,6 +55,10 @@ class Kind:
     def shape(self, xi: FloatArray) -> FloatArray:
         """Shape functions N_a(ξ): xi (q, d) [-] → (q, k) [-]."""
         return self.functions(np.atleast_2d(xi))[0]
+
+    def reading(self, xi: FloatArray) -> FloatArray:
+        """Weights (q, r) of the strains at `read_at` in that at xi (q, 2)."""
+        return np.asarray(_bilinear(xi, len(self.read_at)) @ np.linalg.inv(_bilinear(self.read_at, len(self.read_at))))
 
     def gradient(self, xi: FloatArray) -> FloatArray:
         """∂N_a/∂ξ_d: xi (q, d) [-] → (q, k, d) [-]."""
@@ -86,6 +93,11 @@ class ElementKind(Kind):
     abaqus: Mapping[str, str] = field(default_factory=dict)
     meshio: Mapping[str, Order] = field(default_factory=dict)
     orders: Mapping[str, Order] = field(default_factory=dict)
+
+
+def _bilinear(xi: FloatArray, terms: int) -> FloatArray:
+    """(q, terms): 1, ξ, η and, of four, ξη."""
+    return np.column_stack([np.ones(len(xi)), xi, xi[:, 0] * xi[:, 1]])[:, :terms]
 
 
 def halves(corners: FloatArray) -> tuple[FloatArray, ...]:

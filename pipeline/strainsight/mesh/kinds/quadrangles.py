@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -36,3 +37,7 @@ QUAD8 = Kind(
     vtk=23,
     split=alike("quad8", halves(CORNERS)),
 )
+SHELL8 = replace(QUAD8, name="shell8", read_at=gauss(2, 2)[0])
+"""On a shell of the second order. Curved, it bends without stretch in the mean only: between nodes the strain of its functions
+is off by up to h²/(12 R t) of that on its faces, and right at the points of Gauss (Barlow, Int. J. Numer. Meth. Engng 10 (1976)
+243-251)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -36,3 +37,5 @@ TRI6 = Kind(
     vtk=22,
     split=alike("tri6", PARTS),
 )
+SHELL6 = replace(TRI6, name="shell6", read_at=triangle(2)[0])
+"""On a shell of the second order, see `SHELL8`."""
