@@ -11,9 +11,9 @@ MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
 LINEAR = {
     **dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"),
-    **dict.fromkeys(("B32", "B32R", "B32H", "T3D3", "CBEAM3"), "two nodes"),
+    **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes"),
 }
-"""Shells of nine nodes and quadratic beams, in the spelling of `short` → what to mesh with instead."""
+"""Shells of nine nodes and quadratic trusses, in the spelling of `short` → what to mesh with instead."""
 _UNUSED = re.compile(r" that no | not selected$")
 
 

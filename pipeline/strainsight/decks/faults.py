@@ -15,7 +15,10 @@ Where = Callable[[str, int], str]
 OR_CONFIG = ", or state it in the config (mesh.materials)"
 """What a deck without a material may do instead."""
 
-COLLAPSED = {"quad4": "replace collapsed quadrangles by triangles", "tri3": "remove it", "line2": "remove it"}
+COLLAPSED = {
+    **dict.fromkeys(("quad4", "quad8"), "replace collapsed quadrangles by triangles"),
+    **dict.fromkeys(("tri3", "tri6", "line2", "line3"), "remove it"),
+}
 """What to do about an element with a node twice; of solids another."""
 
 

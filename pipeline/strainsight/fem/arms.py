@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
+from strainsight.fem.beam_curved import GAUSS, beam_strains
 from strainsight.fem.equations import Rows
 from strainsight.fem.ties import rigid_rows
+from strainsight.mesh.beam_axes import ALONG, axes_along
+from strainsight.mesh.beam_sides import SIDES, around
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import BeamBlock
 
@@ -23,7 +26,8 @@ def with_arms(mesh: Mesh, rows: Rows, T: sparse.csr_array) -> sparse.csr_array:
     T = sparse.csr_array(T + _rigid(mesh, rows) @ T)
     sides = [block for block in mesh.beams if (block.on_sides >= 0).any()]
     for block in sides:
-        T = sparse.csr_array(T + _of_sides(mesh, block, rows) @ T)
+        own = _of_curved_sides if block.nodes.shape[1] == 3 else _of_sides
+        T = sparse.csr_array(T + own(mesh, block, rows) @ T)
     return T
 
 
@@ -73,3 +77,39 @@ def _of_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
         np.concatenate([np.broadcast_to(column, own.shape).ravel() for own, column in entries]),
     )
     return sparse.csr_array((value, places), shape=(rows.size, rows.size))
+
+
+def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
+    """The same of beams of three nodes, on the six motions of these."""
+    element, side = np.nonzero(block.on_sides[:, :, 0] >= 0)
+    corners, nodes, offset = block.on_sides[element, side], block.nodes[element], block.offset[element]
+    position = mesh.position[nodes]
+    axes, size = axes_along(position + offset, block.axes[element], ALONG)
+    strains = beam_strains(position, block.axes[element], offset, GAUSS)
+    # from the points of Gauss to A, B and between
+    line = np.stack([0.5 * (1 + ALONG / GAUSS[0]), 0.5 * (1 + ALONG / GAUSS[1])], axis=1)
+    nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in block.region[element]])
+    value = np.zeros((len(element), 8, 3, 18))
+    for number, (axis, sign) in enumerate(SIDES):
+        own = np.flatnonzero(side == number)
+        if not len(own):
+            continue
+        at = np.array([node for node, _ in around(axis, sign)])
+        arm = mesh.position[corners[own]] - (position + offset)[own][:, at]
+        y, z = (np.einsum("sci,sci->sc", arm, axes[own][:, at][..., i]) for i in (1, 2))
+        # of the middle of the side: which node stands at the same place of the beam on its other edge
+        out, along = (y, z) if axis == 0 else (z, y)
+        middle = np.stack([along[:, (at == at[c])].mean(axis=1) for c in range(8)], axis=1)
+        my, mz = (out, middle) if axis == 0 else (middle, out)
+        B = np.einsum("pg,sgrm->sprm", line, strains[own])[:, at]
+        strain = B[:, :, 0] - my[..., None] * B[:, :, 5] + mz[..., None] * B[:, :, 4]
+        shift = -(nu[own, None] * (along - middle))[..., None] * strain
+        gamma = strains[own][:, :, 2 - axis]  # along z of the sides ±y, along y of the sides ±z
+        mean, rise = gamma.mean(axis=1), 0.5 * (gamma[:, 1] - gamma[:, 0]) / GAUSS[1]
+        xi = ALONG[at]
+        shift -= size[own, 2, None, None] * (xi[:, None] * mean[:, None] + 0.5 * xi[:, None] ** 2 * rise[:, None])
+        value[own] = axes[own][:, at][..., 2 - axis, None] * shift[:, :, None]
+    row = np.broadcast_to((3 * corners[:, :, None] + np.arange(3))[..., None], value.shape)
+    column = np.broadcast_to(_six(rows, nodes.ravel()).reshape(-1, 1, 1, 18), value.shape)
+    kept = value != 0
+    return sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(rows.size, rows.size))

@@ -13,6 +13,7 @@ from scipy import sparse
 from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator, Parameter, sum_of
 from strainsight.fem.assembly import density_of, regions_of, targets
+from strainsight.fem.beam_curved import curved_beam_masses, curved_beam_stiffnesses
 from strainsight.fem.beam_matrices import beam_masses, beam_stiffnesses, properties_of, rod_masses, rod_stiffnesses
 from strainsight.fem.interpolation import interpolated
 from strainsight.fem.shell_sections import resistance_of, shell_weight
@@ -153,6 +154,8 @@ def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.
             properties = properties_of([_beam(mesh, int(number)) for number in part.region], nu)
             if part.kind == "rod":
                 own = rod_stiffnesses(x, properties.area[:, 0], properties.torsion[:, 0], nu, part.ids)
+            elif part.kind == "beam3":
+                own = curved_beam_stiffnesses(x, part.axes, properties, part.offset, part.ids)
             else:
                 own = beam_stiffnesses(x, part.axes, properties, part.offset, part.released, part.ids)
         yield part.nodes, factor * own
@@ -176,7 +179,8 @@ def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> It
                 own = rod_masses(x, length[:, 0], part.ids)
             else:
                 second = np.array([[end.second for end in both] for both in ends])
-                own = beam_masses(x, part.axes, length, part.offset, part.ids, rho[:, None, None, None] * second)
+                masses = curved_beam_masses if part.kind == "beam3" else beam_masses
+                own = masses(x, part.axes, length, part.offset, part.ids, rho[:, None, None, None] * second)
         yield part.nodes, own
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from strainsight.mesh.beam_axes import ALONG, axes_along
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import BeamBlock, BeamSection
 
@@ -14,7 +15,8 @@ SIDES = ((0, 1), (1, 1), (0, -1), (1, -1))
 
 
 def with_sides(mesh: Mesh) -> Mesh:
-    """The mesh with four nodes on each of the four sides of every beam, behind its other nodes, as arms of its ends.
+    """The mesh with four nodes on each of the four sides of every beam, behind its other nodes, as arms of its ends; with eight,
+    those in the middle of its length as arms of the node there, where it has one.
 
     The sides are those of the box about the points of its section where strain is asked for (C to F of a PBAR); without such
     points that of a square with its area. Rods, and beams that do not hand on all motions of their ends, have none, and a
@@ -24,13 +26,14 @@ def with_sides(mesh: Mesh) -> Mesh:
         return mesh
     blocks, places, references, start = [], [], [], len(mesh.position)
     for block in mesh.beams:
-        on_sides = np.full((len(block.ids), len(SIDES), 4), -1, dtype=np.int64)
+        count = 8 if block.nodes.shape[1] == 3 else 4
+        on_sides = np.full((len(block.ids), len(SIDES), count), -1, dtype=np.int64)
         own = np.flatnonzero(~block.released.any(axis=(1, 2)) & (block.kind != "rod"))
         if len(own):
             x, nodes = _corners(mesh, block, own)
             there = np.array([_ends(mesh, int(region))[0].sides for region in block.region[own]])
-            number = np.full((*there.shape, 4), -1)
-            number[there] = start + np.arange(4 * np.count_nonzero(there)).reshape(-1, 4)
+            number = np.full((*there.shape, count), -1)
+            number[there] = start + np.arange(count * np.count_nonzero(there)).reshape(-1, count)
             on_sides[own] = number
             places.append(x[there].reshape(-1, 3))
             references.append(nodes[there].ravel())
@@ -50,25 +53,36 @@ def with_sides(mesh: Mesh) -> Mesh:
 
 
 def _corners(mesh: Mesh, block: BeamBlock, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places (e, 4, 4, 3) of the corners of the sides, seen from outside, and the nodes (e, 4, 4) whose ends they are at."""
+    """Places (e, 4, 4 or 8, 3) of the nodes of the sides, seen from outside, and the nodes (e, 4, 4 or 8) that they follow."""
     boxes = np.array(
         [[_box(end) for end in _ends(mesh, int(region))] for region in block.region[own]]
     )  # e, end, axis, 2
-    axes, ends = block.axes[own], mesh.position[block.nodes[own]] + block.offset[own]
-    x, nodes = np.empty((len(own), len(SIDES), 4, 3)), np.empty((len(own), len(SIDES), 4), dtype=np.int64)
+    k = block.nodes.shape[1]
+    line = mesh.position[block.nodes[own]] + block.offset[own]
+    axes = np.repeat(block.axes[own][:, None], k, axis=1) if k == 2 else axes_along(line, block.axes[own], ALONG)[0]
+    # of the node between its ends too
+    boxes = np.concatenate([boxes, boxes.mean(axis=1, keepdims=True)], axis=1)[:, :k]
+    count = 4 if k == 2 else 8
+    x, nodes = np.empty((len(own), len(SIDES), count, 3)), np.empty((len(own), len(SIDES), count), dtype=np.int64)
     for side, (axis, sign) in enumerate(SIDES):
         other = 1 - axis
-        # around the side so that its normal points away from the beam
-        turn = -sign if axis == 0 else sign
-        around = [(0, 0), (1, 0), (1, 1), (0, 1)] if turn > 0 else [(0, 0), (0, 1), (1, 1), (1, 0)]
-        for corner, (end, high) in enumerate(around):
-            out = boxes[:, end, axis, int(sign > 0)]
-            along = boxes[:, end, other, high]
-            x[:, side, corner] = (
-                ends[:, end] + out[:, None] * axes[:, :, 1 + axis] + along[:, None] * axes[:, :, 1 + other]
-            )
-            nodes[:, side, corner] = block.nodes[own, end]
+        for corner, (at, share) in enumerate(around(axis, sign)[:count]):
+            out = boxes[:, at, axis, int(sign > 0)]
+            along = (1 - share) * boxes[:, at, other, 0] + share * boxes[:, at, other, 1]
+            across = out[:, None] * axes[:, at, :, 1 + axis] + along[:, None] * axes[:, at, :, 1 + other]
+            x[:, side, corner] = line[:, at] + across
+            nodes[:, side, corner] = block.nodes[own, at]
     return x, nodes
+
+
+def around(axis: int, sign: int) -> list[tuple[int, float]]:
+    """Of the eight nodes of a side, corners first, so that its normal points away from the beam: which node of the beam each
+    follows, end A, end B or the one between, and its place across from 0 to 1."""
+    turn = -sign if axis == 0 else sign
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)] if turn > 0 else [(0, 0), (0, 1), (1, 1), (1, 0)]
+    after = [*corners[1:], corners[0]]
+    between = [(a if a == b else 2, 0.5 * (p + q)) for (a, p), (b, q) in zip(corners, after, strict=True)]
+    return [*((at, float(high)) for at, high in corners), *between]
 
 
 def _ends(mesh: Mesh, region: int) -> tuple[BeamSection, BeamSection]:

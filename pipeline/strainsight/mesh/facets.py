@@ -95,10 +95,10 @@ def all_facets(mesh: Mesh) -> Facets:
         for number, own in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
             there = np.flatnonzero(own[:, 0] >= 0)
             padded = np.full((len(there), 8), -1, dtype=np.int64)
-            padded[:, :4] = own[there]
+            padded[:, : own.shape[1]] = own[there]
             ids.append(beam.ids[there])
             facet.append(np.full(len(there), number))
-            kind.append(np.full(len(there), CODE["quad4"]))
+            kind.append(np.full(len(there), CODE["quad4" if own.shape[1] == 4 else ON_SHELL["quad8"]]))
             nodes.append(padded)
             region.append(beam.region[there])
     nodes.append(np.zeros((0, 8), dtype=np.int64))

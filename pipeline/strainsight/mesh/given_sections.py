@@ -12,7 +12,6 @@ from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.plates import plate_normals
 from strainsight.mesh.resized import resized
 from strainsight.mesh.thin import (
-    BEAM_KINDS,
     CORNERS,
     SHELL_KINDS,
     BeamBlock,
@@ -22,8 +21,10 @@ from strainsight.mesh.thin import (
     ShellSection,
 )
 
-LINE = "line2"
-"""Kind of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
+LINE, LINE3 = "line2", "line3"
+"""Kinds of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
+LINES = {"beam": LINE, "rod": LINE, "beam3": LINE3}
+"""Kind of a beam → that of its lines."""
 ON_AXIS = 1e-6
 """Sine of the angle of a direction to a beam, below which it gives no plane."""
 
@@ -59,11 +60,12 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
     Raises DeckError for a shell of no area, folded or warped too much, a line without length, and one along the direction of its
     section.
     """
-    of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE)}
+    of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)}
     notes = list(mesh.notes)
     with mesh.located():
         shells = tuple(_shells(mesh, of[kind], given, notes) for kind in SHELL_KINDS if len(of[kind].ids))
-        lines = [_beams(mesh, kind, of[LINE], given) for kind in BEAM_KINDS if len(of[LINE].ids)]
+        _refuse_curved_rods(of[LINE3], given)
+        lines = [_beams(mesh, kind, of[line], given) for kind, line in LINES.items() if len(of[line].ids)]
     beams = tuple(block for block in lines if len(block.ids))
     sections = {region: own.section for region, own in given.items()}
     return replace(mesh, shells=shells, beams=beams, sections=sections, notes=tuple(notes))
@@ -93,9 +95,9 @@ def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], not
 
 def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSection]) -> BeamBlock:
     """Those of the lines that are of this kind."""
-    own = np.flatnonzero([("beam" if _bends(given[region]) else "rod") == kind for region in block.region.tolist()])
+    own = np.flatnonzero([_bends(given[region]) == (kind != "rod") for region in block.region.tolist()])
     ids, nodes, region = block.ids[own], block.nodes[own], block.region[own]
-    along = np.diff(mesh.position[nodes], axis=1)[:, 0]
+    along = np.diff(mesh.position[nodes[:, :2]], axis=1)[:, 0]
     size = np.linalg.norm(along, axis=1)
     if not size.all():
         element = int(ids[np.argmin(size)])
@@ -116,7 +118,17 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSec
             entity=("element", element),
         )
     e = len(ids)
-    return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, 2, 3)), np.zeros((e, 2, 6), dtype=bool))
+    return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
+
+
+def _refuse_curved_rods(block: CellBlock, given: Mapping[int, GivenSection]) -> None:
+    for element, region in zip(block.ids.tolist(), block.region.tolist(), strict=True):
+        if not _bends(given[region]):
+            raise DeckError(
+                f"element {element} is a line of three nodes, and its section does not bend: nothing holds its middle",
+                remedy="give its section moments of area (mesh.sections), or mesh rods with lines of two nodes",
+                entity=("element", element),
+            )
 
 
 def _bends(own: GivenSection) -> bool:

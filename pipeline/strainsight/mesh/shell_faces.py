@@ -79,8 +79,8 @@ def _thickness(mesh: Mesh, region: int) -> float:
 
 
 def _smooth(node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners and mid-sides (c,) → group of those around one node that go on smoothly into each other, and ±1: whether the normal of each is
-    that of the first of its group or against it."""
+    """Corners and mid-sides (c,) → group of those around one node that go on smoothly into each other, and ±1: whether the
+    normal of each is that of the first of its group or against it."""
     order = np.argsort(node, kind="stable")
     start = np.flatnonzero(np.diff(node[order], prepend=-1))
     size = np.diff(np.append(start, len(order)))

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
 """Nodes of a shell → how many are at its corners, the first ones; the others lie on its sides, the first between 1 and 2."""
-BEAM_KINDS = ("beam", "rod")
+BEAM_KINDS = ("beam", "rod", "beam3")
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,8 @@ class ShellBlock:
     """Shells of one kind of `SHELL_KINDS`: ids (n,) of the file, nodes (n, k) indices in order around the element, corners
     before those between them, region (n,) ids; offset (n,) [m] of the middle of the shell from its nodes, along the normal that
     the order of nodes gives; axis (n, 3) a vector whose projection on the shell is x of its material, NaN where that is the side
-    from the first node to the second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are there."""
+    from the first node to the second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are
+    there."""
 
     kind: str
     ids: IntArray
@@ -108,11 +109,12 @@ class ShellBlock:
 
 @dataclass(frozen=True)
 class BeamBlock:
-    """Straight elements of one kind, "beam" or "rod" (which has neither bending nor shear): ids (n,), nodes (n, 2) indices of
-    ends A and B, region (n,) ids; axes (n, 3, 3) x, y, z of the beam, one in a column, x from A to B where the offsets have
-    moved them; offset (n, 2, 3) [m] of the ends of the beam from their nodes, along the basic axes; released (n, 2, 6) motions
-    of each end, along those axes of the beam, that it does not hand on to its node (pin flags); on_sides (n, 4, 4) indices of
-    the nodes on its sides, −1 where it has none."""
+    """Elements of one kind, straight "beam" or "rod" (which has neither bending nor shear), or "beam3" with a node between its
+    ends, which may be curved: ids (n,), nodes (n, k) indices of ends A and B and of the node between, region (n,) ids; axes
+    (n, 3, 3) x, y, z of the beam, one in a column, x from A to B where the offsets have moved them; offset (n, k, 3) [m] of the
+    beam from its nodes, along the basic axes; released (n, 2, 6) motions of each end, along those axes of the beam, that it does
+    not hand on to its node (pin flags; none of "beam3"); on_sides (n, 4, 4 or 8) indices of the nodes on its sides, −1 where it
+    has none."""
 
     kind: str
     ids: IntArray

@@ -16,7 +16,9 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 
-VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3} | {kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)}
+VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3, "beam3": 21} | {
+    kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)
+}
 """VTK's cell type numbers."""
 
 

@@ -44,17 +44,17 @@ class Shells:
 @record
 class Beams:
     id: np.ndarray = dataset("/id", "1", "beam", "id of every beam or rod in the deck")
-    nodes: np.ndarray = dataset("/nodes", "1", "beam × 2", "node indices of its ends A and B")
+    nodes: np.ndarray = dataset("/nodes", "1", "beam × node", "node indices of its ends A and B, and of one between")
     region: np.ndarray = dataset("/region", "1", "beam", "region id of every beam or rod")
     axes: np.ndarray = dataset("/axes", "1", "beam × 3 × 3", "its axes x, y, z, one in a column; x from end A to B")
-    offset: np.ndarray = dataset("/offset", "m", "beam × 2 × 3", "its ends from their nodes")
+    offset: np.ndarray = dataset("/offset", "m", "beam × node × 3", "its axis from its nodes")
     released: np.ndarray = dataset(
         "/released", "1", "beam × 2 × 6", "1 where an end does not hand on a motion along those axes (pin flags)"
     )
     on_sides: np.ndarray = dataset(
         "/on_sides",
         "1",
-        "beam with sides × side × node",
+        "beam with sides × side × node of it",
         "indices of the nodes on its four sides, −1 for none, see /arms",
     )
 

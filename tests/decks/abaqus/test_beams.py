@@ -232,12 +232,12 @@ def test_rotations_of_beams_are_held_tied_and_turned(read):
 
 
 def test_what_beams_are_not_the_same_without_is_listed(read):
-    text = FRAME + "*BEAM ADDED INERTIA\n1.,\n*ELEMENT, TYPE=B32\n12, 1, 2, 3\n*ELEMENT, TYPE=T3D3\n13, 1, 2, 3\n"
+    text = FRAME + "*BEAM ADDED INERTIA\n1.,\n*ELEMENT, TYPE=B33H\n12, 1, 2\n*ELEMENT, TYPE=T3D3\n13, 1, 2, 3\n"
     mesh = read(text + "*DLOAD\nBAR, P1, 3.\n*SURFACE, NAME=S\nBAR,\n")
     assert set(mesh.unsupported) == {
         "*BEAM ADDED INERTIA",
         "*DLOAD on elements that are no solids",
-        "*ELEMENT, TYPE=B32",
+        "*ELEMENT, TYPE=B33H",
         "*ELEMENT, TYPE=T3D3",
     }
     assert any("beams of surface S are left out of it" in note for note in mesh.notes)

@@ -31,7 +31,15 @@ SHELLS = {
     "S8R": ("quad8", REDUCED),
     "S8R5": ("quad8", REDUCED),
 }
-BEAMS = {"B31": ("beam", ""), "B31H": ("beam", ""), "B33": ("beam", ""), "T3D2": ("rod", "")}
+BEAMS = {
+    "B31": ("beam", ""),
+    "B31H": ("beam", ""),
+    "B33": ("beam", ""),
+    "B32": ("beam3", ""),
+    "B32H": ("beam3", ""),
+    "B32R": ("beam3", ""),
+    "T3D2": ("rod", ""),
+}
 THIN = {**SHELLS, **BEAMS}
 """Type → kind of shell or beam, and how it is reinterpreted."""
 NODES = {"tri3": 3, "quad4": 4, "tri6": 6, "quad8": 8}
@@ -58,7 +66,7 @@ class Cells:
 def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     """The elements of an *ELEMENT keyword, on as many lines each as it takes, with the rows of their nodes in `table`.
 
-    A beam may have a third node, which its first axis points to. Raises DeckError for a wrong number of nodes, a node that is
+    A beam may have one node more, which its first axis points to. Raises DeckError for a wrong number of nodes, a node that is
     missing, and solids that are not supported.
     """
     type_ = keyword.needs("TYPE").upper()

@@ -59,14 +59,17 @@ class Assembly:
     @cached_property
     def families(self) -> NDArray[np.str_]:
         """(m,): "solid", "shell", "beam" or "rod", empty of elements that are not imported as one of them."""
-        names = {**dict.fromkeys(SHELLS, "shell"), **{type_: kind for type_, (kind, _) in BEAMS.items()}}
+        names = {
+            **dict.fromkeys(SHELLS, "shell"),
+            **{type_: "rod" if kind == "rod" else "beam" for type_, (kind, _) in BEAMS.items()},
+        }
         found = np.array([names.get(type_, "") for type_ in self.type], dtype="U5")
         found[self.kind >= 0] = "solid"
         return found
 
     @cached_property
     def thin_kinds(self) -> NDArray[np.str_]:
-        """(m,): the kind of a shell, "beam" or "rod", empty of all other elements."""
+        """(m,): the kind of a shell, beam or rod, empty of all other elements."""
         return np.array([THIN.get(type_, ("", ""))[0] for type_ in self.type], dtype="U5")
 
     def element(self, row: int) -> str:

@@ -129,7 +129,9 @@ def _of_shells(
         )
     facets = shell_facets(assembly, rows)
     if label not in EDGES:
-        return [(kind, nodes if SIDES.get(label, 1) > 0 else nodes[:, OUTWARD[nodes.shape[1]]]) for kind, nodes in facets], []
+        return [
+            (kind, nodes if SIDES.get(label, 1) > 0 else nodes[:, OUTWARD[nodes.shape[1]]]) for kind, nodes in facets
+        ], []
     lines = []
     for kind, nodes in facets:
         if not EDGES[label] < kind.corners:

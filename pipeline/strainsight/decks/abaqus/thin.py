@@ -9,11 +9,14 @@ from strainsight.decks.abaqus.composites import default_axes
 from strainsight.decks.abaqus.scopes import Assembly
 from strainsight.decks.abaqus.sections import Sections
 from strainsight.decks.faults import coincident, folded, plural
+from strainsight.mesh.beam_axes import ALONG, axes_along
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.plates import PARALLEL, plate_normals
-from strainsight.mesh.thin import CORNERS, SHELL_KINDS, BeamBlock, ShellBlock
+from strainsight.mesh.thin import BEAM_KINDS, CORNERS, SHELL_KINDS, BeamBlock, ShellBlock
 
+IN_ORDER = {"beam": (0, 1), "rod": (0, 1), "beam3": (0, 2, 1)}
+"""Kind → where its nodes stand in the deck: ends, and the one between."""
 APART = 1e-9
 """Length of an element over the extent of the model, below which its ends coincide."""
 
@@ -60,21 +63,22 @@ def _check_shape(assembly: Assembly, rows: IntArray, nodes: IntArray) -> None:
 def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]:
     """Beams and trusses with a section, a block a kind:
 
-        x from the first node to the second,     n2 = x × v/|x × v|,   n1 = n2 × x
+        x from the first node to the last,     n2 = x × v/|x × v|,   n1 = n2 × x
 
-    y is n1 and z is n2; v is the direction n1 of the section, or points from the first node to a third one of the element.
+    y is n1 and z is n2; v is the direction n1 of the section, or points from the first node to one more of the element. A B32
+    has its middle node between its ends.
     Raises DeckError for nodes that are missing or coincide, and for a direction n1 along the beam.
     """
     extent = float(np.ptp(assembly.position, axis=0).max()) if len(assembly.position) else 0.0
     blocks = []
     kinds = assembly.thin_kinds
-    for kind in ("beam", "rod"):
+    for kind in BEAM_KINDS:
         rows = np.flatnonzero((kinds == kind) & (sections.region > 0))
         if not rows.size:
             continue
-        _check_count(assembly, rows, 3 if kind == "beam" else 2)
-        nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(2)]
-        x = np.diff(assembly.position[nodes], axis=1)[:, 0]
+        _check_count(assembly, rows, IN_ORDER[kind])
+        nodes = assembly.nodes[assembly.first[rows][:, None] + np.array(IN_ORDER[kind])]
+        x = np.diff(assembly.position[nodes[:, :2]], axis=1)[:, 0]
         length = np.linalg.norm(x, axis=1)
         if (short := ~(length > APART * extent)).any():
             raise assembly.element_error(
@@ -82,7 +86,11 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
             )
         x = x / length[:, None]
         region = sections.region[rows]
-        v = _directions(assembly, sections, rows, region) if kind == "beam" else np.eye(3)[np.argmin(np.abs(x), axis=1)]
+        v = (
+            np.eye(3)[np.argmin(np.abs(x), axis=1)]
+            if kind == "rod"
+            else _directions(assembly, sections, rows, region, len(IN_ORDER[kind]))
+        )
         n2 = np.cross(x, v)
         size = np.linalg.norm(n2, axis=1)
         if (lost := ~(size > PARALLEL * np.linalg.norm(v, axis=1))).any():
@@ -96,28 +104,35 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         n2 = n2 / size[:, None]
         n1 = np.cross(n2, x)
         place = np.array([sections.offset[number] for number in region.tolist()])
-        off = place[:, :1] * n1 + place[:, 1:] * n2 if kind == "beam" else np.zeros_like(x)
         _note_shared(assembly, rows, nodes)
+        axes = np.stack([x, n1, n2], axis=2)
+        own = np.repeat(axes[:, None], nodes.shape[1], axis=1)
+        if kind == "beam3":
+            own, _ = axes_along(assembly.position[nodes], axes, ALONG)
+        off = own[..., 1] * place[:, None, :1] + own[..., 2] * place[:, None, 1:] if kind != "rod" else 0 * own[..., 0]
         blocks.append(
             BeamBlock(
                 kind,
                 assembly.element_ids[rows],
                 nodes,
                 region,
-                np.stack([x, n1, n2], axis=2),
-                np.repeat(off[:, None], 2, axis=1),
+                axes,
+                off,
                 np.zeros((len(rows), 2, 6), dtype=bool),
             )
         )
     return tuple(blocks)
 
 
-def _check_count(assembly: Assembly, rows: IntArray, most: int) -> None:
+def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> None:
+    """As many nodes as a beam has, or one more that n1 points to, which trusses have not."""
     for row in rows.tolist():
         nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]]
-        if not 2 <= len(nodes) <= most:
+        truss = assembly.type[row].startswith("T")
+        if not len(order) <= len(nodes) <= len(order) + (not truss):
+            count, more = ("two", "third") if len(order) == 2 else ("three", "fourth")
             raise assembly.element_error(
-                row, f"has {len(nodes)} nodes", "give two" + (", and a third that n1 points to" if most == 3 else "")
+                row, f"has {len(nodes)} nodes", f"give {count}" + ("" if truss else f", and a {more} that n1 points to")
             )
         if nodes.min() < 0:
             i = int(np.argmin(nodes)) + 1
@@ -126,12 +141,12 @@ def _check_count(assembly: Assembly, rows: IntArray, most: int) -> None:
             )
 
 
-def _directions(assembly: Assembly, sections: Sections, rows: IntArray, region: IntArray) -> FloatArray:
-    """v (n, 3) of each beam."""
+def _directions(assembly: Assembly, sections: Sections, rows: IntArray, region: IntArray, count: int) -> FloatArray:
+    """v (n, 3) of each beam of `count` nodes."""
     v = np.array([sections.direction[number] for number in region.tolist()])
-    third = np.flatnonzero(assembly.first[rows + 1] - assembly.first[rows] == 3)
-    begin = assembly.first[rows[third]]
-    v[third] = assembly.position[assembly.nodes[begin + 2]] - assembly.position[assembly.nodes[begin]]
+    more = np.flatnonzero(assembly.first[rows + 1] - assembly.first[rows] == count + 1)
+    begin = assembly.first[rows[more]]
+    v[more] = assembly.position[assembly.nodes[begin + count]] - assembly.position[assembly.nodes[begin]]
     return v
 
 

@@ -14,10 +14,10 @@ from strainsight.decks.gmsh.rows import Doubled, indices, merged
 from strainsight.decks.gmsh.sections import GmshFile
 from strainsight.decks.thin import Chosen, regions_with_sections
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import LINE, GivenSection
+from strainsight.mesh.given_sections import LINE, LINE3, GivenSection
 from strainsight.mesh.model import CellBlock, Region
 
-KINDS = {3: "quad4", 2: "tri3", 16: "quad8", 9: "tri6", 1: LINE}
+KINDS = {3: "quad4", 2: "tri3", 16: "quad8", 9: "tri6", 1: LINE, 8: LINE3}
 """Types of elements that may have a section."""
 NINE = 10
 """Type of the quadrangle that second order makes by default."""

@@ -15,6 +15,7 @@ from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.plates import PARALLEL, plate_normals
 from strainsight.mesh.thin import SHELL_KINDS, BeamSection, Section, ShellBlock, ShellSection
 
+
 @dataclass(frozen=True)
 class Layout:
     """Of a card: kind of shell; corners; fields of THETA, ZOFFS, TFLAG and T1."""

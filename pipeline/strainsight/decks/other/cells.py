@@ -11,10 +11,10 @@ from strainsight.decks.faults import plural
 from strainsight.decks.other.arrays import Labels
 from strainsight.decks.thin import Chosen, Groups
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import LINE, GivenSection
+from strainsight.mesh.given_sections import LINE, LINE3, GivenSection
 from strainsight.mesh.model import CellBlock, IntArray
 
-THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri6", "line": LINE}
+THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri6", "line": LINE, "line3": LINE3}
 """Types of cells that may have a section."""
 
 

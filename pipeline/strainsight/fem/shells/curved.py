@@ -18,8 +18,8 @@ FLAT = 1e-3
 
 @dataclass(frozen=True)
 class Surface:
-    """Elements: position (e, k, 3) [m] of their nodes moved onto the middle surface; normal (e, k, 3) of the element there; turned
-    (e, k, 3, 3) with ψ = θ × n = turned θ; arm (e, k, 3) [m] from the nodes; axes (e, 3, 3) of `shell_axes`; ids (e,)."""
+    """Elements: position (e, k, 3) [m] of their nodes moved onto the middle surface; normal (e, k, 3) of the element there;
+    turned (e, k, 3, 3) with ψ = θ × n = turned θ; arm (e, k, 3) [m] from the nodes; axes (e, 3, 3) of `shell_axes`; ids (e,)."""
 
     position: np.ndarray
     normal: np.ndarray

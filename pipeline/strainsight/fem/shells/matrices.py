@@ -38,16 +38,16 @@ def shell_stiffnesses(
         K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = min(6 D₃₃/area, A₃₃/10) + 10⁻⁴ A₃₃
 
     with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes, `curved_strains`, and A₃₃ and D₃₃ of
-    `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S)
-    together and is no sum over them.
+    `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹
+    K_iu: K scales with (A, B, D, S) together and is no sum over them.
 
     position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
-    a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite (a shell that does not shear: a thousand times that of one that does;
-    nothing locks); offset (e,) [m] of the middle surface from the nodes along the normal, by rigid arms; ids (e,) for the error
-    message. Returns (e, 6k, 6k), rows 6·node + component, three translations [m] and three rotations [rad] along the basic axes.
-    Assumes small strain; nodes of a warped quad of four are linked to its mean plane by rigid arms. Raises what `shell_axes`
-    does, and DeckError for a second-order element that is folded.
-    """
+    a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite
+    (a shell that does not shear: a thousand times that of one that does; nothing locks); offset (e,) [m] of the middle surface
+    from the nodes along the normal, by rigid arms; ids (e,) for the error message. Returns (e, 6k, 6k), rows 6·node + component,
+    three translations [m] and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four
+    are linked to its mean plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is
+    folded. """
     e, k = position.shape[:2]
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
@@ -75,10 +75,10 @@ def shell_masses(
 
         M_ab = ∫ N_a N_b dA (m I on translations of the middle surface, ρt³/12 (n_a·n_b I − n_b n_aᵀ) on rotations)
 
-    n the normal, of flat shells one; inner motions of second-order shells carry none. Where the nodes of a flat mesh lie on the middle surface, rotation about the normal has no inertia, and M is singular.
-    position (e, k, 3) [m]; per_area m (e,) [kg/m²]; rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`;
-    ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises what `shell_axes` does.
-    """
+    n the normal, of flat shells one; inner motions of second-order shells carry none. Where the nodes of a flat mesh lie on the
+    middle surface, rotation about the normal has no inertia, and M is singular. position (e, k, 3) [m]; per_area m (e,) [kg/m²];
+    rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises
+    what `shell_axes` does. """
     e, k = position.shape[:2]
     if k in TIES:
         return _curved_masses(position, per_area, rotary, offset, ids)
@@ -104,9 +104,10 @@ def shell_strain_rows(
     """Rows of ε_xx, ε_yy, γ_xy along the axes of `shell_axes` at a height z above the middle surface, ε + z κ.
 
     position (e, k, 3) [m]; at (e, 2) natural coordinates, ξ, η in −1 … 1 of four corners, area coordinates of the second and
-    third of three corners, of second-order elements the same for all; height z (e,) [m]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre
-    of an element, (0, 0) or (1/3, 1/3), these are the strains of its stiffness and nu is without effect; elsewhere those of an
-    isotropic one without the curvature that varies within a triangle, whose mean is zero. Returns (e, 3, 6k) [1/m, 1].
+    third of three corners, of second-order elements the same for all; height z (e,) [m]; offset (e,) [m] as in
+    `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre of an element, (0, 0) or (1/3, 1/3), these are the strains
+    of its stiffness and nu is without effect; elsewhere those of an isotropic one without the curvature that varies within a
+    triangle, whose mean is zero. Returns (e, 3, 6k) [1/m, 1].
     Raises what `shell_axes` does.
     """
     e, k = position.shape[:2]

@@ -96,9 +96,7 @@ _TRI_STRETCH = np.array(
     ]
 )
 """Of strain along r, s and q, the sides from the first node to the second and third, and between these."""
-_TRI_SHEAR = np.vstack(
-    [[[FIRST, 0], [SECOND, 0], [SECOND, FIRST], [FIRST, SECOND], [0, SECOND], [0, FIRST]], _INSIDE]
-)
+_TRI_SHEAR = np.vstack([[[FIRST, 0], [SECOND, 0], [SECOND, FIRST], [FIRST, SECOND], [0, SECOND], [0, FIRST]], _INSIDE])
 _SIDES = np.array([[1.0, 0], [1, 0], [-1, 1], [-1, 1], [0, -1], [0, -1]])
 
 

@@ -91,8 +91,15 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
         loads_of_page(mesh, loads),
         fixed,
         loose,
-        np.concatenate([np.zeros((0, 2), dtype=np.int64), *bars]),
+        np.concatenate(
+            [np.zeros((0, 2), dtype=np.int64), *(nodes[:, ends] for nodes in bars for ends in _pieces(nodes))]
+        ),
     )
+
+
+def _pieces(nodes: np.ndarray) -> tuple[list[int], ...]:
+    """Between which nodes of beams (n, k) straight lines are drawn."""
+    return ([0, 2], [2, 1]) if nodes.shape[1] == 3 else ([0, 1],)
 
 
 def layout_of_test(
