@@ -9,10 +9,11 @@ from itertools import combinations
 import numpy as np
 
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
-from strainsight.augmentation.measurement import measurement_rows
+from strainsight.augmentation.measurement import Sensed
 from strainsight.augmentation.observability import Observability, observability
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
+from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.rom.model import ReducedModel, modal_basis
 
 GROUPS = 4
@@ -49,8 +50,7 @@ def cases(
     damping: Sequence[str] = (),
     amplitude: Mapping[str, float],
     guess: Mapping[str, float],
-    rows: np.ndarray,
-    quantity: np.ndarray,
+    sensed: Sensed,
     largest: np.ndarray,
     instants: int,
     seed: int,
@@ -61,9 +61,9 @@ def cases(
     number the better of the two in the middle. Inputs are random walks, whatever the filter takes them for.
 
     theta: all parameters [SI]; x (s, 2n) = [q, q̇], u (s, n_u) [N]: the motion; inputs, moduli, densities, damping: names;
-    amplitude [N], guess [SI]: scales of the unknowns; rows (m, n), quantity (m,): of every channel, as
-    `measurement_rows` takes them; largest (m,): largest reading of the channel's quantity in that motion, by which its
-    row is divided. A parameter on which the motion never depends makes its cases unobservable, with that as the reason.
+    amplitude [N], guess [SI]: scales of the unknowns; sensed: every channel (m,); largest (m,): largest reading of the
+    channel's quantity in that motion, by which its row is divided. A parameter on which the motion never depends makes its
+    cases unobservable, with that as the reason.
     Raises ConfigError where a quantity reads nothing in the motion. Source: thesis (6.1), tables 6.1 and 6.2.
     """
     groups = (("input", tuple(inputs)), ("E", tuple(moduli)), ("rho", tuple(densities)), ("damping", tuple(damping)))
@@ -75,7 +75,7 @@ def cases(
     lam = modal_basis(model, model.reference)[0]
     n = model.size
     energy = float(np.sqrt(np.sum(lam * x[:, :n] ** 2 + x[:, n:] ** 2, axis=1)).max())
-    scaled, plain = _compressed(rows / np.asarray(largest)[:, None], quantity), _compressed(rows, quantity)
+    scaled, plain = _compressed(sensed, 1 / np.asarray(largest)), _compressed(sensed, np.ones(len(largest)))
     found = []
     for chosen in ORDER:
         if any(not groups[g][1] for g in chosen):
@@ -89,9 +89,12 @@ def cases(
             nothing = Observability(float("inf"), 0.0, float("inf"), "")
             found.append(Case(label, unknowns.names, nothing, -1, 0, error.what))
             continue
+        motion = model, unknowns, theta, x[at], u[at]
+        F = linearise(*motion)
+        by_size, as_is = (own.linearised(*motion, F) for own in (scaled, plain))
         results = [
-            _observability(F, scaled, plain, unknowns, np.sqrt(lam), energy)
-            for F in linearise(model, unknowns, theta, x[at], u[at])
+            _observability(*own, unknowns=unknowns, frequency=np.sqrt(lam), energy=energy)
+            for own in zip(F, by_size, as_is, strict=True)
         ]
         middle = np.argsort([result.condition for result in results], kind="stable")[(len(at) - 1) // 2]
         found.append(Case(label, unknowns.names, results[middle], int(at[middle]), len(at)))
@@ -100,8 +103,8 @@ def cases(
 
 def _observability(
     F: np.ndarray,
-    scaled: tuple[np.ndarray, np.ndarray],
-    plain: tuple[np.ndarray, np.ndarray],
+    scaled: np.ndarray,
+    plain: np.ndarray,
     unknowns: Unknowns,
     frequency: np.ndarray,
     energy: float,
@@ -109,17 +112,23 @@ def _observability(
     """`observability` with every row divided by its own reading; the raw condition is that of the rows as they are."""
     return observability(
         F,
-        measurement_rows(*scaled, F),
+        scaled,
         names=unknowns.names,
         frequency=frequency,
         state_amplitude=energy,
         largest_strain=1.0,
         raw_scale=unknowns.scale,
-        raw_rows=measurement_rows(*plain, F),
+        raw_rows=plain,
     )
 
 
-def _compressed(rows: np.ndarray, quantity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """At most n rows for each quantity with the same HᵀH, and so the same singular values, whatever the pool; and theirs."""
-    parts = [(kind, np.linalg.qr(rows[quantity == kind], mode="r")) for kind in np.unique(quantity)]
-    return np.vstack([R for _, R in parts]), np.concatenate([np.full(len(R), kind) for kind, R in parts])
+def _compressed(own: Sensed, factor: np.ndarray) -> Sensed:
+    """Few rows for each quantity with the same HᵀH at any θ, and so the same singular values, whatever the pool; factor (m,) of
+    each of its rows."""
+    n, labels = own.rows.shape[1], list(own.change.terms)
+    both = factor[:, None] * np.hstack([own.rows, *(own.change.terms[label] for label in labels)])
+    parts = [(kind, np.linalg.qr(both[own.quantity == kind], mode="r")) for kind in np.unique(own.quantity)]
+    R = np.vstack([R for _, R in parts])
+    terms = {label: R[:, k * n : (k + 1) * n] for k, label in enumerate(labels, start=1)}
+    change = AffineOperator(NO_CHANGE.constant, terms, own.change.coefficients)
+    return Sensed(R[:, :n], np.concatenate([np.full(len(R), kind) for kind, R in parts]), change)

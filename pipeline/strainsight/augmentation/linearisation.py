@@ -9,7 +9,7 @@ from scipy.linalg import solve_triangular
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
-from strainsight.rom.model import ReducedModel, damping_derivative, damping_matrix
+from strainsight.rom.model import ReducedModel, accelerations, damping_derivative, damping_matrix
 
 __all__ = ["Unknowns", "augment_rows", "linearisation_instants", "linearise", "parameter_forces"]
 
@@ -50,9 +50,8 @@ def parameter_forces(
     Returns (s, n, len(parameters)) in the generalised force of the model.
     """
     n = model.size
-    M, K, C = model.mass.at(theta), model.stiffness.at(theta), damping_matrix(model, theta)
     q, v = x[:, :n], x[:, n:]
-    a = np.linalg.solve(M, (u @ model.input_shape_at(theta).T - v @ C - q @ K).T).T
+    a = accelerations(model, theta, x, u)
     forces = np.zeros((len(x), n, len(unknowns.parameters)))
     for i, name in enumerate(unknowns.parameters):
         dK, dC, dM = (

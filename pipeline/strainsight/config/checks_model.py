@@ -326,6 +326,9 @@ def _results(config: PlacementConfig) -> Iterator[Problem]:
             what = f"the {kind} of mesh.results is proportional to {own_names[0]} already"
             yield Problem(f"parameters.{name}", what, "keep one of the two", at_key=True)
     for name, own_parameter in config.parameters.items():
+        if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density"):
+            what = f"modes and responses of mesh.results do not say how they change with a {own_parameter.property}"
+            yield Problem(f"parameters.{name}.property", what, "give the deck, or free a stiffness_factor of all")
         if own_parameter.springs is not None:
             what = "what a spring adds to the stiffness is not known of mesh.results"
             yield Problem(f"parameters.{name}.springs", what, "give the deck, or mesh.matrices", at_key=True)

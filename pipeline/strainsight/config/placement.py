@@ -54,6 +54,7 @@ class MaterialParameter(Section):
         "bending_factor",
         "torsion_factor",
         "damping_factor",
+        "thickness",
     ] = Field(
         description="Which property: youngs_modulus [Pa], density [kg/m³], of a laminate the mean over its thickness, or "
         "stiffness_factor [-], which multiplies all stiffness of the regions as the deck has it, whatever they are made of: "
@@ -61,7 +62,8 @@ class MaterialParameter(Section):
         "e1 and e2 along and across their fibres, g12, g1z and g2z of shear across, or youngs_modulus of isotropic plies [Pa]. "
         "Of beams, as factors of what the deck has [-]: area_factor, with the mass, bending_factor of all second moments, "
         "torsion_factor of the torsion constant; an area_factor of rods, too, and a bending_factor of homogeneous shells. "
-        "damping_factor [-], without region, multiplies `damping` in every mode."
+        "damping_factor [-], without region, multiplies `damping` in every mode. "
+        "Of shells: thickness [m], with the mass and the faces where gauges sit; that of a laminate scales all its plies alike."
     )
     region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
         None,
@@ -78,10 +80,10 @@ class MaterialParameter(Section):
         description="Of a modulus of plies: id or name of their material (MAT8, MAT1), where they have several of one kind.",
     )
     guess: Guess = Field(
-        description="Value before anything is measured [Pa, kg/m³, or 1 for a factor], or {from: another run}."
+        description="Value before anything is measured [Pa, kg/m³, m, or 1 for a factor], or {from: another run}."
     )
     range: tuple[Positive, Positive] = Field(
-        description="[lowest, highest] value the reduced model is made for [Pa, kg/m³, or 1 for a factor]."
+        description="[lowest, highest] value the reduced model is made for [Pa, kg/m³, m, or 1 for a factor]."
     )
     process_noise_scale: Positive = Field(
         0.05,

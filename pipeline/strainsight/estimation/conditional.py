@@ -142,10 +142,11 @@ def linear_models(
     modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
     A, G = _step_matrices(model, modal.transition, modal.input)
     A[:, 2 * model.model.size :, 2 * model.model.size :] = model.transition
-    H, F = np.tile(model.H[:, :states], (B, 1, 1)), np.zeros((B, m, len(model.known_inputs)))
+    read = model.rows_at(theta)
+    H, F = np.array(np.broadcast_to(read[..., :states], (B, m, states))), np.zeros((B, m, len(model.known_inputs)))
     if model.accelerometers is not None:
         moving = model.accelerometers
-        H[:, moving], F[:, moving] = acceleration_rows(model, theta, model.H[moving, : model.model.size])
+        H[:, moving], F[:, moving] = acceleration_rows(model, theta, read[..., moving, : model.model.size])
     motion = _motion_nuisances(model, modal, nuisances, theta)
     f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
     beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
@@ -215,7 +216,8 @@ def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
 def acceleration_rows(
     model: FilterModel, theta: Mapping[str, np.ndarray], shape: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What accelerometers of shape φ (k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known loads."""
+    """What accelerometers of shape φ (k, n) or (B, k, n) read: rows (B, k, states) on [q, q̇, ζ], and (B, k, n_known) on known
+    loads."""
     sensed = _with_batch(acceleration_map(model.model, theta))
     rows, on_known = on_loads(model, shape @ sensed.input[..., 0, :])
     rows[..., model.motion] = shape @ sensed.transition

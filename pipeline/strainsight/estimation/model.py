@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.estimation.discrete import input_hold, input_transition, process_covariance
+from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.gauges.candidates import ACCELERATION
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.oscillator import HOLD
@@ -34,6 +35,8 @@ class FilterModel:
     n columns; Q (n*, n*) or (B, n*, n*) intensity [x*²/s];
     r (m,), (B, m) or, a row a step, (T, 1 or B, m) intensity [unit² s], σ²h_sample of a sensor sampled at h_sample;
     h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
+    change (m, n) or (B, m, n): what θ adds to the first n columns of H, which is then that of the reference, where a free
+    thickness moves the faces that gauges sit on;
     scheme of the step; every: a sample is taken at the end of every `every`-th step, at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """
@@ -49,6 +52,7 @@ class FilterModel:
     quantity: np.ndarray | None = None
     scheme: Scheme = "exact"
     every: int = 1
+    change: AffineOperator = NO_CHANGE
 
     def __post_init__(self) -> None:
         for name in self.unknowns.inputs:
@@ -100,6 +104,30 @@ class FilterModel:
         """Which channels read accelerations (m,) or (B, m); None where none does."""
         moving = None if self.quantity is None else np.asarray(self.quantity) == ACCELERATION
         return moving if moving is not None and moving.any() else None
+
+    @property
+    def curved(self) -> bool:
+        """Whether readings are no linear function of x* where a parameter is estimated."""
+        return self.accelerometers is not None or bool(self.change.terms)
+
+    def rows_at(self, theta: Mapping[str, Any]) -> np.ndarray:
+        """H (..., m, n*) at θ [SI]; (m, n*) or (B, m, n*) where it does not change."""
+        if not self.change.terms:
+            return self.H
+        added = np.asarray(self.change.at(theta))
+        H = np.array(np.broadcast_to(self.H, (*added.shape[:-1], self.H.shape[-1])))
+        H[..., : self.model.size] += added
+        return H
+
+    def of_channels(self, which: np.ndarray) -> FilterModel:
+        """With some of the channels (k,), of one set."""
+        return replace(
+            self,
+            H=self.H[which],
+            change=self.change.of_terms(lambda X: X[which]),
+            r=self.r[..., which],
+            quantity=None if self.quantity is None else self.quantity[which],
+        )
 
     @cached_property
     def transition(self) -> np.ndarray:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from strainsight.estimation.model import FilterModel, inputs_of, loads_of, theta_of
+from strainsight.fem.affine import AffineOperator
 from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_step, parameter_slopes
 
 
@@ -46,21 +48,33 @@ def measure(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the channels read at x* without noise, and the Jacobian:
 
-        strain, displacement   H x*
-        acceleration           φ M(θ)⁻¹(S u − C(θ)q̇ − K(θ)q)
+        strain, displacement   H(θ) x*
+        acceleration           φ(θ) M(θ)⁻¹(S u − C(θ)q̇ − K(θ)q)
 
     x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: `constant_acceleration(model)`.
     Returns y (B, m) and J (B, m, n*), or (1, m, n*) where it is the same for every run.
     """
-    if model.accelerometers is None:
+    if not model.curved:
         return (model.H @ x[..., None])[..., 0], model.H if model.H.ndim == 3 else model.H[None]
     theta = theta_of(model, x)
-    modal = constant or acceleration_map(model.model, theta)
-    state, u = x[..., model.motion], loads_of(model, x, known)[..., None, :]
-    n, moving = model.model.size, model.accelerometers
-    read = (model.H[..., :n] @ _mapped(modal, state, u)[..., None])[..., 0]
-    y = np.where(moving, read, (model.H @ x[..., None])[..., 0])
+    H, state, u = model.rows_at(theta), x[..., model.motion], loads_of(model, x, known)[..., None, :]
+    y, modal = (H @ x[..., None])[..., 0], None
+    if model.accelerometers is not None:
+        modal = constant or acceleration_map(model.model, theta)
+        read = (H[..., : model.model.size] @ _mapped(modal, state, u)[..., None])[..., 0]
+        y = np.where(model.accelerometers, read, y)
     return y, measured_jacobian(model, modal, theta, state, u)
+
+
+def surface_reading(
+    model: FilterModel, rows: np.ndarray, change: AffineOperator, x: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What other places on the surface than the channels read at x* (B, n*), and the Jacobian, as of `measure`.
+
+    rows (k, n) of strain or displacement per coordinate at the references, change: what θ adds to them.
+    """
+    H = np.hstack([rows, np.zeros((len(rows), model.size - rows.shape[1]))])
+    return measure(replace(model, H=H, change=change, quantity=None), x, np.zeros(len(model.known_inputs)))
 
 
 def augmented_jacobian(
@@ -83,19 +97,37 @@ def augmented_jacobian(
 def measured_jacobian(
     model: FilterModel, modal: ModalMap | None, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
 ) -> np.ndarray:
-    """∂y/∂x* at one or many states: H, and for accelerometers φ [−M⁻¹K, −M⁻¹C, M⁻¹S a C_u, θ ∂q̈/∂θ].
+    """∂y/∂x* at one or many states: H(θ), and for accelerometers φ(θ) [−M⁻¹K, −M⁻¹C, M⁻¹S a C_u, θ ∂q̈/∂θ]; where a thickness is
+    free its column has θ ∂H/∂θ q, of accelerometers θ ∂φ/∂θ q̈, too.
 
     modal: the acceleration at theta, None where no channel reads one; state (..., 2n) and u (..., 1, n_u) at the instant.
     Returns (..., m, n*), where nothing depends on the state (1, m, n*).
     """
-    H = model.H if model.H.ndim == 3 else model.H[None]
-    if model.accelerometers is None or modal is None:
-        return H
+    n, H = model.model.size, model.rows_at(theta)
+    H = H if H.ndim > 2 else H[None]
+    J, q = H, state[..., None, :n]
+    if model.accelerometers is not None and modal is not None:
+        moving = model.accelerometers[..., None]
+        J = np.where(moving, H[..., :n] @ _rates(model, modal, theta, state, u), H)
+        q = np.where(moving, _mapped(modal, state, u)[..., None, :], q)
+    free = [name for name in model.unknowns.parameters if name in model.change.parameters]
+    if free:
+        J = np.array(np.broadcast_to(J, np.broadcast_shapes(J.shape, (*state.shape[:-1], 1, 1))))
+    for name in free:
+        column = model.parameter_states.start + model.unknowns.parameters.index(name)
+        slope = np.sum(np.asarray(model.change.derivative(name, theta)) * q, axis=-1)
+        J[..., column] += np.asarray(theta[name])[..., None] * slope
+    return J
+
+
+def _rates(
+    model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
+) -> np.ndarray:
+    """∂q̈/∂x* (..., n, n*)."""
     inputs = np.zeros((1, len(model.amplitude), model.input_states.stop - model.input_states.start))
     own = model.position[: len(model.amplitude)] - model.input_states.start
     inputs[0, range(len(own)), own] = model.amplitude
-    rates = _map_jacobian(model, modal, theta, state, u, inputs)
-    return np.where(model.accelerometers[..., None], H[..., : model.model.size] @ rates, H)
+    return _map_jacobian(model, modal, theta, state, u, inputs)
 
 
 def _map_jacobian(

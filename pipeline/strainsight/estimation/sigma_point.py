@@ -99,8 +99,8 @@ def run_sigma_points(
         x̂⁻ = mean_f,   P⁻ = A P Aᵀ + Q + rest_f,     S = H P⁻ Hᵀ + R + rest_h,   x̂ = x̂⁻ + P⁻Hᵀ S⁻¹ (y − mean_h)
 
     with A, H their slopes: the covariance of the extended filter, by Joseph's form or a square root, and what the product of the
-    errors of parameter and motion adds, which that neglects. A reading of strain or displacement is linear, and no regression
-    is needed. The density of parameter and motion is taken as normal after every step, which it is not.
+    errors of parameter and motion adds, which that neglects. A reading of strain or displacement is linear, but where a thickness is
+    free, and no regression is needed. The density of parameter and motion is taken as normal after every step, which it is not.
     Arguments as of `run_filter`; biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is
     found. Parameters drift by what Q says, else they are constants. Without a parameter it is the Kalman filter.
     Raises ValueError where the known loads end before the samples, and as `filter_runs`.
@@ -112,7 +112,7 @@ def run_sigma_points(
         return filter_runs(core, mean, covariance, y, keep, form=form, refuse=refuse)
     parameters, points = model.parameter_states, points_of(len(model.unknowns.parameters))
     many = driven_with_offsets(_repeated(model, len(points.weight)), known, biased)
-    curved = model.accelerometers is not None
+    curved = model.curved
     sets = max(core.sets, len(covariance) if covariance.ndim == 3 else 1)
     runs, there = max(y.shape[1], sets, mean.size // core.size), np.isfinite(y)
     there = np.broadcast_to(there, (len(y), runs, y.shape[2]))
@@ -162,7 +162,8 @@ def _repeated(model: FilterModel, times: int) -> FilterModel:
     quantity = model.quantity
     if quantity is not None and quantity.ndim == 2:
         quantity = np.tile(quantity, (times, 1))
-    return replace(model, H=np.tile(model.H, (times, 1, 1)), quantity=quantity)
+    change = model.change.of_terms(lambda X: np.tile(X, (times, 1, 1)))
+    return replace(model, H=np.tile(model.H, (times, 1, 1)), change=change, quantity=quantity)
 
 
 def _constant(moved: Regression, x: np.ndarray, parameters: slice) -> Regression:

@@ -11,7 +11,8 @@ from strainsight.estimation.update import output_std
 
 @dataclass(frozen=True)
 class Wanted:
-    """Covariances that are kept of a smoother: rows (r, n*), of which σ is wanted at every instant; states (k,), their
+    """Covariances that are kept of a smoother: rows (r, n*), or (T + 1, r, n*) where they change, of which σ is wanted at every
+    instant; states (k,), their
     covariance with one another at every instant; instants (i,), all of it there."""
 
     rows: np.ndarray
@@ -41,10 +42,14 @@ class Smoothed:
     kept: Kept | None = None
 
     def std_of(self, rows: np.ndarray) -> np.ndarray:
-        """σ (T + 1, r) of rows (r, n*) of x* in the first run. Raises ValueError where it was not kept."""
+        """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return output_std(rows, self.covariance[:, 0])
         own = self._kept()
+        if own.wanted.rows.ndim > 2:
+            if not np.array_equal(rows, own.wanted.rows):
+                raise ValueError("the smoother has not kept the variance of these rows")
+            return own.std
         at = [np.flatnonzero((own.wanted.rows == row).all(axis=1)) for row in rows]
         if not all(len(found) for found in at):
             raise ValueError("the smoother has not kept the variance of this row")
@@ -93,7 +98,7 @@ class Keeping:
         self.covariance = np.zeros((instants, 1, n, n)) if wanted is None else None
         self.kept: Kept | None = None
         if wanted is not None:
-            r, k, i = len(wanted.rows), len(wanted.states), len(wanted.instants)
+            r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
             self.kept = Kept(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
 
     def take(self, at: slice, covariance: np.ndarray) -> None:
@@ -102,7 +107,8 @@ class Keeping:
             self.covariance[at, 0] = covariance
         if (own := self.kept) is not None:
             states, instants = own.wanted.states, own.wanted.instants
-            own.std[at] = output_std(own.wanted.rows, covariance)
+            rows = own.wanted.rows
+            own.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
             own.covariance[at] = covariance[:, states[:, None], states]
             here = np.flatnonzero((at.start <= instants) & (instants < at.stop))
             own.then[here] = covariance[instants[here] - at.start]

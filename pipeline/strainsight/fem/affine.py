@@ -14,8 +14,8 @@ import numpy as np
 class Parameter:
     """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
     multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
-    are moduli of plies, material the id or name of theirs; factors of a section are those of beams. range: from which value to
-    which it is to be free; those that the stiffness is not proportional to need one."""
+    are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of shells. range: from
+    which value to which it is to be free; those that the stiffness is not proportional to need one."""
 
     name: str
     property: Literal[
@@ -30,6 +30,7 @@ class Parameter:
         "area_factor",
         "bending_factor",
         "torsion_factor",
+        "thickness",
     ]
     regions: tuple[int, ...]
     reference: float
@@ -179,6 +180,10 @@ class AffineOperator:
             change(self.constant), {label: change(own) for label, own in self.terms.items()}, self.coefficients
         )
 
+    def of_terms(self, change: Callable[[Any], Any]) -> AffineOperator:
+        """Every X_k through a linear map, where X₀ = 0 and stays so."""
+        return AffineOperator(0.0, {label: change(own) for label, own in self.terms.items()}, self.coefficients)
+
     def project(self, basis: np.ndarray) -> AffineOperator:
         """Ψᵀ X(θ) Ψ term by term (5.4-5.7); basis Ψ (n, r)."""
         return self.of_all(lambda X: _symmetric(basis.T @ (X @ basis)))
@@ -198,3 +203,7 @@ def _times(X: Any, value: Any) -> Any:
 
 def _symmetric(X: np.ndarray) -> np.ndarray:
     return 0.5 * (X + X.T)
+
+
+NO_CHANGE = AffineOperator(0.0, {})
+"""Zero at any θ: of what parameters do not change."""

@@ -15,7 +15,7 @@ from strainsight.mesh.properties import PLY_MODULI
 
 TOLERANCE = 1e-8
 """Of an operator: a change that is never more than this is left out."""
-MOST = 16
+MOST = 24
 """Greatest degree in all parameters together."""
 BEYOND = 0.1
 """How far beyond its range a parameter acts, as a share of its value there."""

@@ -6,7 +6,7 @@ The order is that of a symmetric tensor in VTK.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -26,6 +26,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
 from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.thickness import Thickness
 
 CHUNK = 2048
 
@@ -54,11 +55,21 @@ def facet_strain(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = (
     Raises DeckError where |J| ≤ 0 at a facet's centre, ids named.
     """
     laws = facet_laws(mesh, facets, parameters)
-    return StrainRows(_rows(mesh, facets, laws), facets.region, laws)
+    return StrainRows(strain_matrix(mesh, facets, laws), facets.region, laws)
 
 
-def _rows(mesh: Mesh, facets: Facets, laws: FacetLaws | None) -> sparse.csr_array:
-    """Rows at the centre of every facet, in their order."""
+def strain_matrix(
+    mesh: Mesh, facets: Facets, laws: FacetLaws | None, thickness: Thickness | None = None
+) -> sparse.csr_array:
+    """The matrix of `StrainRows`; thickness: of shells that are thicker than those of the mesh, whose displacements these are."""
+    if thickness is not None:
+        found = sparse.csr_array((6 * len(facets.kind), 3 * len(mesh.position)))
+        ratio = thickness.ratio_of(facets.element_id)
+        for own in np.unique(ratio):
+            G, of = thickness.moved(own), np.repeat(ratio == own, 6)
+            moved = replace(mesh, position=(G @ mesh.position.ravel()).reshape(mesh.position.shape))
+            found = found + sparse.diags_array(of.astype(float)) @ strain_matrix(moved, facets, laws) @ G
+        return sparse.csr_array(found)
     value, row, column = [], [], []
     for block, local, which, element in _groups(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.element_matrices import SHEARS
 from strainsight.fem.facet_laws import FacetLaws
 from strainsight.fem.recovery import StrainRows, isotropic, lame
@@ -23,13 +23,19 @@ CHUNK = 2048
 class SurfaceModel:
     """ε = B q and σ = E(θ) C(ν) ε of p points: strain B (p, 6, r), shears γ; lam and mu (p,) Lamé's constants of unit
     modulus; modulus E(θ) (p,) [Pa], affine in the free moduli and factors of the stiffness. On a face of a laminate, and of
-    an anisotropic solid, C(θ) is that of `FacetLaws` there [Pa], and E its factor [-]: points that laws.facet names."""
+    an anisotropic solid, C(θ) is that of `FacetLaws` there [Pa], and E its factor [-]: points that laws.facet names.
+    change (p, 6, r): what θ adds to B where a thickness of shells is free."""
 
     strain: np.ndarray
     lam: np.ndarray
     mu: np.ndarray
     modulus: AffineOperator
     laws: FacetLaws | None = None
+    change: AffineOperator = NO_CHANGE
+
+    def strain_at(self, theta: Mapping[str, float]) -> np.ndarray:
+        """B(θ) (p, 6, r)."""
+        return np.asarray(self.strain + self.change.at(theta))
 
     def unit_stress(
         self, strain: np.ndarray, law: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
@@ -109,7 +115,8 @@ def surface_state(
 ) -> SurfaceState:
     """Fields at the coordinates q (r,) and parameters theta [SI], and their standard deviations to first order:
 
-        std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ/∂θ_i = (C ∂E/∂θ_i + E ∂C/∂θ_i) B q,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
+        std(gᵀx) = √(gᵀPg),   x = [q, θ_free],   ∂σ/∂q = E C B,   ∂σ_v/∂σ = 3 dev(σ)/2σ_v
+        ∂σ/∂θ_i = (C ∂E/∂θ_i + E ∂C/∂θ_i) B q + E C ∂B/∂θ_i q
 
     covariance P (r + k, r + k) of q and the k parameters named by free, these in SI units: of p = ln θ they are θ times p.
     Where σ_v is zero it has no slope; √tr(VP_σ), the root mean square of σ_v = √(σᵀVσ), stands for it there.
@@ -117,7 +124,8 @@ def surface_state(
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
-    strain = (model.strain.reshape(-1, r) @ q).reshape(-1, 6)
+    B = model.strain_at(theta)
+    strain = (B.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
     law = None if model.laws is None else np.asarray(model.laws.stiffness.at(theta))
     unit = model.unit_stress(strain[..., None], law)[..., 0]
@@ -127,12 +135,15 @@ def surface_state(
     if covariance is None:
         return state
     slopes = np.stack([np.asarray(model.modulus.derivative(name, theta)) for name in free], axis=1) if free else None
+    thicker = _thickness_slopes(model, theta, free, q)
     of_plies = _ply_slopes(model, theta, free, E[:, None, None] * strain[..., None])
     root = _root(covariance)
     strain_std, stress_std, mises_std = np.empty_like(strain), np.empty_like(stress), np.empty_like(mises)
     for start in range(0, len(E), CHUNK):
         here = slice(start, start + CHUNK)
-        spread = (model.strain[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
+        spread = (B[here].reshape(-1, r) @ root[:r]).reshape(-1, 6, root.shape[1])
+        if thicker is not None:
+            spread += thicker[here] @ root[r:]
         strain_std[here] = _length(spread)
         spread = model.unit_stress(spread, law, start, E[here])
         if slopes is not None:
@@ -142,6 +153,16 @@ def surface_state(
         stress_std[here] = _length(spread)
         mises_std[here] = _mises_std(stress[here], mises[here], spread)
     return replace(state, strain_std=strain_std, stress_std=stress_std, von_mises_std=mises_std)
+
+
+def _thickness_slopes(
+    model: SurfaceModel, theta: Mapping[str, float], free: Sequence[str], q: np.ndarray
+) -> np.ndarray | None:
+    """∂B/∂θ q (p, 6, k) of the k parameters; None where none of them is a thickness."""
+    if not set(free) & set(model.change.parameters):
+        return None
+    slopes = [np.broadcast_to(model.change.derivative(name, theta), model.strain.shape) @ q for name in free]
+    return np.stack(slopes, axis=2)
 
 
 def _ply_slopes(

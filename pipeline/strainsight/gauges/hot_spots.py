@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -169,8 +169,7 @@ def _on_parts(fine: Refined, points: Points) -> Points:
             code = np.full(len(on), FACETS.index(part))
             parts.append((on, replace(points.take(which[on]), kind=code, nodes=at, local=local[on])))
         taken += [replace(own, weight=own.weight / share[on]) for on, own in parts]
-    columns = ("channel", "kind", "nodes", "local", "direction", "quantity", "weight")
-    return Points(*(np.concatenate([getattr(own, column) for own in taken]) for column in columns))
+    return Points(*(np.concatenate([getattr(own, entry.name) for own in taken]) for entry in fields(Points)))
 
 
 def _within(part: Kind, corners: np.ndarray, xi: np.ndarray) -> np.ndarray:

@@ -14,6 +14,7 @@ from strainsight.gauges.sensitivity import CALIBRATION_POISSON, COMMON, Sensitiv
 from strainsight.gauges.surface import turned
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.thickness import Thickness
 
 
 @dataclass(frozen=True)
@@ -139,14 +140,15 @@ def installed_rows(
     installation: Installation,
     *,
     facets: Facets | Skin | None = None,
+    thickness: Thickness | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """What the gauges as installed read of displacement fields, without offset and drift:
 
         (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid where and how it really lies
 
     and of a bridge the sum of that over its arms.
-    position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface. Returns rows (m, r) [unit of the channel] and
-    which gauges (gauges,) a sharp edge has kept from going as far as asked, of bridges with an arm. K_t as in
+    position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface; thickness as in `channel_matrix`.
+    Returns rows (m, r) [unit of the channel] and which gauges (gauges,) a sharp edge has kept from going as far as asked, of bridges with an arm. K_t as in
     `sensitivity_rows`.
     Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
@@ -157,11 +159,11 @@ def installed_rows(
     grids = _tilted(grids, installation.tilt)
     points = points_within(position, grids, skin)
     z = np.asarray(field).reshape(3 * len(position), -1)
-    rows = np.asarray(matrix_of(position, points, len(grids)) @ z)
+    rows = np.asarray(matrix_of(position, points, len(grids), thickness) @ z)
     k = installation.transverse[:, None]
     if k.any():
         aside = replace(points, direction=np.cross(normals_of(position, points), points.direction))
-        rows = (rows + k * (matrix_of(position, aside, len(grids)) @ z)) / (1 - CALIBRATION_POISSON * k)
+        rows = (rows + k * (matrix_of(position, aside, len(grids), thickness) @ z)) / (1 - CALIBRATION_POISSON * k)
     held_back = candidates.any_grid(held[grids.gauge])[candidates.first]
     return candidates.read((1 + installation.gain[:, None]) * rows), held_back
 

@@ -18,10 +18,11 @@ WEIGHT = np.array([0.5, 0.5])
 
 @dataclass(frozen=True)
 class Points:
-    """p points: channel (p,), kind (p,), nodes (p, 8), local (p, 2) ξ, direction (p, 3), quantity (p,), weight (p,), which
-    adds up to 1 over a grid, of a bridge to the sign of the grid."""
+    """p points: channel (p,), element (p,) its id, kind (p,), nodes (p, 8), local (p, 2) ξ, direction (p, 3), quantity (p,),
+    weight (p,), which adds up to 1 over a grid, of a bridge to the sign of the grid."""
 
     channel: np.ndarray
+    element: np.ndarray
     kind: np.ndarray
     nodes: np.ndarray
     local: np.ndarray
@@ -61,6 +62,7 @@ def points_of(position: np.ndarray, candidates: Candidates, facets: Facets | Ski
     at = np.flatnonzero(~spread)
     single = Points(
         at,
+        candidates.element[at],
         candidates.kind[at],
         candidates.nodes[at],
         candidates.local[at],
@@ -114,6 +116,7 @@ def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Point
     channel = both[walker]
     points = Points(
         channel,
+        skin.facets.element_id[facet],
         skin.facets.kind[facet],
         skin.facets.nodes[facet],
         local,

@@ -15,6 +15,7 @@ from strainsight.gauges.surface import by_kind, carried, facet_points, normals
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds.kind import Kind
+from strainsight.mesh.thickness import Thickness
 
 
 def channel_rows(
@@ -25,6 +26,7 @@ def channel_rows(
     facets: Facets | Skin | None = None,
     offset: np.ndarray | None = None,
     rotation: np.ndarray | None = None,
+    thickness: Thickness | None = None,
 ) -> np.ndarray:
     """What every channel reads in every displacement field: `channel_matrix` times the field.
 
@@ -34,8 +36,8 @@ def channel_rows(
     """
     if offset is not None or rotation is not None:
         moved, _ = misplaced(position, candidates.grids, facets, offset, rotation)
-        return candidates.read(channel_rows(position, moved, field, facets=facets))
-    return channel_matrix(position, candidates, facets) @ np.asarray(field).reshape(3 * len(position), -1)
+        return candidates.read(channel_rows(position, moved, field, facets=facets, thickness=thickness))
+    return channel_matrix(position, candidates, facets, thickness) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
 def fits(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> np.ndarray:
@@ -47,7 +49,10 @@ def fits(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | N
 
 
 def channel_matrix(
-    position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None
+    position: np.ndarray,
+    candidates: Candidates,
+    facets: Facets | Skin | None = None,
+    thickness: Thickness | None = None,
 ) -> sparse.csr_array:
     """Rows (m, 3n) of the facets' own shape functions, for displacements z of the nodes, row 3·node + component:
 
@@ -59,10 +64,11 @@ def channel_matrix(
     A gauge's d is tangent to the facet, so the surface gradient is all of ∇z that counts; along a grid it is carried with
     the surface.
     position (n, 3) [m]; candidates (m); facets of the whole surface, where a grid may reach beyond the facet of its
-    centre (without them the facets that carry candidates are the surface). Raises InfeasibleError where a grid runs over
-    a sharp edge or the end of the surface.
+    centre (without them the facets that carry candidates are the surface); thickness: of shells that are thicker than those
+    of the mesh, whose faces move as displacements of the nodes of the mesh say; gauges sit at the same ξ of the same facet.
+    Raises InfeasibleError where a grid runs over a sharp edge or the end of the surface.
     """
-    return matrix_of(position, points_within(position, candidates, facets), len(candidates))
+    return matrix_of(position, points_within(position, candidates, facets), len(candidates), thickness)
 
 
 def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> Points:
@@ -84,8 +90,17 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
     return replace(points, channel=candidates.channel_of_grid[points.channel], weight=weight)
 
 
-def matrix_of(position: np.ndarray, points: Points, channels: int) -> sparse.csr_array:
+def matrix_of(
+    position: np.ndarray, points: Points, channels: int, thickness: Thickness | None = None
+) -> sparse.csr_array:
     """The rows of `channel_matrix` (channels, 3n) from the points of the channels."""
+    if thickness is not None:
+        found, ratio = sparse.csr_array((channels, 3 * len(position))), thickness.ratio_of(points.element)
+        for own in np.unique(ratio):
+            G = thickness.moved(own)
+            there = (G @ position.ravel()).reshape(position.shape)
+            found = found + matrix_of(there, points.take(ratio == own), channels) @ G
+        return sparse.csr_array(found)
     entries = [_entries(position, points.take(part), kind) for kind, part, _ in by_kind(points.kind, points.nodes)]
     value, row, column = (
         (np.concatenate(parts) for parts in zip(*entries, strict=True)) if entries else (np.zeros(0),) * 3

@@ -7,17 +7,19 @@ from dataclasses import replace
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.additions import free_material, with_properties
-from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import Material, Mesh
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
 
 PLY_MODULI = ("e1", "e2", "g12", "g1z", "g2z")
 """Of the plies of laminates, in one orthotropic material."""
 SECTION_FACTORS = {"area_factor": "area", "bending_factor": "second", "torsion_factor": "torsion"}
 """Of beams and rods: what each multiplies of their section at both ends; that of bending is of homogeneous shells, too."""
-SHAPING = (*PLY_MODULI, *SECTION_FACTORS)
+THICKNESS = "thickness"
+"""Of shells [m]; that of a laminate scales all its plies alike."""
+SHAPING = (*PLY_MODULI, *SECTION_FACTORS, THICKNESS)
 """Properties that the stiffness is not proportional to, of any region."""
-OF_MASS = ("density", "area_factor", "bending_factor")
+OF_MASS = ("density", "area_factor", "bending_factor", THICKNESS)
 """Properties that the mass depends on."""
 
 
@@ -48,6 +50,8 @@ def value_of(mesh: Mesh, region: int, property: str, material: int | str | None 
         density = mesh.density_of(region)
         assert density is not None
         return density
+    if property == THICKNESS:
+        return _shell_of(mesh, region).thickness
     if property in SECTION_FACTORS:
         _require_section(mesh, region, property)
         return 1.0
@@ -73,7 +77,9 @@ def with_value(
     """The mesh whose regions (ids) have this value, as `value_of` says it; a factor multiplies what they have. Other regions of
     the same material or section keep theirs. Raises UserError as `value_of` does."""
     for region in regions:
-        if property in SECTION_FACTORS:
+        if property == THICKNESS:
+            mesh = _with_thickness(mesh, region, value)
+        elif property in SECTION_FACTORS:
             mesh = _with_section(mesh, region, property, value)
         elif property in PLY_MODULI or shapes(mesh, region, property):
             mesh = _with_ply(mesh, region, property, value, material)
@@ -85,6 +91,9 @@ def with_value(
 def meant(mesh: Mesh, region: int, property: str, material: int | str | None = None) -> int:
     """What of a region (id) a property that `shapes` it is of: the id of a material of its plies, or 0, its section. Raises
     UserError as `value_of` does."""
+    if property == THICKNESS:
+        _shell_of(mesh, region)
+        return 0
     if property in SECTION_FACTORS:
         _require_section(mesh, region, property)
         return 0
@@ -137,6 +146,31 @@ def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: in
     moduli = {name: value if name == property else getattr(old, name) for name in PLY_MODULI}
     lamina = Lamina(number, nu12=old.nu12, density=old.density, name=str(old), **moduli)
     return replace(mesh, laminae={**mesh.laminae, number: lamina}, sections=sections)
+
+
+def _shell_of(mesh: Mesh, region: int) -> ShellSection | GeneralShell | Laminate:
+    """Raises UserError for a region that is not of shells."""
+    section = mesh.sections.get(region)
+    if section is None or isinstance(section, BeamSection):
+        what = "solids" if section is None else "beams or rods"
+        raise UserError(
+            f"{mesh.regions[region]} is of {what}: it has no thickness",
+            remedy="name a region of shells, or estimate "
+            + ("the youngs_modulus of its material" if section is None else ", ".join(SECTION_FACTORS)),
+        )
+    return section
+
+
+def _with_thickness(mesh: Mesh, region: int, thickness: float) -> Mesh:
+    """Its faces stay where they are: `mesh/thickness.py` moves them."""
+    section = _shell_of(mesh, region)
+    changed: ShellSection | GeneralShell | Laminate
+    if isinstance(section, Laminate):
+        factor = thickness / section.thickness
+        changed = replace(section, plies=tuple(replace(ply, thickness=factor * ply.thickness) for ply in section.plies))
+    else:
+        changed = replace(section, thickness=thickness)
+    return replace(mesh, sections={**mesh.sections, region: changed})
 
 
 def _require_section(mesh: Mesh, region: int, property: str) -> BeamSection | ShellSection:

@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from strainsight.fem.affine import AffineOperator, Coefficient, Newton
+from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.records.record import dataset, group, record
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
@@ -78,6 +78,38 @@ def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.nda
         _, scale, low, high, beyond, logarithm = own[0].tolist()
         bases.append(Newton(name, tuple(own[:, 0].tolist()), scale, (low, high), beyond, bool(logarithm)))
     return Coefficient(tuple(bases), weights.reshape([len(own.roots) + 1 for own in bases]))
+
+
+@record
+class ChangeTerms:
+    """`AffineOperator` without a constant term, all of whose terms have coefficients as those of `AffineTerms`."""
+
+    terms: dict[str, np.ndarray] = dataset(
+        "/<name>", "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies"
+    )
+    factors: dict[str, tuple[str, ...]] = dataset(
+        "/factors/<name>", "1", "root of <name>", "<what>: parameter of the coefficient Σ w Π (x − root)/scale"
+    )
+    roots: dict[str, np.ndarray] = dataset(
+        "/roots/<name>", "SI", "root of <name> × 6", "<what>: as of the stiffness in rom.h5"
+    )
+    weights: dict[str, np.ndarray] = dataset(
+        "/weights/<name>", "1", "product of <name>", "<what>: w of all products of the first roots"
+    )
+
+    @classmethod
+    def of(cls, operator: AffineOperator) -> ChangeTerms:
+        own = AffineTerms.of(operator)
+        return cls(terms=own.terms, factors=own.factors, roots=own.roots, weights=own.weights)
+
+    def made(self) -> AffineOperator:
+        return AffineTerms(
+            constant=NO_CHANGE.constant,
+            terms=self.terms,
+            factors=self.factors,
+            roots=self.roots,
+            weights=self.weights,
+        ).made()
 
 
 @record

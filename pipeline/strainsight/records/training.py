@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy import sparse
 
+from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.records.candidates import CandidateColumns, GivenRows
 from strainsight.records.record import dataset, group, record
+from strainsight.records.reduced import ChangeTerms
 
 
 @record
@@ -36,6 +40,13 @@ class Training:
         "channel × coordinate",
         "strain, or displacement [m], per reduced coordinate",
     )
+    row_change: AffineOperator | None = group(
+        "/gauges/row_change",
+        ChangeTerms,
+        "unit of the row",
+        "what a free thickness of shells adds to the rows",
+        default=None,
+    )
     missed: np.ndarray = dataset(
         "/gauges/missed",
         "strain/N/rad or strain/N/m",
@@ -61,6 +72,15 @@ class Training:
         "largest reading of any grid of every channel, of a bridge of its arms, in any load case; where there are bridges",
         default=None,
     )
+
+    @property
+    def change(self) -> AffineOperator:
+        """What θ adds to the rows (m, n), which are those at the references."""
+        return NO_CHANGE if self.row_change is None else self.row_change
+
+    def rows_at(self, theta: Mapping[str, float]) -> np.ndarray:
+        """Rows (m, n) at θ [SI]."""
+        return np.asarray(self.rows + self.change.at(theta))
 
     def reading(self, channels: np.ndarray | None = None) -> np.ndarray:
         """What channels (k,), by default all, read under the loads as stated (T + 1, k): row·q, of accelerometers row·q̈."""

@@ -118,6 +118,17 @@ def damping_matrix(model: ReducedModel, theta: Mapping[str, float]) -> np.ndarra
     return (MPhi * model.damping.at(theta).viscous(lam)[0]) @ MPhi.T
 
 
+def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """q̈ = M⁻¹(S u − C q̇ − K q) (s, n), of states x (s, 2n) = [q, q̇] under loads u (s, n_u) [N]."""
+    n = model.size
+    force = (
+        u @ model.input_shape_at(theta).T
+        - x[:, :n] @ model.stiffness.at(theta)
+        - x[:, n:] @ damping_matrix(model, theta)
+    )
+    return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
+
+
 def damping_derivative(model: ReducedModel, theta: Mapping[str, float], name: str) -> np.ndarray:
     """∂C/∂θ_name (n, n), consistent with `damping_matrix`: with A = M⁻¹K and C = M c(A),
 

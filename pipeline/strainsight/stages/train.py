@@ -102,7 +102,7 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
 
 TRAIN = Stage(
     "train",
-    version=11,
+    version=12,
     reads=(
         "loads.*.signal",
         *KINDS_OF_LOAD,
@@ -127,6 +127,11 @@ TRAIN = Stage(
         "motion_sensors.*.exclude",
         "mesh.length_unit",
         "mesh.matrices",
+        "mesh.results",
+        "parameters.*.property",
+        "parameters.*.region",
+        "parameters.*.springs",
+        "parameters.*.range",
     ),
     upstream=("import", "rom"),
     files=(

@@ -34,6 +34,7 @@ from strainsight.cases.structure.source import source_of
 from strainsight.cases.structure.surface import damage_on_surface, virtual_strain
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
+from strainsight.cases.structure.thick_rows import free_thicknesses
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
@@ -105,8 +106,9 @@ def campaign_of(
     each, tuning = _filterings(config, settings, problem, tolerances, records, tests)
     field = displaced(reduced, tolerances, each[0])
     skin, bare = skin_in_test(config, settings, mesh, field, using.files)
+    free = free_thicknesses(config, mesh, problem.model.reference)
     with blame("estimate.virtual"):
-        virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance))
+        virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance), free)
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels), [], []
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
 

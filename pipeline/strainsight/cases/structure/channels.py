@@ -7,26 +7,34 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.augmentation.measurement import Sensed
 from strainsight.cases.layout.gauge_list import GaugeList, gauge_list
+from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.records.training import Screened, Training
-from strainsight.rom.model import ReducedModel, damping_matrix
+from strainsight.rom.model import ReducedModel, accelerations
 
 
 @dataclass(frozen=True)
 class Channels:
     """All candidates, one row a channel, those of one gauge one behind the other.
 
-    rows (m, n): strain, or displacement of the point, per reduced coordinate; quantity (m,): 0 strain, 1 acceleration,
+    rows (m, n): strain, or displacement of the point, per reduced coordinate, at the references, and change, what θ adds to them
+    where a thickness of shells is free; quantity (m,): 0 strain, 1 acceleration,
     2 displacement; noise_std (m,) of one sample at the training time step [unit of the quantity]; gauge (m,): number of the
     gauge; bridged (m,): which are bridges of several arms.
     """
 
     rows: np.ndarray
+    change: AffineOperator
     quantity: np.ndarray
     noise_std: np.ndarray
     gauge: np.ndarray
     bridged: np.ndarray
+
+    def sensed(self, channels: np.ndarray) -> Sensed:
+        """What some channels (k,) read."""
+        return Sensed(self.rows[channels], self.quantity[channels], self.change.of_terms(lambda X: X[channels]))
 
     @property
     def gauges(self) -> int:
@@ -59,7 +67,7 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
 def channels_of(training: Training, screened: Screened) -> Channels:
     """All channels of the training run, with their noise."""
     pool = training.candidates
-    return Channels(training.rows, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
+    return Channels(training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
@@ -90,17 +98,6 @@ def readings(
     if moving.any():
         reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
     return reading
-
-
-def accelerations(model: ReducedModel, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """q̈ = M⁻¹(S u − C q̇ − K q) (s, n), arguments as in `readings`."""
-    n = model.size
-    force = (
-        u @ model.input_shape_at(theta).T
-        - x[:, :n] @ model.stiffness.at(theta)
-        - x[:, n:] @ damping_matrix(model, theta)
-    )
-    return np.asarray(np.linalg.solve(model.mass.at(theta), force.T).T)
 
 
 def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.cases.structure.damaged_places import Places, curve_of, damage_at, surface_places
 from strainsight.cases.structure.surface import Skin, virtual_pool
+from strainsight.cases.structure.thick_rows import rows_along
 from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.damage.intervals import Interval, interval_of
@@ -17,7 +18,6 @@ from strainsight.errors import UserError
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoothed import Smoothed
-from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.surface import facet_centres
 from strainsight.records.damage import DamageAt, Damaged
@@ -56,10 +56,11 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
             key="estimate.virtual",
             remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress there",
         )
-    rows = channel_rows(mesh.position, pool, skin.field.basis, facets=facets)
-    return Asked(
-        every, Places(pool.position, pool.element, AffineOperator(rows[:, None], {}), every.take(below).modulus)
+    rows, change = rows_along(
+        mesh, skin.free, lambda at: channel_rows(mesh.position, pool, skin.field.basis, facets=facets, thickness=at)
     )
+    strain = replace(change.of_terms(lambda own: own[:, None]), constant=rows[:, None])
+    return Asked(every, Places(pool.position, pool.element, strain, every.take(below).modulus))
 
 
 @dataclass(frozen=True)

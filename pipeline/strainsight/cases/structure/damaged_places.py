@@ -11,6 +11,7 @@ from strainsight.config.damage import DamageSettings
 from strainsight.damage.curve import Curve, MeanStress
 from strainsight.damage.loops import FKM, GOODMAN, NONE
 from strainsight.damage.sums import damage_of, one_number
+from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.stress import SurfaceModel
 
@@ -38,10 +39,20 @@ class Places:
 
 
 def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndarray) -> Places:
-    """Every point of a surface."""
-    law = AffineOperator(None, {}) if surface.laws is None else surface.laws.stiffness
+    """Every point of a surface. Raises UserError where a modulus of plies and a thickness are free: their product is."""
+    law, change = AffineOperator(None, {}) if surface.laws is None else surface.laws.stiffness, surface.change
+    if law.terms and change.terms:
+        plies, thick = (", ".join(own.parameters) for own in (law, change))
+        raise UserError(
+            f"{plies} and {thick} are both free, and stress on the faces goes with their product",
+            key="estimate.damage",
+            remedy="free a modulus of plies or a thickness, or leave damage out",
+        )
     terms = {label: surface.law_stress(surface.strain, own) for label, own in law.terms.items()}
-    rows = AffineOperator(surface.unit_stress(surface.strain, law.constant), terms, law.coefficients)
+    terms |= {label: surface.unit_stress(own, law.constant) for label, own in change.terms.items()}
+    rows = AffineOperator(
+        surface.unit_stress(surface.strain, law.constant), terms, {**law.coefficients, **change.coefficients}
+    )
     return Places(position, element, rows, surface.modulus)
 
 

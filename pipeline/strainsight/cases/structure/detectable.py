@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
-from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.observability import undetectable_directions, undetectable_in_words
 from strainsight.cases.structure.problem import Problem
 from strainsight.errors import InfeasibleError
@@ -19,9 +18,10 @@ def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: in
     """
     p, u = problem, instant_values(problem.u)
     at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
-    rows, quantity = p.channels.rows[channels], p.channels.quantity[channels]
-    for F in linearise(p.model, p.unknowns, p.model.reference, p.x[at], u[at]):
-        hidden = undetectable_directions(F, measurement_rows(rows, quantity, F))
+    motion = p.model, p.unknowns, p.model.reference, p.x[at], u[at]
+    every = linearise(*motion)
+    for F, H in zip(every, p.channels.sensed(channels).linearised(*motion, every), strict=True):
+        hidden = undetectable_directions(F, H)
         if hidden.shape[1]:
             words = undetectable_in_words(hidden, p.unknowns.state_names)
             if allowed:

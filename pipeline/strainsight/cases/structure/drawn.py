@@ -13,7 +13,7 @@ from strainsight.config.tolerances import tolerances_of
 from strainsight.fem.affine import of_stiffness
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
-from strainsight.mesh.properties import SECTION_FACTORS
+from strainsight.mesh.properties import SECTION_FACTORS, THICKNESS
 from strainsight.rom.model import ReducedModel
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
@@ -165,7 +165,9 @@ def in_words(config: PlacementConfig, given: bool) -> str:
 
 def modulus_estimated(config: PlacementConfig) -> bool:
     """Whether some modulus or factor of the stiffness is among the unknowns, so that one scale of the stiffness is; a factor of
-    springs, or of the section of beams, is none."""
+    springs, or of the section of beams, is none, and no thickness."""
     named = [config.parameters[name] for name in config.place.estimate if name in config.parameters]
-    of_whole = [own for own in named if of_stiffness(own.property) and own.property not in SECTION_FACTORS]
+    of_whole = [
+        own for own in named if of_stiffness(own.property) and own.property not in (*SECTION_FACTORS, THICKNESS)
+    ]
     return any(own.springs is None for own in of_whole)

@@ -114,7 +114,7 @@ def estimation_of_record(
         problem.unknowns,
         replace(
             _estimated(given, found, resultants, judgement, source, notes),
-            virtual=None if common.virtual is None else common.virtual.smoothed(found.smoothed),
+            virtual=None if common.virtual is None else common.virtual.smoothed(given.model, found.run, found.smoothed),
             moment=None if skin is None else moment_of(skin, given, found.run, found.smoothed),
             posterior={} if withheld or given.records > 1 else posteriors_of(problem, given.start, found.bank),
             compared=found.compared,

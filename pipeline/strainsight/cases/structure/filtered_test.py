@@ -79,9 +79,7 @@ class Filtering:
 
     def by(self, which: np.ndarray) -> Filtering:
         """With some of the channels (k,)."""
-        quantity = None if self.model.quantity is None else self.model.quantity[which]
-        model = replace(self.model, H=self.model.H[which], r=self.model.r[which], quantity=quantity)
-        return replace(self, model=model, test=self.test.by(which))
+        return replace(self, model=self.model.of_channels(which), test=self.test.by(which))
 
 
 @dataclass(frozen=True)

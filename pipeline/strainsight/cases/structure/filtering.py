@@ -94,12 +94,16 @@ def by_moments(
 
 def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
     """The model of one run, with the channels that it has."""
-    H, quantity = model.H, model.quantity
-    H = H[b] if H.ndim == 3 else H
-    r = model.r[b] if model.r.ndim == 2 and model.H.ndim == 3 else model.r
-    if quantity is not None:
-        quantity = (quantity[b] if quantity.ndim == 2 else quantity)[there]
-    return replace(model, H=H[there], r=r[..., there], quantity=quantity)
+    quantity = model.quantity
+    if model.H.ndim == 3:
+        model = replace(
+            model,
+            H=model.H[b],
+            change=model.change.of_terms(lambda X: X[b]),
+            r=model.r[b] if model.r.ndim == 2 else model.r,
+            quantity=quantity[b] if quantity is not None and quantity.ndim == 2 else quantity,
+        )
+    return model.of_channels(there)
 
 
 def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray, steps: int) -> FilterRun:

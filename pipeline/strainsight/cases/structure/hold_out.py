@@ -11,6 +11,7 @@ from strainsight.cases.structure.channels import size_in_words
 from strainsight.cases.structure.filtered_test import Filtered, Filtering, filtered, filtered_together
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
+from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
@@ -28,8 +29,8 @@ def held_out(
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
-    x̂ˢ, Pˢ smoothed from the other channels; R of one sample; D, E, o what the gauge's own installation may be off by
-    (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some channels (k,) of train.h5 cannot tell, empty
+    x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample;
+    D, E, o what the gauge's own installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some channels (k,) of train.h5 cannot tell, empty
     where nothing; withheld: whether σ is. NaN for a gauge without which the others cannot tell the unknowns, and for a σ that is
     withheld.
     """
@@ -64,18 +65,24 @@ def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarra
     states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
     x = found.mean[sampled, 0]
     assert found.covariance is not None
-    P = found.covariance[sampled, 0, :states, :states]
-    H, fed = model.H[:, :states].copy(), np.zeros((len(test.channels), len(model.known_inputs)))
+    P = found.covariance[sampled, 0, : model.size, : model.size]
+    theta = theta_at(model, x[-1:, model.parameter_states])
+    read = model.rows_at(theta).reshape(-1, model.size)
+    H, fed = read[:, :states].copy(), np.zeros((len(test.channels), len(model.known_inputs)))
+    slope = np.zeros((1, len(H), model.size - states))
+    if model.change.terms:
+        _, J = surface_reading(model, model.H[:, : model.model.size], model.change, x[:, : model.size])
+        slope = J[..., model.parameter_states]
     if model.accelerometers is not None:
         moving = model.accelerometers
-        theta = theta_at(model, x[-1:, model.parameter_states])
-        on_states, on_known = acceleration_rows(model, theta, model.H[moving, : model.model.size])
-        H[moving], fed[moving] = on_states[0], on_known[0]
+        on_states, on_known = acceleration_rows(model, theta, read[moving, : model.model.size])
+        H[moving], fed[moving], slope[:, moving] = on_states[0], on_known[0], 0.0
+    J = np.concatenate([np.broadcast_to(H, (len(slope), *H.shape)), slope], axis=-1)
     ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
     own = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
     own += nuisances.offset
     loads = test.known.sum(axis=1)[model.every - 1 :: model.every]
-    variance = output_std(H, P) ** 2 + model.noise + np.sum(own**2, axis=1) + test.bias**2
+    variance = output_std(J, P) ** 2 + model.noise + np.sum(own**2, axis=1) + test.bias**2
     return x[:, :states] @ H.T + loads @ fed.T, np.sqrt(variance)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.structure.channels import accelerations
 from strainsight.cases.structure.drawn import installation_std
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.start import motion_of
@@ -21,7 +20,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import CaseMotion, Training, with_missed
-from strainsight.rom.model import ReducedModel
+from strainsight.rom.model import ReducedModel, accelerations
 
 COHERENCE = 0.01
 """Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A

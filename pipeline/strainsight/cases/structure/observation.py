@@ -47,7 +47,7 @@ def observed_of(
         signal = signal_of(name, config.loads[name].signal, using.files)
         amplitude[name] = characteristic(config.loads[name], signal, config.train.duration)[1]
     kinds = {name: config.parameters[name].property for name in model.parameters}
-    rows, quantity = every.rows[pool], every.quantity[pool]
+    sensed = every.sensed(pool)
     excitations, table = _excitations(config, model, training, amplitude), []
     for motion in excitations:
         with blame("observe"):
@@ -62,9 +62,8 @@ def observed_of(
                 damping=[name for name, kind in kinds.items() if kind == DAMPING],
                 amplitude=amplitude,
                 guess=model.reference,
-                rows=rows,
-                quantity=quantity,
-                largest=_largest(model, rows, quantity, motion),
+                sensed=sensed,
+                largest=_largest(model, sensed.rows, sensed.quantity, motion),
                 instants=config.place.instants,
                 seed=config.seed,
             )

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.augmentation.input_models import WALK
 from strainsight.augmentation.noise import Rule, channel_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.cases.structure.channels import Channels, accelerations, channels_of
+from strainsight.cases.structure.channels import Channels, channels_of
 from strainsight.cases.structure.load_cases import Run, run_as_stated, typical_of
 from strainsight.cases.structure.settings import unknowns_of
 from strainsight.cases.structure.start import Loading
@@ -26,7 +26,7 @@ from strainsight.estimation.update import Form
 from strainsight.gauges.candidates import STRAIN
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.rom.model import ReducedModel, modal_basis
+from strainsight.rom.model import ReducedModel, accelerations, modal_basis
 from strainsight.rom.schemes import Scheme, scheme_bias
 from strainsight.rom.steady import hold_of_tones
 from strainsight.signals.histories import Signal
@@ -208,8 +208,19 @@ def filter_model(
     )
     r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
+    change = own.change.of_terms(lambda X: np.where(there[..., None], X[channels], 0.0))
     return FilterModel(
-        problem.model, problem.unknowns, problem.known, fixed, H, problem.Q, r, h, quantity, problem.scheme
+        problem.model,
+        problem.unknowns,
+        problem.known,
+        fixed,
+        H,
+        problem.Q,
+        r,
+        h,
+        quantity,
+        problem.scheme,
+        change=change,
     )
 
 

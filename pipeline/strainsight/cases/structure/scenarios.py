@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
-from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import Rule, channel_intensity
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.start import motion_of
@@ -36,9 +35,9 @@ def scenarios_of(
     for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
         x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
         chosen = placed_instants(p, theta, x, settings, seed)
-        for F in linearise(p.model, p.unknowns, theta, x[chosen], u[chosen]):
-            H, r = _measured(p, channels, F, installation)
-            plain.append(Scenario(F, p.frozen_Q, H, r, np.zeros(len(F))))
+        F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen])
+        for own, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
+            plain.append(Scenario(own, p.frozen_Q, H, r, np.zeros(len(own))))
     return tuple(plain)
 
 
@@ -67,17 +66,23 @@ def parameter_samples(
 
 
 def _measured(
-    problem: Problem, channels: np.ndarray, F: np.ndarray, installation: np.ndarray | None
+    problem: Problem,
+    channels: np.ndarray,
+    theta: Mapping[str, float],
+    x: np.ndarray,
+    u: np.ndarray,
+    F: np.ndarray,
+    installation: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """H* (pool, c, n*) and r (pool, c), or (pool, n*) and (pool,) where every pool row has one channel."""
+    """H* (s, pool, c, n*) and r (s, pool, c), or without c where every pool row has one channel, at s instants."""
     own, there = problem.channels, channels >= 0
     used = np.unique(channels[there])
-    rows, quantity = own.rows[used], own.quantity[used]
+    sensed = own.sensed(used)
     rule: Rule = "as_printed" if problem.printed else "intensity"
-    H = measurement_rows(rows, quantity, F)
-    r = channel_intensity(own.noise_std[used], problem.h, rows, quantity, problem.frozen_Q, rule)
+    H = sensed.linearised(problem.model, problem.unknowns, theta, x, u, F)
+    r = channel_intensity(own.noise_std[used], problem.h, sensed.rows, sensed.quantity, problem.frozen_Q, rule)
     r = r if installation is None else r + installation[used]
     at = np.searchsorted(used, channels)
     at[~there] = 0
-    blocks, intensity = np.where(there[..., None], H[at], 0.0), r[at]
-    return (blocks[:, 0], intensity[:, 0]) if channels.shape[1] == 1 else (blocks, intensity)
+    blocks, intensity = np.where(there[..., None], H[:, at], 0.0), np.broadcast_to(r[at], (len(F), *at.shape))
+    return (blocks[:, :, 0], intensity[:, :, 0]) if channels.shape[1] == 1 else (blocks, intensity)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.structure.channels import accelerations
 from strainsight.cases.structure.clearance import bent_gauges, clearance_of
 from strainsight.cases.structure.installation_noise import COHERENCE, avoids_errors, installation_variances
 from strainsight.cases.structure.load_cases import run_as_stated, runs_of
@@ -22,7 +21,7 @@ from strainsight.gauges.screening import BEND, CLEARANCE, Screening, screen
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.rom.model import ReducedModel
+from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.signals.histories import instant_values
 
 STEP = 1e-4
@@ -147,19 +146,27 @@ def _alone(
 
     of the unknowns that act in that case."""
     model, inputs = reduced.model, reduced.model.inputs
+    sensing = training.candidates.quantity == ACCELERATION
     for case, run in enumerate(runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)):
         with blame(run.key):
             loading = run.loading()
         for name in config.place.estimate:
             if name in inputs:
                 alone = model.acted_on(model.input_shape * (np.array(inputs) == name))
-                found = _rms(training, _motion(alone, model.reference, loading))
+                found = _rms(training.rows, sensing, _motion(alone, model.reference, loading))
             else:
                 more, less = (
                     _motion(model, {**model.reference, name: way * model.reference[name]}, loading)
                     for way in (1 + STEP, 1 - STEP)
                 )
-                found = _rms(training, [(a - b) / (2 * STEP) for a, b in zip(more, less, strict=True)])
+                difference = [(a - b) / (2 * STEP) for a, b in zip(more, less, strict=True)]
+                rows = training.rows
+                if name in training.change.parameters:
+                    slope = model.reference[name] * training.change.derivative(name, model.reference)
+                    rows = np.hstack([rows, slope])
+                    motion = _motion(model, model.reference, loading)
+                    difference = [np.hstack(both) for both in zip(difference, motion, strict=True)]
+                found = _rms(rows, sensing, difference)
             if found.any():
                 yield case, found
 
@@ -170,12 +177,11 @@ def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -
     return x[:, : model.size], accelerations(model, theta, x, u)
 
 
-def _rms(training: Training, motion: Sequence[np.ndarray]) -> np.ndarray:
-    """Of every channel (m,), without its history: ‖R rᵀ‖/√T, R of q = QR."""
+def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) -> np.ndarray:
+    """Of every channel (m,), without its history: ‖R rᵀ‖/√T, R of q = QR; of accelerometers, `sensing` (m,), of q̈."""
     still, moving = (np.linalg.qr(own, mode="r") / np.sqrt(len(own)) for own in motion)
-    sensing = training.candidates.quantity == ACCELERATION
-    found = np.linalg.norm(training.rows @ still.T, axis=1)
-    found[sensing] = np.linalg.norm(training.rows[sensing] @ moving.T, axis=1)
+    found = np.linalg.norm(rows @ still.T, axis=1)
+    found[sensing] = np.linalg.norm(rows[sensing] @ moving.T, axis=1)
     return np.asarray(found)
 
 

@@ -23,7 +23,7 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.additions import region_ids, spring_names
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, value_of, with_value
+from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, THICKNESS, value_of, with_value
 from strainsight.signals.histories import MultiSine, Signal, Sine, Sweep, evaluate
 from strainsight.workflow.artefact import Artefact
 
@@ -45,6 +45,7 @@ PARAMETER_UNITS = {
     DAMPING: "1",
     **dict.fromkeys(PLY_MODULI, "Pa"),
     **dict.fromkeys(SECTION_FACTORS, "1"),
+    THICKNESS: "m",
 }
 
 
@@ -85,14 +86,19 @@ def parameters_of(
         for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
             if not 0.1 <= value / deck <= 10:
                 in_mpa = PARAMETER_UNITS[entry.property] == "Pa" and 0.1 <= 1e6 * value / deck <= 10
+                in_mm = PARAMETER_UNITS[entry.property] == "m" and 0.1 <= 1e-3 * value / deck <= 10
                 meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
+                if in_mm:
+                    meant = f"{value:g} mm are {1e-3 * value:.4g} m: give that, if it is meant"
                 units = "check mesh.length_unit and mesh.mass_unit, or the guess"
                 factor = "it multiplies what the deck has: 1.0 is that of the deck"
                 raise ConfigError(
                     f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy=meant if in_mpa else factor if PARAMETER_UNITS[entry.property] == "1" else units,
+                    remedy=meant if in_mpa or in_mm else factor if PARAMETER_UNITS[entry.property] == "1" else units,
                 )
+        if entry.property == THICKNESS:
+            _require_alike(name, of_deck)
         found.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
     return tuple(found)
 
@@ -103,6 +109,17 @@ def damping_parameter(config: Mapping[str, MaterialParameter], files: Mapping[st
         if entry.property == DAMPING:
             return name, reference_value(name, entry.guess, files)
     return None
+
+
+def _require_alike(name: str, of_deck: Mapping[str, float]) -> None:
+    """Raises ConfigError for regions of different thicknesses [m]: the parameter would make them one."""
+    if max(of_deck.values()) > (1 + 1e-6) * min(of_deck.values()):
+        raise ConfigError(
+            "the regions have different thicknesses: "
+            + ", ".join(f"{place} {1e3 * value:.4g} mm" for place, value in of_deck.items()),
+            key=f"parameters.{name}.region",
+            remedy="give each thickness a parameter of its own",
+        )
 
 
 def places_of(
@@ -176,8 +193,10 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
 def load_slopes(
     model: FiniteElementModel, config: Mapping[str, Load], parameters: Sequence[Parameter]
 ) -> dict[str, np.ndarray]:
-    """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density and factor of a section that a load on mass goes with: S is affine
-    in them as the mass is, so that a difference is exact. The mesh of the model has their values at which its loads act.
+    """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density, thickness and factor of a section that a load on mass goes with: S
+    is affine in them, so that a difference is exact; but for the moment of a laminate whose mass lies off its middle, which is
+    quadratic in the thickness: there it is the slope at the reference, to 5e-4. The mesh of the model has the values at which
+    its loads act.
 
     Raises UserError where the density and a section of one region are free: S would be their product."""
     on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
@@ -185,18 +204,20 @@ def load_slopes(
     for own in parameters if on_mass else ():
         if own.property in OF_MASS:
             _require_affine(own, parameters)
-            value = 2 * own.reference if own.property == "density" else 2.0  # of what the mesh of the model has
-            doubled = replace(model, mesh=with_value(model.mesh, own.property, own.regions, value))
+            step = 1e-3 if own.property == THICKNESS else 1.0
+            # a factor is one of what the mesh of the model has
+            value = (1 + step) * (own.reference if own.property in ("density", THICKNESS) else 1.0)
+            more = replace(model, mesh=with_value(model.mesh, own.property, own.regions, value))
             names = [list(config)[i] for i in on_mass]
-            change = [load_shapes(each, {name: config[name] for name in names}) for each in (doubled, model)]
+            change = [load_shapes(each, {name: config[name] for name in names}) for each in (more, model)]
             slope = np.zeros((model.size, len(config)))
-            slope[:, on_mass] = (change[0] - change[1]) / own.reference
+            slope[:, on_mass] = (change[0] - change[1]) / (step * own.reference)
             found[own.name] = slope
     return found
 
 
 def _require_affine(own: Parameter, parameters: Sequence[Parameter]) -> None:
-    """Raises UserError where the density and a factor of the section of one region are free."""
+    """Raises UserError where the density and a thickness or factor of the section of one region are free."""
     for other in parameters:
         both = {own.property, other.property} & {"density"}
         if (

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.structure.thick_rows import rows_along
 from strainsight.config.estimate import Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.estimation.model import FilterModel, theta_of
+from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
-from strainsight.fem.affine import Parameter
-from strainsight.fem.recovery import facet_strain
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.recovery import facet_strain, strain_matrix
 from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
 from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.records.damage import DamageAt
 from strainsight.records.estimated import Moment, VirtualStrain
@@ -35,36 +39,57 @@ def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
 
 
 def virtual_strain(
-    mesh: Mesh, field: Displaced, entries: Sequence[NamedGauge], gauges: Gauges, states: int
+    mesh: Mesh,
+    field: Displaced,
+    entries: Sequence[NamedGauge],
+    gauges: Gauges,
+    states: int,
+    free: Sequence[Parameter] = (),
 ) -> Virtual | None:
     """Gauges that are not there, each at the nearest point of the surface; None without one.
 
     entries of `estimate.virtual`; gauges of the config: grid length and snapping tolerance; states: how many the filter has, with
-    offsets. Raises UserError for one off the surface.
+    offsets; free: thicknesses of shells. Raises UserError for one off the surface.
     """
     if not entries:
         return None
     facets = exterior_facets(mesh)
     pool = virtual_pool(mesh, facets, entries, gauges)
-    own = channel_rows(mesh.position, pool, field.basis, facets=facets)
+    own, change = rows_along(
+        mesh, free, lambda at: channel_rows(mesh.position, pool, field.basis, facets=facets, thickness=at)
+    )
     n = field.coordinates
     rows = np.zeros((len(own), states + own.shape[1] - n))
     rows[:, :n], rows[:, states:] = own[:, :n], own[:, n:]
-    return Virtual(pool, rows)
+    return Virtual(pool, rows, change.of_terms(lambda X: X[:, :n]))
 
 
 @dataclass(frozen=True)
 class Virtual:
-    """Grids of gauges that are not there; rows (g, n* + f) of their strain on the states of the smoother."""
+    """Grids of gauges that are not there; rows (g, n* + f) of their strain on the states of the smoother, at the references, and
+    change (g, n): what a free thickness adds to them on the coordinates."""
 
     pool: Candidates
     rows: np.ndarray
+    change: AffineOperator
 
-    def smoothed(self, found: Smoothed) -> VirtualStrain:
-        """What they would have read."""
+    def read(self, model: FilterModel, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What they read at states (T + 1, n* + …), of which those that are there count, and rows of its errors (g, n* + f), or
+        (T + 1, g, n* + f) where they change with θ and the motion."""
+        rows, there = self.rows, x.shape[1]
+        if not self.change.terms:
+            return x @ rows[:, :there].T, rows
+        n, size = model.model.size, model.size
+        strain, J = surface_reading(model, rows[:, :n], self.change, x[:, :size])
+        whole = np.array(np.broadcast_to(rows, (len(x), *rows.shape)))
+        whole[..., :size] = J
+        return strain + x[:, size:] @ rows[:, size:there].T, whole
+
+    def smoothed(self, model: FilterModel, run: FilterRun, found: Smoothed) -> VirtualStrain:
+        """What they would have read; run: what the filter found, along which the smoother has kept σ."""
         return VirtualStrain(
-            strain=found.mean[:, 0] @ self.rows.T,
-            std=found.std_of(self.rows),
+            strain=self.read(model, found.mean[:, 0])[0],
+            std=found.std_of(self.read(model, run.mean[:, 0])[1]),
             position=self.pool.position,
             direction=self.pool.direction,
         )
@@ -100,21 +125,27 @@ class Displaced:
 
 @dataclass(frozen=True)
 class Skin:
-    """The surface of a reduced model: mesh, field of displacement, exterior facets, and strain and stress at their middles."""
+    """The surface of a reduced model: mesh, field of displacement, exterior facets, strain and stress at their middles, and the
+    thicknesses that are free."""
 
     mesh: Mesh
     field: Displaced
     facets: Facets
     model: SurfaceModel
+    free: tuple[Parameter, ...] = ()
 
 
 def skin_of(mesh: Mesh, field: Displaced, parameters: Sequence[Parameter]) -> Skin:
     """Raises DeckError where a region of the surface has no material."""
-    facets = exterior_facets(mesh)
+    facets, free = exterior_facets(mesh), tuple(own for own in parameters if own.property == THICKNESS)
     with mesh.located():
-        return Skin(
-            mesh, field, facets, surface_model(mesh, facet_strain(mesh, facets, parameters), field.basis, parameters)
-        )
+        rows = facet_strain(mesh, facets, parameters)
+        model = surface_model(mesh, rows, field.basis, parameters)
+        if free:
+            strain, change = rows_along(mesh, free, lambda at: strain_matrix(mesh, facets, rows.laws, at) @ field.basis)
+            shape = model.strain.shape
+            model = replace(model, strain=strain.reshape(shape), change=change.of_terms(lambda own: own.reshape(shape)))
+        return Skin(mesh, field, facets, model, free)
 
 
 def _state(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int) -> SurfaceState:

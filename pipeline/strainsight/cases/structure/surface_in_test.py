@@ -112,7 +112,7 @@ def wanted_of(
     most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
     together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
     return Wanted(
-        np.zeros((0, given.smoothed_states)) if virtual is None else virtual.rows,
+        np.zeros((0, given.smoothed_states)) if virtual is None else virtual.read(given.model, run.mean[:, 0])[1],
         given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
         np.unique([*field, most]).astype(int),
     )

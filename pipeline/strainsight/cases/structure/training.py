@@ -11,22 +11,26 @@ from scipy import sparse
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.candidates import OnSurface, candidates_on_surface
-from strainsight.cases.structure.channels import accelerations, readings
+from strainsight.cases.structure.channels import readings
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.scales import refuse_readings, refuse_times
 from strainsight.cases.structure.start import motion_of
+from strainsight.cases.structure.thick_rows import free_thicknesses, rows_along
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
+from strainsight.fem.affine import NO_CHANGE
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.given import without
 from strainsight.gauges.rows import channel_rows
+from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import CaseMotion, Training, with_missed
+from strainsight.rom.model import accelerations
 from strainsight.signals.histories import instant_values
 
 AT_A_TIME = 1000
@@ -52,15 +56,21 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     )
     x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
-    surface, given = None, None
+    surface, given, change = None, None, NO_CHANGE
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
         with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
             moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
-        both = channel_rows(
-            mesh.position, pool, with_missed(reduced.basis, reduced.misaligned.missed), facets=exterior_facets(mesh)
+        field, skin = (
+            with_missed(reduced.basis, reduced.misaligned.missed),
+            skin_of(mesh.position, exterior_facets(mesh)),
+        )
+        both, change = rows_along(
+            mesh,
+            free_thicknesses(config, mesh, model.reference),
+            lambda own: channel_rows(mesh.position, pool, field, facets=skin, thickness=own),
         )
     else:
         pool, given = _given(config, mesh, using)
@@ -85,6 +95,7 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         candidates=pool,
         name=names + ("",) * (pool.gauges - len(names)),
         rows=rows,
+        row_change=change.of_terms(lambda own: own[:, :n]) if change.terms else None,
         missed=missed,
         given=given,
         moved=surface.moved if surface is not None and len(surface.moved) else None,

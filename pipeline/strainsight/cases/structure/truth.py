@@ -12,7 +12,6 @@ from scipy import sparse
 
 from strainsight.cases.material import damping_of
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.channels import accelerations
 from strainsight.cases.structure.drawn import (
     in_words,
     installation_of,
@@ -27,6 +26,7 @@ from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.cases.structure.solver import solver_of
 from strainsight.cases.structure.start import Loading, motion_of
+from strainsight.cases.structure.thick_rows import thickness_at
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.fem.affine import Parameter
@@ -39,9 +39,11 @@ from strainsight.gauges.rows import channel_matrix, channel_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import THICKNESS
+from strainsight.mesh.thickness import Thickness
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
-from strainsight.rom.model import Damping, ReducedModel
+from strainsight.rom.model import Damping, ReducedModel, accelerations
 from strainsight.rom.reduction import modal_model
 from strainsight.rom.snapshots import Snapshots
 from strainsight.signals.histories import instant_values
@@ -121,10 +123,11 @@ def truth_of(
     values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
     pool = training.candidates
     if stated.model == "rom":
-        rows = training.rows
+        rows = training.rows_at(theta)
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
+    thickness = thickness_at(mesh, [own for own in parameters if own.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
     factor = theta.get(problem.model.damping.parameter, 1.0)
@@ -133,7 +136,7 @@ def truth_of(
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
-        return _full(damping, mesh, training, built, S, theta, words, modes, using)
+        return _full(damping, mesh, training, built, S, theta, words, modes, using, thickness)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
@@ -144,7 +147,7 @@ def truth_of(
         model, basis = modal_model(built.model, S, problem.model.inputs, theta, modes, damping, shapes, aside)
     whole = "full model" if built.modes is None else f"results ({stated.modes} asked for, {built.modes} there)"
     words = f"{modes} modes of the {whole} with static terms, {values}"
-    installed = _installed(mesh, built, basis, training)
+    installed = _installed(mesh, built, basis, training, thickness)
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
@@ -181,7 +184,9 @@ def _loaded(
 Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.ndarray]]
 
 
-def _installed(mesh: Mesh, built: FullModel, basis: np.ndarray, training: Training) -> Installed:
+def _installed(
+    mesh: Mesh, built: FullModel, basis: np.ndarray, training: Training, thickness: Thickness | None
+) -> Installed:
     """Gauges (k,) and how they are installed, None: as meant → rows of their channels (m, r), and which (k,) an edge holds.
 
     Of given strain rows only the gain can be off.
@@ -200,8 +205,9 @@ def _installed(mesh: Mesh, built: FullModel, basis: np.ndarray, training: Traini
     def bonded(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
         part = pool.take(pool.channels(gauges))
         if installation is None:
-            return channel_rows(mesh.position, part, field, facets=skin), np.zeros(len(gauges), dtype=bool)
-        return installed_rows(mesh.position, part, field, installation, facets=skin)
+            rows = channel_rows(mesh.position, part, field, facets=skin, thickness=thickness)
+            return rows, np.zeros(len(gauges), dtype=bool)
+        return installed_rows(mesh.position, part, field, installation, facets=skin, thickness=thickness)
 
     return bonded
 
@@ -238,6 +244,7 @@ def _full(
     words: str,
     modes: int,
     using: Resources,
+    thickness: Thickness | None,
 ) -> Truth:
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
@@ -258,7 +265,7 @@ def _full(
         assert built.motion is not None
         rows = sparse.csr_array(training.given @ built.motion)
     else:
-        rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh)))
+        rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh), thickness))
     moving = pool.quantity == ACCELERATION
 
     def motion(loading: Loading) -> Motion:

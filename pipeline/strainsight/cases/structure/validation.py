@@ -29,6 +29,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
 from strainsight.estimation.metrics import after_start
 from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
@@ -211,7 +212,7 @@ def _validated(
             nis=innovations,
             band=bands,
         ),
-        field=_field(trial, run),
+        field=_field(trial, model, run),
         noise=noise_levels(studies.noise),
         repeats=repeated(studies.repeats),
         screened=random_sets(studies.screened),
@@ -221,19 +222,20 @@ def _validated(
     )
 
 
-def _field(trial: Trial, run: FilterRun) -> Field:
+def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
     """Every candidate, bonded or not, at the instant of the largest true strain."""
-    n, own = trial.problem.model.size, trial.problem.channels
+    own = trial.problem.channels
     straining = np.flatnonzero(own.quantity == STRAIN)
     instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(own.quantity)))
     moving = own.quantity == ACCELERATION
     assert run.covariance is not None
     true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
+    strain, J = surface_reading(model, own.rows, own.change, run.mean[instant])
     return Field(
         instant=float(trial.time[instant]),
         true=np.where(moving, np.nan, true),
-        strain=np.where(moving, np.nan, own.rows @ run.mean[instant, 0, :n]),
-        std=np.where(moving, np.nan, output_std(own.rows, run.covariance[instant, 0, :n, :n])),
+        strain=np.where(moving, np.nan, strain[0]),
+        std=np.where(moving, np.nan, output_std(J[0], run.covariance[instant, 0])),
     )
 
 

@@ -47,7 +47,7 @@ def shell_stiffnesses(
     from the nodes along the normal, by rigid arms; ids (e,) for the error message. Returns (e, 6k, 6k), rows 6·node + component,
     three translations [m] and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four
     are linked to its mean plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is
-    folded. """
+    folded."""
     e, k = position.shape[:2]
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
@@ -78,7 +78,7 @@ def shell_masses(
     n the normal, of flat shells one; inner motions of second-order shells carry none. Where the nodes of a flat mesh lie on the
     middle surface, rotation about the normal has no inertia, and M is singular. position (e, k, 3) [m]; per_area m (e,) [kg/m²];
     rotary ρt³/12 (e,) [kg]; offset (e,) [m] as in `shell_stiffnesses`; ids (e,). Returns (e, 6k, 6k) [kg, kg m, kg m²]. Raises
-    what `shell_axes` does. """
+    what `shell_axes` does."""
     e, k = position.shape[:2]
     if k in TIES:
         return _curved_masses(position, per_area, rotary, offset, ids)
@@ -129,7 +129,7 @@ def shell_strain_rows(
 def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """c (e,) of θ_z − ω; weight (e, q) [m²]."""
     inside = in_shear(A)
-    return np.minimum(DRILLING * in_shear(D) / weight.sum(axis=1), MOST_DRILLING * inside) + LEAST_DRILLING * inside
+    return _lesser(DRILLING * in_shear(D) / weight.sum(axis=1), MOST_DRILLING * inside) + LEAST_DRILLING * inside
 
 
 def _curved_masses(
@@ -169,7 +169,12 @@ def _curved_rows(
 def _twist(xy: np.ndarray, D: np.ndarray, S: np.ndarray) -> np.ndarray:
     """d of triangles."""
     area = np.linalg.det(xy[:, 1:] - xy[:, :1]) / 2
-    return np.minimum(TWIST * np.sqrt(_ratio(in_shear(D), area * (S[:, 0, 0] + S[:, 1, 1]) / 2)), MOST_TWIST)
+    return _lesser(TWIST * np.sqrt(_ratio(in_shear(D), area * (S[:, 0, 0] + S[:, 1, 1]) / 2)), MOST_TWIST)
+
+
+def _lesser(a: np.ndarray, b: np.ndarray | float) -> np.ndarray:
+    """ab/√(a² + b²) of a, b ≥ 0: the lesser where they lie apart, and without a kink, so that K is smooth in the thickness."""
+    return _ratio(a * b, np.hypot(a, b))
 
 
 def _poisson(A: np.ndarray) -> np.ndarray:
