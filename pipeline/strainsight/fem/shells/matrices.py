@@ -35,11 +35,11 @@ def shell_stiffnesses(
 ) -> np.ndarray:
     """Stiffness of shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
 
-        K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = min(6 D₃₃/area, A₃₃/10) + 10⁻⁴ A₃₃
+        K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = ab/√(a² + b²) + 10⁻⁴ A₃₃
 
-    with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes, `curved_strains`, and A₃₃ and D₃₃ of
-    `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions are condensed, K_uu − K_ui K_ii⁻¹
-    K_iu: K scales with (A, B, D, S) together and is no sum over them.
+    a = 6 D₃₃/area and b = A₃₃/10, with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes,
+    `curved_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions
+    are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S) together and is no sum over them.
 
     position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
     a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite
