@@ -9,6 +9,7 @@ import pytest
 
 from strainsight.augmentation.cases import cases
 from strainsight.augmentation.linearisation import linearisation_instants, linearise
+from strainsight.augmentation.measurement import Sensed
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import AffineOperator
@@ -48,7 +49,7 @@ def sensors(model, x, u, *, seed=0, accelerometers=0):
     a = np.linalg.solve(M, (u @ model.input_shape.T - x[:, n:] @ C - x[:, :n] @ K).T).T
     reading = np.where(quantity == STRAIN, np.abs(x[:, :n] @ rows.T).max(axis=0), np.abs(a @ rows.T).max(axis=0))
     largest = np.array([reading[quantity == kind].max() for kind in quantity])
-    return {"rows": rows, "quantity": quantity, "largest": largest}
+    return {"sensed": Sensed(rows, quantity), "largest": largest}
 
 
 def ask(model, x, u, given, **changes):
@@ -141,8 +142,9 @@ def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only(chain_of)
     model = chain_of()
     x, u = motion(model, 0.5)
     given = sensors(model, x, u, accelerometers=3)
-    units = np.where(given["quantity"] == STRAIN, 1e6, 1 / 9.81)  # µm/m and g
-    other = given | {"rows": given["rows"] * units[:, None], "largest": given["largest"] * units}
+    rows, quantity = given["sensed"].rows, given["sensed"].quantity
+    units = np.where(quantity == STRAIN, 1e6, 1 / 9.81)  # µm/m and g
+    other = given | {"sensed": Sensed(rows * units[:, None], quantity), "largest": given["largest"] * units}
     here, there = ask(model, x, u, given), ask(model, x, u, other)
     for label in SEVEN:
         np.testing.assert_allclose(there[label].found.condition, here[label].found.condition, rtol=1e-6)
@@ -175,7 +177,7 @@ def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_ar
     D = np.diag(np.concatenate([a / omega, np.full(n, a), [1.0, 1.0]]))
     condition = []
     for F in linearise(model, unknowns, model.reference, x[chosen], u[chosen]):
-        strain, force = given["rows"][:8], given["rows"][8:]
+        strain, force = given["sensed"].rows[:8], given["sensed"].rows[8:]
         H = np.vstack([np.hstack([strain, np.zeros((8, n + 2))]), force @ F[n : 2 * n]])
         pbh = np.vstack([np.linalg.inv(D) @ F @ D / omega.min(), H @ D / given["largest"][:, None]])
         condition.append(np.linalg.cond(pbh))

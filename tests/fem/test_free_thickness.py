@@ -32,12 +32,14 @@ E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
 FREE = Parameter("t", "thickness", (1,), T, range=(0.6 * T, 1.5 * T))
 VALUES = (0.62 * T, 0.8 * T, 1.07 * T, 1.3 * T, 1.49 * T)
 PLY = Lamina(7, 1.3e11, 9e9, 0.3, 5e9, 4e9, 3e9, 1500.0)
+DIAGONALS = [1.0, 0.8, 0.3], [0.1, 0.0, 0.02], [0.9, 0.7, 0.3], [0.3, 0.2]
+"""Of membrane, coupling, bending and shear, over E."""
 SECTIONS = {
     "homogeneous": ShellSection(T, nonstructural=3.0),
     "of its own bending": ShellSection(T, bending=0.7, shear=0.4),
     "laminate": Laminate((Ply(7, 0.3 * T, 30.0), Ply(7, 0.45 * T, -20.0), Ply(7, 0.25 * T, 80.0)), nonstructural=2.0),
-    "general": GeneralShell(T, *(E * np.diag(own) for own in ([1.0, 0.8, 0.3], [0.1, 0, 0.02], [0.9, 0.7, 0.3], [0.3, 0.2])), RHO, False),
-}  # fmt: skip
+    "general": GeneralShell(T, *(E * np.diag(own) for own in DIAGONALS), RHO, False),
+}
 
 
 def shell(kind="quad4", section=SECTIONS["homogeneous"], height=0.0, offset=0.0, count=(3, 2), size=(0.3, 0.1)):
