@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.additions import free_material, with_properties
@@ -15,7 +16,7 @@ PLY_MODULI = ("e1", "e2", "g12", "g1z", "g2z")
 """Of the plies of laminates, in one orthotropic material."""
 SECTION_FACTORS = {"area_factor": "area", "bending_factor": "second", "torsion_factor": "torsion"}
 """Of beams and rods: what each multiplies of their section at both ends; that of bending is of homogeneous shells, too."""
-THICKNESS = "thickness"
+THICKNESS: Final = "thickness"
 """Of shells [m]; that of a laminate scales all its plies alike."""
 SHAPING = (*PLY_MODULI, *SECTION_FACTORS, THICKNESS)
 """Properties that the stiffness is not proportional to, of any region."""
