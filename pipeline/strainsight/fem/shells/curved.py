@@ -14,28 +14,33 @@ from strainsight.mesh.shell_normals import normals_at_nodes
 
 FLAT = 1e-3
 """Least cosine of the angle between the normal at a point and that of the corners."""
+LEAST = 1e-13
+"""Of the squares of coordinates that are one at most: what keeps eight nodes on a conic from having no least share."""
 
 
 @dataclass(frozen=True)
 class Surface:
     """Elements: position (e, k, 3) [m] of their nodes moved onto the middle surface; normal (e, k, 3) of the element there;
-    turned (e, k, 3, 3) with ψ = θ × n = turned θ; arm (e, k, 3) [m] from the nodes; axes (e, 3, 3) of `shell_axes`; ids (e,)."""
+    turned (e, k, 3, 3) with ψ = θ × n = turned θ; arm (e, k, 3) [m] from the nodes; axes (e, 3, 3) of `shell_axes`; share (e, k)
+    of each node in the motion within; ids (e,)."""
 
     position: np.ndarray
     normal: np.ndarray
     turned: np.ndarray
     arm: np.ndarray
     axes: np.ndarray
+    share: np.ndarray
     ids: np.ndarray
 
 
 @dataclass(frozen=True)
 class Points:
-    """At q points: N (q, k) and dN (q, k, 2) of the nodes; x_a (e, q, 2, 3) = ∂x/∂ξ_α [m]; normal (e, q, 3); along (e, q, 2, 3),
+    """At q points: N (e, q, k) and dN (e, q, k, 2) of the nodes, inner (q,) and its slopes (q, 2); x_a (e, q, 2, 3) = ∂x/∂ξ_α [m]; normal (e, q, 3); along (e, q, 2, 3),
     axes x and y of the element turned the shortest way onto the tangent plane; J_αi = x_α · along_i (e, q, 2, 2) [m]; |J|."""
 
     N: np.ndarray
     dN: np.ndarray
+    inner: tuple[np.ndarray, np.ndarray]
     x_a: np.ndarray
     normal: np.ndarray
     along: np.ndarray
@@ -43,13 +48,30 @@ class Points:
     det: np.ndarray
 
 
-def surface_of(kind: Kind, position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> Surface:
+def surface_of(ties: Ties, position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> Surface:
     """position (e, k, 3) [m]; offset (e,) [m] of the middle surface along the normal that the element has at each node."""
+    kind = ties.facet
     axes, normal = shell_axes(position, ids), normals_at_nodes(kind, position)
     good = (np.einsum("ekc,ec->ek", normal, axes[:, :, 2]) > FLAT).all(axis=1)
     _refuse_folded(good, kind, ids)
     arm = offset[:, None, None] * normal
-    return Surface(position + arm, normal, _crossed(normal), arm, axes, ids)
+    middle = position + arm
+    share = _share_within(kind, middle, axes) if ties.completed else np.zeros(position.shape[:2])
+    return Surface(middle, normal, _crossed(normal), arm, axes, share, ids)
+
+
+def _share_within(kind: Kind, position: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """c (e, k) of N_a + c_a (1 − ξ²)(1 − η²), the least with which these functions hold every quadratic in x and y of the element
+    at its centre: those of eight nodes do so on parallelograms alone. Source: R. H. MacNeal & R. L. Harder, Eight nodes or
+    nine?, Int. J. Numer. Meth. Engng 33 (1992) 1049-1058."""
+    N = kind.shape(kind.centre[None])[0]
+    local = np.matmul(position - position.mean(axis=1, keepdims=True), axes[:, :, :2])
+    x, y = np.moveaxis(local / np.abs(local).max(axis=(1, 2), keepdims=True), 2, 0)
+    cx, cy = x @ N, y @ N
+    P = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    missing = np.stack([np.ones_like(cx), cx, cy, cx * cx, cx * cy, cy * cy], axis=1) - P @ N
+    square = P @ P.swapaxes(1, 2) + LEAST * np.eye(6)
+    return np.asarray(np.matmul(P.swapaxes(1, 2), np.linalg.solve(square, missing[..., None]))[..., 0])
 
 
 def to_nodes(K: np.ndarray, own: Surface) -> np.ndarray:
@@ -65,56 +87,61 @@ def rows_to_nodes(rows: np.ndarray, own: Surface) -> np.ndarray:
     return parts.reshape(rows.shape)
 
 
-def points_of(kind: Kind, own: Surface, xi: np.ndarray) -> Points:
+def points_of(ties: Ties, own: Surface, xi: np.ndarray) -> Points:
     """At xi (q, 2). Raises DeckError for an element that is folded there."""
-    N, dN = kind.functions(xi)
-    x_a = np.matmul(dN.swapaxes(1, 2), own.position[:, None])
+    (N, dN), inner = ties.facet.functions(xi), ties.inner(xi)
+    N = N + own.share[:, None] * inner[0][:, None]
+    dN = dN + own.share[:, None, :, None] * inner[1][:, None]
+    x_a = np.matmul(dN.swapaxes(2, 3), own.position[:, None])
     cross = np.cross(x_a[:, :, 0], x_a[:, :, 1])
     det = np.linalg.norm(cross, axis=2)
     z = own.axes[:, None, :, 2]
     height = np.sum(cross * z, axis=2)
-    _refuse_folded((height > FLAT * det).all(axis=1), kind, own.ids)
+    _refuse_folded((height > FLAT * det).all(axis=1), ties.facet, own.ids)
     normal = cross / det[..., None]
     axes = own.axes[:, None, :, :2].swapaxes(2, 3)
     halfway = (z + normal) / (1 + height / det)[..., None]
     along = axes - np.matmul(axes, normal[..., None]) * halfway[:, :, None]
-    return Points(N, dN, x_a, normal, along, np.matmul(x_a, along.swapaxes(2, 3)), det)
+    return Points(N, dN, inner, x_a, normal, along, np.matmul(x_a, along.swapaxes(2, 3)), det)
 
 
 def curved_strains(ties: Ties, own: Surface, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nine rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz; θ_n − ω) of motions of the nodes and inner ones.
+    """The rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz; θ_n − ω; ε⁰ − ε of eight nodes) of motions of the nodes and two
+    inner ones.
 
-    x + z n moves by u + z ψ, with x, n, u and ψ = θ × n interpolated from the nodes, and inner motions besides:
+    x + z n moves by u + z ψ, with x, n, u and ψ = θ × n interpolated from the nodes, and ψ besides within:
 
         e_αβ = sym(x,α · u,β),   κ_αβ = sym(n,α · u,β + x,α · ψ,β),   γ_α = x,α · ψ + n · u,α,   ω = ½ n̂ · rot u
 
     Rigid motions make none of these, whatever the shape. e and γ are taken at points where a surface that bends without
     stretch or shear has none, and go on from there (`Ties`): γ along ξ, η, so that constant γ passes on any shape; e along
     the directions that ξ and η have in the middle, turned onto the tangent plane, so that on flat elements constant strain
-    passes with curved sides too, and linear strain with straight ones. Components along `Points.along`.
+    passes with curved sides too, and linear strain with straight ones. ε⁰ is that of u itself: ε at four points alone would
+    leave a motion of eight nodes free. Components along `Points.along`.
 
-    xi (q, 2) natural coordinates. Returns (e, q, 9, 6k + inner) [1/m, 1], columns 6·node + component and the inner ones, u
-    along the basic axes and ψ along x, y of the element; |J| (e, q) [m²]. Assumes t/R small: strain is ε + z κ in the area of
+    xi (q, 2) natural coordinates. Returns (e, q, 12 or 9, 6k + 2) [1/m, 1], columns 6·node + component and ψ within along
+    x, y of the element; |J| (e, q) [m²]. Assumes t/R small: strain is ε + z κ in the area of
     the middle. Sources: M. L. Bucalem & K.-J. Bathe, Higher-order MITC general shell elements, Int. J. Numer. Meth. Engng 36
     (1993) 3729-3754; K.-J. Bathe, F. Brezzi & S. W. Cho, The MITC7 and MITC9 plate bending elements, Comput. Struct. 32 (1989)
     797-814; P.-S. Lee & K.-J. Bathe, Development of MITC isotropic triangular shell finite elements, ibid. 82 (2004) 945-962.
     """
-    kind = ties.facet
-    here = points_of(kind, own, xi)
-    e, q, k = len(own.ids), len(xi), len(kind.nodes)
+    here = points_of(ties, own, xi)
+    e, q, k = here.N.shape
     inverse = np.linalg.inv(here.J)
-    G = np.zeros((e, q, 9, 6 * k + 3 * ties.moves + 2))
-    _place(G[:, :, :3], own, k, _tied_stretch(ties, own, xi, inverse), None)
-    of_u, of_psi = _functions(ties, xi, here, ties.moves), _functions(ties, xi, here, True)
-    n_a = np.matmul(here.dN.swapaxes(1, 2), own.normal[:, None])
+    G = np.zeros((e, q, 12 if ties.held else 9, 6 * k + 2))
+    tied = _tied_stretch(ties, own, xi, inverse)
+    _place(G[:, :, :3], own, k, tied, None)
+    n_a = np.matmul(here.dN.swapaxes(2, 3), own.normal[:, None])
     local = voigt(inverse)
-    bending = [_times(local, _stretch(a, d)) for a, (_, d) in ((n_a, of_u), (here.x_a, of_psi))]
+    bending = [_times(local, _stretch(a, d)) for a, d in ((n_a, here.dN), (here.x_a, _with_inner(here)[1]))]
     _place(G[:, :, 3:6], own, k, *bending)
     _place(G[:, :, 6:8], own, k, *_tied_shear(ties, own, xi, inverse))
-    slope = np.einsum("eqia,qma->eqim", inverse, of_u[1])
+    slope = np.matmul(inverse, here.dN.swapaxes(2, 3))
     spin = slope[:, :, 0, :, None] * here.along[:, :, None, 1] - slope[:, :, 1, :, None] * here.along[:, :, None, 0]
-    _place(G[:, :, 8:], own, k, -0.5 * spin[:, :, None], None)
-    G[:, :, 8, : 6 * k].reshape(e, q, k, 6)[..., 3:] = here.N[:, :, None] * here.normal[:, :, None]
+    _place(G[:, :, 8:9], own, k, -0.5 * spin[:, :, None], None)
+    G[:, :, 8, : 6 * k].reshape(e, q, k, 6)[..., 3:] = here.N[..., None] * here.normal[:, :, None]
+    if ties.held:
+        _place(G[:, :, 9:], own, k, _times(local, _stretch(here.x_a, here.dN)) - tied, None)
     return G, here.det
 
 
@@ -125,16 +152,14 @@ def voigt(T: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def _functions(ties: Ties, xi: np.ndarray, at: Points, inner: bool) -> tuple[np.ndarray, np.ndarray]:
-    """N (q, m) and ∂N/∂ξ (q, m, 2) of the nodes, and of the inner motion behind them."""
-    if not inner:
-        return at.N, at.dN
-    N, dN = ties.inner(xi)
-    return np.concatenate([at.N, N[:, None]], axis=1), np.concatenate([at.dN, dN[:, None]], axis=1)
+def _with_inner(at: Points) -> tuple[np.ndarray, np.ndarray]:
+    """N (e, q, k + 1) and ∂N/∂ξ (e, q, k + 1, 2) of the nodes, and of the motion within behind them."""
+    N, dN = (np.broadcast_to(own, (len(at.N), *own.shape)) for own in at.inner)
+    return np.concatenate([at.N, N[..., None]], axis=2), np.concatenate([at.dN, dN[:, :, None]], axis=2)
 
 
 def _stretch(a: np.ndarray, dN: np.ndarray) -> np.ndarray:
-    """e_rr, e_ss, 2 e_rs (e, q, 3, m, 3) = sym(a_α · u,β) of functions of u with slopes dN (q, m, 2); a (e, q, 2, 3)."""
+    """e_rr, e_ss, 2 e_rs (e, q, 3, m, 3) = sym(a_α · u,β) of functions of u with slopes dN (e, q, m, 2); a (e, q, 2, 3)."""
     r, s = dN[..., :1], dN[..., 1:]
     one, two = a[:, :, None, 0], a[:, :, None, 1]
     return np.stack([one * r, two * s, one * s + two * r], axis=2)
@@ -155,33 +180,34 @@ def _from(W: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def _tied_stretch(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray) -> np.ndarray:
     """ε (e, q, 3, m, 3) of functions of u along `Points.along` at xi; inverse (e, q, 2, 2) J⁻¹ there."""
-    at = points_of(ties.facet, own, ties.stretch_at)
-    J = points_of(ties.facet, own, ties.facet.centre[None]).J
-    _, dN = _functions(ties, ties.stretch_at, at, ties.moves)
-    there = np.matmul(voigt(J), voigt(np.linalg.inv(at.J)))
+    J = points_of(ties, own, ties.facet.centre[None]).J
+    parts = [points_of(ties, own, points) for points in (ties.stretch_at, ties.rule[0])]
+    tied, full = (
+        _times(np.matmul(voigt(J), voigt(np.linalg.inv(at.J))), _stretch(at.x_a, at.dN)) for at in parts
+    )
+    # with the mean of what is not tied, forces of constant stress are those of the sides
+    weight = parts[1].det * ties.rule[1]
+    beside = full - _from(ties.stretch(ties.rule[0]), tied)
+    mean = np.einsum("eq,eqrmc->ermc", weight / weight.sum(axis=1, keepdims=True), beside)
     back = np.broadcast_to(voigt(np.linalg.inv(J)), (*inverse.shape[:2], 3, 3))
-    return _times(back, _from(ties.stretch(xi), _times(there, _stretch(at.x_a, dN))))
+    return _times(back, _from(ties.stretch(xi), tied) + mean[:, None])
 
 
 def _tied_shear(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """γ (e, q, 2, m, 3) of functions of u and of ψ along `Points.along` at xi."""
-    at = points_of(ties.facet, own, ties.shear_at)
+    at = points_of(ties, own, ties.shear_at)
     n = np.matmul(at.N, own.normal)
-    _, dN = _functions(ties, ties.shear_at, at, ties.moves)
-    N, _ = _functions(ties, ties.shear_at, at, True)
-    u = dN.swapaxes(1, 2)[..., None] * n[:, :, None, None]
-    psi = N[:, None, :, None] * at.x_a[:, :, :, None]
+    u = at.dN.swapaxes(2, 3)[..., None] * n[:, :, None, None]
+    psi = _with_inner(at)[0][:, :, None, :, None] * at.x_a[:, :, :, None]
     W = ties.shear(xi)
     return _times(inverse, _from(W, u)), _times(inverse, _from(W, psi))
 
 
 def _place(G: np.ndarray, own: Surface, k: int, u: np.ndarray, psi: np.ndarray | None) -> None:
-    """Rows of functions of u and ψ (e, q, r, m, 3), k of the nodes and those within, into rows G (e, q, r, 6k + inner)."""
+    """Rows of functions of u (e, q, r, k, 3) and ψ (e, q, r, k + 1, 3) into rows G (e, q, r, 6k + 2)."""
     e, q, r = G.shape[:3]
     nodes = np.zeros((e, q, r, k, 6))
-    nodes[..., :3] = u[..., :k, :]
-    inner = 3 * (u.shape[3] - k)
-    G[..., 6 * k : 6 * k + inner] = u[..., k:, :].reshape(e, q, r, inner)
+    nodes[..., :3] = u
     if psi is not None:
         nodes[..., 3:] = np.matmul(psi[..., :k, None, :], own.turned[:, None, None])[..., 0, :]
         G[..., -2:] = np.matmul(psi[..., k, :], own.axes[:, None, :, :2])

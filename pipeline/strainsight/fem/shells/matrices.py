@@ -35,11 +35,12 @@ def shell_stiffnesses(
 ) -> np.ndarray:
     """Stiffness of shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
 
-        K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c (θ_z − ω)² dA,     c = ab/√(a² + b²) + 10⁻⁴ A₃₃
+        K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c ((θ_z − ω)² + |ε⁰ − ε|²) dA,     c = ab/√(a² + b²) + 10⁻⁴ A₃₃
 
     a = 6 D₃₃/area and b = A₃₃/10, with ε, κ, γ and θ_z − ω of `quad_strains`, `tria_strains` and, of eight or six nodes,
-    `curved_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. Inner motions
-    are condensed, K_uu − K_ui K_ii⁻¹ K_iu: K scales with (A, B, D, S) together and is no sum over them.
+    `curved_strains`, and A₃₃ and D₃₃ of `in_shear`; c is zero for three nodes, whose membrane turns with its nodes. ε⁰ − ε is
+    there for eight alone, whose ε is held without it so that nothing locks. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu:
+    K scales with (A, B, D, S) together and is no sum over them.
 
     position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
     a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite
@@ -53,10 +54,12 @@ def shell_stiffnesses(
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
     if k in TIES:
         ties = TIES[k]
-        own = surface_of(ties.facet, position, offset, ids)
+        own = surface_of(ties, position, offset, ids)
         G, det = curved_strains(ties, own, ties.rule[0])
         weight = det * ties.rule[1]
         C[:, 8, 8] = _drilling(A, D, weight)
+        if ties.held:
+            C = _with_held(C, np.where(in_shear(D) > 0, C[:, 8, 8] - LEAST_DRILLING * in_shear(A), in_shear(A)))
         return to_nodes(_condensed(_integral(G, C, weight), 6 * k), own)
     plane = plane_of(position, offset, ids)
     if k == 4:
@@ -132,14 +135,22 @@ def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return _lesser(DRILLING * in_shear(D) / weight.sum(axis=1), MOST_DRILLING * inside) + LEAST_DRILLING * inside
 
 
+def _with_held(C: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """C (e, 12, 12) that holds ε⁰ − ε too."""
+    found = np.zeros((len(C), 12, 12))
+    found[:, :9, :9] = C
+    found[:, range(9, 12), range(9, 12)] = c[:, None] * [1.0, 1.0, 0.5]
+    return found
+
+
 def _curved_masses(
     position: np.ndarray, per_area: np.ndarray, rotary: np.ndarray, offset: np.ndarray, ids: np.ndarray
 ) -> np.ndarray:
     ties = TIES[position.shape[1]]
-    own = surface_of(ties.facet, position, offset, ids)
+    own = surface_of(ties, position, offset, ids)
     xi, w = ties.rule
-    at = points_of(ties.facet, own, xi)
-    m = np.einsum("eq,qa,qb->eab", at.det * w, at.N, at.N, optimize=True)
+    at = points_of(ties, own, xi)
+    m = np.matmul(at.N.swapaxes(1, 2), (at.det * w)[..., None] * at.N)
     e, k = position.shape[:2]
     M = np.zeros((e, k, 6, k, 6))
     for c in range(3):
@@ -152,11 +163,14 @@ def _curved_rows(
     position: np.ndarray, at: np.ndarray, height: np.ndarray, offset: np.ndarray, ids: np.ndarray, C: np.ndarray
 ) -> np.ndarray:
     ties = TIES[position.shape[1]]
-    own = surface_of(ties.facet, position, offset, ids)
+    own = surface_of(ties, position, offset, ids)
     G, det = curved_strains(ties, own, ties.rule[0])
     kept = 6 * position.shape[1]
-    # ψ within follows with the bending of a shell that is thin
-    C[:, 3:6, 3:6] = C[:, :3, :3]
+    # inner motions follow as in a shell that is a tenth as thick as it is wide
+    C[:, 3:6, 3:6] = C[:, :3, :3] * (det @ ties.rule[1])[:, None, None] / 1200
+    C[:, [6, 7], [6, 7]] = 5 / 6 * C[:, 2, 2, None]
+    if ties.held:
+        C = _with_held(C, np.full(len(C), MOST_DRILLING))
     K = _integral(G, C, det * ties.rule[1])
     inner = -np.linalg.solve(K[:, kept:, kept:], K[:, kept:, :kept])
     if not (at == at[0]).all():

@@ -15,8 +15,9 @@ from strainsight.mesh.kinds.triangles import TRI6
 Weights = Callable[[np.ndarray], np.ndarray]
 
 TWO = np.array([-1.0, 1.0]) / np.sqrt(3)
-THREE = np.array([-1.0, 0.0, 1.0]) * np.sqrt(3 / 5)
 """Gauss points of −1 … 1."""
+SIDES = np.array([-1.0, 0.0, 1.0])
+"""Where shear is tied across: along the sides it is then that of their own nodes, and curved ones do not lock."""
 FIRST, SECOND = 0.5 + 0.5 * TWO
 """And of 0 … 1."""
 
@@ -24,13 +25,15 @@ FIRST, SECOND = 0.5 + 0.5 * TWO
 @dataclass(frozen=True, eq=False)
 class Ties:
     """facet: the kind with the same nodes; rule of the integrals; inner (q, 2) → N (q,) and ∂N/∂ξ (q, 2) of the motion within,
-    which ψ has, and u too where `moves`; stretch_at (t, 2), where e_rr, e_ss, 2 e_rs are taken, and their weights (q, 3, t, 3) at
+    which ψ has; completed: the functions of the nodes have a share in it that makes them hold quadratics; held: ties
+    leave a motion free, which what is not tied has to hold; stretch_at (t, 2), where e_rr, e_ss, 2 e_rs are taken, and their weights (q, 3, t, 3) at
     points (q, 2); shear_at (t, 2) and weights (q, 2, t, 2) of γ_r, γ_s."""
 
     facet: Kind
     rule: Rule
     inner: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-    moves: bool
+    completed: bool
+    held: bool
     stretch_at: np.ndarray
     stretch: Weights
     shear_at: np.ndarray
@@ -54,17 +57,16 @@ def _over_grid(a: np.ndarray, b: np.ndarray, xi: np.ndarray) -> np.ndarray:
 
 
 def _quad_stretch(xi: np.ndarray) -> np.ndarray:
-    W = np.zeros((len(xi), 3, 16, 3))
-    W[:, 0, :6, 0] = _over_grid(TWO, THREE, xi)
-    W[:, 1, 6:12, 1] = _over_grid(THREE, TWO, xi)
-    W[:, 2, 12:, 2] = _over_grid(TWO, TWO, xi)
+    W = np.zeros((len(xi), 3, 4, 3))
+    for component in range(3):
+        W[:, component, :, component] = _over_grid(TWO, TWO, xi)
     return W
 
 
 def _quad_shear(xi: np.ndarray) -> np.ndarray:
     W = np.zeros((len(xi), 2, 12, 2))
-    W[:, 0, :6, 0] = _over_grid(TWO, THREE, xi)
-    W[:, 1, 6:, 1] = _over_grid(THREE, TWO, xi)
+    W[:, 0, :6, 0] = _over_grid(TWO, SIDES, xi)
+    W[:, 1, 6:, 1] = _over_grid(SIDES, TWO, xi)
     return W
 
 
@@ -78,13 +80,14 @@ QUAD = Ties(
     facet=QUAD8,
     rule=gauss(3, 2),
     inner=_quad_inner,
-    moves=True,
-    stretch_at=np.vstack([_grid(TWO, THREE), _grid(THREE, TWO), _grid(TWO, TWO)]),
+    completed=True,
+    held=True,
+    stretch_at=_grid(TWO, TWO),
     stretch=_quad_stretch,
-    shear_at=np.vstack([_grid(TWO, THREE), _grid(THREE, TWO)]),
+    shear_at=np.vstack([_grid(TWO, SIDES), _grid(SIDES, TWO)]),
     shear=_quad_shear,
 )
-"""e_rr and γ_r at ξ = ±1/√3 and η = 0, ±√(3/5), e_ss and γ_s the other way round, e_rs at the four points ±1/√3."""
+"""e at the four points of Gauss, γ_r at ξ = ±1/√3 and η = 0, ±1, γ_s the other way round."""
 
 
 _INSIDE, _SHARE = triangle(4)
@@ -97,7 +100,7 @@ _TRI_STRETCH = np.array(
 )
 """Of strain along r, s and q, the sides from the first node to the second and third, and between these."""
 _TRI_SHEAR = np.vstack([[[FIRST, 0], [SECOND, 0], [SECOND, FIRST], [FIRST, SECOND], [0, SECOND], [0, FIRST]], _INSIDE])
-_SIDES = np.array([[1.0, 0], [1, 0], [-1, 1], [-1, 1], [0, -1], [0, -1]])
+_ALONG = np.array([[1.0, 0], [1, 0], [-1, 1], [-1, 1], [0, -1], [0, -1]])
 
 
 def _linear(xi: np.ndarray) -> np.ndarray:
@@ -134,7 +137,7 @@ def _edge_space(xi: np.ndarray) -> np.ndarray:
 def _tied_shear() -> np.ndarray:
     """(8, t, 2): coefficients of `_edge_space` from γ at the points: along the sides at both, and the mean inside."""
     held = np.zeros((8, len(_TRI_SHEAR), 2))
-    held[range(6), range(6)] = _SIDES
+    held[range(6), range(6)] = _ALONG
     held[6, 6:, 0] = held[7, 6:, 1] = _SHARE / _SHARE.sum()
     space = np.einsum("htc,tcb->hb", held, _edge_space(_TRI_SHEAR))
     return np.linalg.solve(space, held.reshape(8, -1)).reshape(held.shape)
@@ -157,7 +160,8 @@ TRIA = Ties(
     facet=TRI6,
     rule=(_INSIDE, _SHARE),
     inner=_tri_inner,
-    moves=False,
+    completed=False,
+    held=False,
     stretch_at=_TRI_STRETCH,
     stretch=_tri_stretch,
     shear_at=_TRI_SHEAR,
