@@ -129,17 +129,17 @@ def test_a_quarter_of_a_ring_under_a_force_across_its_plane():
 
 
 def test_pin_ended_double_cross_fv2():
-    """NAFEMS FV2 with four elements an arm: within 1 %."""
+    """NAFEMS FV2 with five elements an arm: within 1 % (with four 1.2 %)."""
     nodes, cells, fixed = [np.zeros(3)], [], {}
     for arm in range(8):
         along = np.array([np.cos(arm * np.pi / 4), np.sin(arm * np.pi / 4), 0.0])
         first = len(nodes)
-        nodes += [0.625 * step * along for step in range(1, 9)]
-        cells += [[first + 2 * i - 1 if i else 0, first + 2 * i + 1, first + 2 * i] for i in range(4)]
-        fixed[first + 7] = (0, 1)
+        nodes += [0.5 * step * along for step in range(1, 11)]
+        cells += [[first + 2 * i - 1 if i else 0, first + 2 * i + 1, first + 2 * i] for i in range(5)]
+        fixed[first + 9] = (0, 1)
     for node in range(len(nodes)):
         fixed[node] = (*fixed.get(node, ()), 2, 3, 4)
-    frame = Arch(nodes, (0.0, 0.0, 1.0), rectangle(32, 0.125, 0.125, SHEAR), DENSITY, cells)
+    frame = Arch(nodes, (0.0, 0.0, 1.0), rectangle(40, 0.125, 0.125, SHEAR), DENSITY, cells)
     target = np.array([11.336, *[17.709] * 7, 45.345, *[57.390] * 7])
     np.testing.assert_allclose(frame.frequencies(fixed, 16), target, rtol=0.01)
 
