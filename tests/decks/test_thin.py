@@ -221,7 +221,8 @@ def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key
 
 
 def test_cells_of_nine_nodes_are_refused_where_they_have_a_section(tmp_path):
-    x = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0, 0), (1, 0.5, 0), (0.5, 1, 0), (0, 0.5, 0), (0.5, 0.5, 0)])
+    x = np.array([(0.0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0), (1, 0.5), (0.5, 1), (0, 0.5), (0.5, 0.5)])
+    x = np.column_stack([x, np.zeros(9)])
     path = tmp_path / "part.vtu"
     meshio.Mesh(x, [("quad9", [range(9)])]).write(path)
     with pytest.raises(DeckError, match=r"1 quad9 cell in regions with a section") as error:

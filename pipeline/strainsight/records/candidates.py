@@ -10,6 +10,9 @@ from strainsight.gauges.candidates import COLUMNS, Candidates
 from strainsight.records.record import dataset, group, record
 
 
+KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
+
+
 @record
 class ArmColumns:
     """`Arms`, a row an arm of a bridge behind its first."""
@@ -22,7 +25,7 @@ class ArmColumns:
     facet: np.ndarray = dataset(
         "/facet", "1", "arm", "facet number within the element, from 1, in the order of this page"
     )
-    kind: np.ndarray = dataset("/kind", "1", "arm", "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8")
+    kind: np.ndarray = dataset("/kind", "1", "arm", KIND)
     nodes: np.ndarray = dataset("/nodes", "1", "arm × 8", "node indices of the facet, −1 where it has fewer")
     position: np.ndarray = dataset("/position", "m", "arm × 3", "where it sits")
     normal: np.ndarray = dataset("/normal", "1", "arm × 3", "outward normal")
@@ -53,7 +56,7 @@ class CandidateColumns:
     facet: np.ndarray = dataset(
         "/facet", "1", "channel", "facet number within the element, from 1, in the order of this page"
     )
-    kind: np.ndarray = dataset("/kind", "1", "channel", "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8")
+    kind: np.ndarray = dataset("/kind", "1", "channel", KIND)
     nodes: np.ndarray = dataset("/nodes", "1", "channel × 8", "node indices of the facet, −1 where it has fewer")
     position: np.ndarray = dataset("/position", "m", "channel × 3", "where it sits, of a candidate the facet's centre")
     normal: np.ndarray = dataset("/normal", "1", "channel × 3", "outward normal")

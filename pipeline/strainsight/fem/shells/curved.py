@@ -35,8 +35,9 @@ class Surface:
 
 @dataclass(frozen=True)
 class Points:
-    """At q points: N (e, q, k) and dN (e, q, k, 2) of the nodes, inner (q,) and its slopes (q, 2); x_a (e, q, 2, 3) = ∂x/∂ξ_α [m]; normal (e, q, 3); along (e, q, 2, 3),
-    axes x and y of the element turned the shortest way onto the tangent plane; J_αi = x_α · along_i (e, q, 2, 2) [m]; |J|."""
+    """At q points: N (e, q, k) and dN (e, q, k, 2) of the nodes, inner (q,) and its slopes (q, 2); x_a (e, q, 2, 3) = ∂x/∂ξ_α
+    [m]; normal (e, q, 3); along (e, q, 2, 3), axes x and y of the element turned the shortest way onto the tangent plane; J_αi =
+    x_α · along_i (e, q, 2, 2) [m]; |J|."""
 
     N: np.ndarray
     dN: np.ndarray
@@ -182,9 +183,7 @@ def _tied_stretch(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray)
     """ε (e, q, 3, m, 3) of functions of u along `Points.along` at xi; inverse (e, q, 2, 2) J⁻¹ there."""
     J = points_of(ties, own, ties.facet.centre[None]).J
     parts = [points_of(ties, own, points) for points in (ties.stretch_at, ties.rule[0])]
-    tied, full = (
-        _times(np.matmul(voigt(J), voigt(np.linalg.inv(at.J))), _stretch(at.x_a, at.dN)) for at in parts
-    )
+    tied, full = (_times(np.matmul(voigt(J), voigt(np.linalg.inv(at.J))), _stretch(at.x_a, at.dN)) for at in parts)
     # with the mean of what is not tied, forces of constant stress are those of the sides
     weight = parts[1].det * ties.rule[1]
     beside = full - _from(ties.stretch(ties.rule[0]), tied)

@@ -26,8 +26,8 @@ FIRST, SECOND = 0.5 + 0.5 * TWO
 class Ties:
     """facet: the kind with the same nodes; rule of the integrals; inner (q, 2) → N (q,) and ∂N/∂ξ (q, 2) of the motion within,
     which ψ has; completed: the functions of the nodes have a share in it that makes them hold quadratics; held: ties
-    leave a motion free, which what is not tied has to hold; stretch_at (t, 2), where e_rr, e_ss, 2 e_rs are taken, and their weights (q, 3, t, 3) at
-    points (q, 2); shear_at (t, 2) and weights (q, 2, t, 2) of γ_r, γ_s."""
+    leave a motion free, which what is not tied has to hold; stretch_at (t, 2), where e_rr, e_ss, 2 e_rs are taken, and their
+    weights (q, 3, t, 3) at points (q, 2); shear_at (t, 2) and weights (q, 2, t, 2) of γ_r, γ_s."""
 
     facet: Kind
     rule: Rule
