@@ -11,10 +11,15 @@ from scipy.linalg import eigh, solve_continuous_are
 
 from strainsight import api
 from strainsight.cases.structure.scenarios import placed_instants
+from strainsight.damage.curve import Curve
+from strainsight.damage.sums import damage_of
 from strainsight.errors import UserError
+from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.signals.histories import instant_values
+from strainsight.workflow.artefact import Artefact
 
 from ..edges.beam import PLACEMENT_CONFIG, config_of, finished
+from .tested_beam import estimated
 
 LENGTH, WIDTH, T, E, NU, RHO = 0.4, 0.1, 0.004, 7e10, 0.3, 2700.0
 ALONG, ACROSS = 8, 2
@@ -209,3 +214,45 @@ def test_what_is_no_thickness_is_refused_with_its_key_and_a_remedy(tmp_path, cha
         found()
     assert (str(told.value.key), what in told.value.what) == (key, True), told.value
     assert remedy in str(told.value.remedy)
+
+
+@pytest.mark.slow
+def test_what_a_test_says_of_other_places_knows_of_the_thickness(tmp_path):
+    """A virtual gauge where one is bonded, each gauge by the others, the strain of the surface there, and damage."""
+    listed = [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 7)]
+    place = {**CHANGES["place"], "keep": 6}
+    validate = {**CHANGES["validate"], "truth": {**CHANGES["validate"]["truth"], "model": "modes"}, "repeats": 1}
+    noise = {"relative_to_strongest": 0.02}
+    changes = CHANGES | {"place": place, "validate": validate, "tolerances": "none", "gauges.noise_std": noise}
+    before = finished(tmp_path, "validate", deck(), changes)
+    at, along = (before["place"][f"/selected/final/{name}"][5].tolist() for name in ("position", "direction"))
+    element = int(before["place"]["/selected/final/element"][5])
+    curve = {"stress": 1e8, "cycles": 2e6, "slope": 5}
+    stated = {
+        "as_placed": True,
+        "time": {"channel": "time"},
+        "channels": listed,
+        "inputs": {"mid": {"channel": "mid", "unit": "N"}},
+        "virtual": [{"position": at, "direction": along}],
+        "hold_out": "each",
+        "field": {"every": 0.05},
+        "damage": {"curve": curve, "draws": 40},
+    }
+    case_in(tmp_path, changes | {"estimate": stated})
+    code, said = estimated(tmp_path, tmp_path / "results" / "edge" / "measured.csv", config="edge.yaml")
+    assert code == 0, said
+    found, true = Artefact(tmp_path / "results" / "edge" / "estimate.h5"), before["validate"]["/gauge/true"]
+    strain, std = found["/virtual/strain"][1:, 0], found["/virtual/std"][1:, 0]
+    assert np.sqrt(np.mean(((strain - true[:, 5]) / std)[5:] ** 2)) < 1.3
+    error = (found["/hold_out/predicted"] - found["/gauge/measured"]) / found["/hold_out/std"]
+    assert np.all(np.sqrt(np.mean(error[5:] ** 2, axis=0)) < 1.5)
+    assert abs(found.summary["estimate.t"] - 1.06 * T) < 2 * found.summary["std.t"]
+    # where it reads most the field has what a gauge there would read
+    when = int(np.argmin(np.abs(found["/time"] - found["/moment/time"])))
+    facets = exterior_facets(api.mesh(api.load(tmp_path / "edge.yaml")))
+    side = 1 if at[2] > 0 else -1
+    on = np.flatnonzero((facets.element_id == element) & (facets.facet == (UPPER if side > 0 else LOWER)))
+    assert found["/moment/strain"][on[0], 0] == pytest.approx(found["/virtual/strain"][when, 0], rel=1e-4)
+    own = Curve(curve["stress"], curve["cycles"], curve["slope"], np.inf, np.inf, np.inf)
+    damage = damage_of(E * found["/virtual/strain"].T, own).miner
+    assert found["/damage/virtual/of_mean"] == pytest.approx(damage, rel=1e-3)
