@@ -28,6 +28,7 @@ class Case:
     label: "input+E+rho"; unknowns: their names; found: condition, σ_min, the thesis's raw condition and the null
     direction, all of that one instant; instant: its index in the motion, −1 where there is none; instants: how many the
     median is over; reason: why it is unobservable without a computation, else empty.
+
     """
 
     label: str

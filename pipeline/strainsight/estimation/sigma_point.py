@@ -41,6 +41,7 @@ def points_of(k: int) -> Points:
     For k = 1 they are those of the unscented transform with n + κ = 3. Its 2k + 1 points for k > 1, and those of the cubature
     rule, miss the fourth moments, and with them the variance of a product of two errors.
     Source: Ito and Xiong, IEEE Trans. Automatic Control 45 (2000).
+
     """
     node, weight = (0.0, np.sqrt(3.0), -np.sqrt(3.0)), (2 / 3, 1 / 6, 1 / 6)
     z = np.array(list(product(node, repeat=k))).reshape(3**k, k)
@@ -62,6 +63,7 @@ def regression(
     x (B, n), P (B, n, n). A direction of p without variance has no spread and no slope.
     Sources: Morelande and Ristić, Proc. SPIE 6236 (2006); Lefebvre, Bruyninckx and De Schutter, IEEE Trans. Automatic Control
     47 (2002).
+
     """
     N, (B, n) = len(points.weight), x.shape
     inverse, spread = _inverse_factor(P[:, parameters, parameters]), P[:, :, parameters]
@@ -99,11 +101,11 @@ def run_sigma_points(
         x̂⁻ = mean_f,   P⁻ = A P Aᵀ + Q + rest_f,     S = H P⁻ Hᵀ + R + rest_h,   x̂ = x̂⁻ + P⁻Hᵀ S⁻¹ (y − mean_h)
 
     with A, H their slopes: the covariance of the extended filter, by Joseph's form or a square root, and what the product of the
-    errors of parameter and motion adds, which that neglects. A reading of strain or displacement is linear, but where a thickness is
-    free, and no regression is needed. The density of parameter and motion is taken as normal after every step, which it is not.
-    Arguments as of `run_filter`; biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is
-    found. Parameters drift by what Q says, else they are constants. Without a parameter it is the Kalman filter.
-    Raises ValueError where the known loads end before the samples, and as `filter_runs`.
+    errors of parameter and motion adds, which that neglects. A reading of strain or displacement is linear, but where a
+    thickness is free, and no regression is needed. The density of parameter and motion is taken as normal after every step,
+    which it is not. Arguments as of `run_filter`; biased (b,): channels with an unknown offset, behind x* in mean, covariance
+    and all that is found. Parameters drift by what Q says, else they are constants. Without a parameter it is the Kalman
+    filter. Raises ValueError where the known loads end before the samples, and as `filter_runs`.
     """
     y = samples_by_step(model, known, measurement)
     y = y if y.ndim == 3 else y[:, None]

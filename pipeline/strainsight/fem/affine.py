@@ -14,8 +14,8 @@ import numpy as np
 class Parameter:
     """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
     multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
-    are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of shells. range: from
-    which value to which it is to be free; those that the stiffness is not proportional to need one."""
+    are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of
+    shells. range: from which value to which it is to be free; those that the stiffness is not proportional to need one."""
 
     name: str
     property: Literal[

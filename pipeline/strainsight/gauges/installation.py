@@ -60,6 +60,7 @@ class Installation:
     place (gauges, 2) [m] along the `installation_axes`; angle (gauges,) [rad] about the normal; tilt (gauges, 2) [rad] about
     those axes, of motion sensors; gain (g,) relative error of the reading; transverse (g,) K_t; offset (m,) [strain] that is
     always there; drift (m,) [strain] that is there at the end of the record, t/T of it before.
+
     """
 
     place: np.ndarray
@@ -90,6 +91,7 @@ def drawn_installation(candidates: Candidates, std: InstallationStd, rng: np.ran
 
     Gauges that are bonded already keep place and direction. Only channels of strain have K_t, an offset and a drift, only
     motion sensors tilt.
+
     """
     grids, m = candidates.grids, len(candidates)
     common, own = rng.standard_normal((grids.gauges, 5)), rng.standard_normal((len(grids), 3))
@@ -120,6 +122,7 @@ def installation_variance(
     third of that at the end of what grows from nothing, but for what a temperature adds to all gauges. Gauges that are bonded
     already have errors of gain, K_t, offset and drift alone. The variances of the arms of a bridge add up. still, moving
     (r, r): C of the coordinates and of their second rates. Returns (m,) [unit² of the channel].
+
     """
     grids = candidates.grids
     free, sensing = ~grids.bonded, grids.quantity == ACCELERATION
@@ -147,10 +150,9 @@ def installed_rows(
         (1 + g)(ε + K_t ε_t)/(1 − ν₀ K_t),   ε and ε_t along and across each grid where and how it really lies
 
     and of a bridge the sum of that over its arms.
-    position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface; thickness as in `channel_matrix`.
-    Returns rows (m, r) [unit of the channel] and which gauges (gauges,) a sharp edge has kept from going as far as asked, of bridges with an arm. K_t as in
-    `sensitivity_rows`.
-    Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
+    position (n, 3) [m]; field (3n, r) [m per unit]; facets of the whole surface; thickness as in `channel_matrix`. Returns rows
+    (m, r) [unit of the channel] and which gauges (gauges,) a sharp edge has kept from going as far as asked, of bridges with an
+    arm. K_t as in `sensitivity_rows`. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
     grids = candidates.grids
     skin, held = surface_of(position, grids, facets), np.zeros(grids.gauges, dtype=bool)

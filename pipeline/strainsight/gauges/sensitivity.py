@@ -14,6 +14,7 @@ from strainsight.gauges.surface import by_kind, facet_points, normals, turned
 from strainsight.gauges.walk import Skin
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.thickness import Thickness
 
 LEAST = 1e-6
 """Over a step: a way that is shorter is none."""
@@ -67,6 +68,7 @@ def sensitivity_rows(
     std: float,
     *,
     facets: Facets | Skin | None = None,
+    thickness: Thickness | None = None,
 ) -> Sensitivity:
     """What misplaced, turned and imperfect gauges read of displacement fields, less what they are meant to:
 
@@ -88,7 +90,8 @@ def sensitivity_rows(
     material is read without error.
 
     position (n, 3) [m]; candidates (m); field (3n, r) [m per unit], row 3·node + component; std σ [m] of the position along
-    each direction, 0 leaves its rows zero; facets of the whole surface. Raises InfeasibleError as `channel_matrix`.
+    each direction, 0 leaves its rows zero; facets of the whole surface; thickness as in `channel_matrix`. Raises InfeasibleError
+    as that does.
     Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
     Estimation (1974), section 6.2 (statistical linearisation).
     """
@@ -98,7 +101,7 @@ def sensitivity_rows(
     z = np.asarray(field).reshape(3 * len(position), -1)
 
     def read(direction: np.ndarray) -> np.ndarray:
-        return np.asarray(matrix_of(position, replace(points, direction=direction), len(candidates)) @ z)
+        return np.asarray(matrix_of(position, replace(points, direction=direction), len(candidates), thickness) @ z)
 
     n, d = normals_of(position, points), points.direction
     straining = (candidates.quantity == STRAIN)[:, None]
@@ -109,7 +112,9 @@ def sensitivity_rows(
     nothing = np.zeros_like(own)
     (along, across), second = (nothing, nothing), (nothing, nothing, nothing)
     if std > 0:
-        (along, across), second = _in_place(position, candidates, z, skin, _steps(candidates, skin, std), own)
+        (along, across), second = _in_place(
+            position, candidates, z, skin, _steps(candidates, skin, std), own, thickness
+        )
     return Sensitivity(
         along=along,
         across=across,
@@ -140,7 +145,13 @@ def _steps(candidates: Candidates, skin: Skin, std: float) -> np.ndarray:
 
 
 def _in_place(
-    position: np.ndarray, candidates: Candidates, field: np.ndarray, skin: Skin, step: np.ndarray, own: np.ndarray
+    position: np.ndarray,
+    candidates: Candidates,
+    field: np.ndarray,
+    skin: Skin,
+    step: np.ndarray,
+    own: np.ndarray,
+    thickness: Thickness | None,
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """First and second differences of the readings own (m, r) in the place, over steps (gauges,) [m] along e₁ and e₂: along e₁,
     along e₂; twice along e₁, twice along e₂, along both."""
@@ -150,7 +161,9 @@ def _in_place(
         """Readings after steps these ways along e₁ and e₂, and how far (gauges,) they went along each, over the step."""
         moved, _ = misplaced(position, candidates, skin, np.outer(step, ways))
         went = moved.position[moved.first] - candidates.position[candidates.first]
-        return channel_rows(position, moved, field, facets=skin), [np.sum(went * e, axis=1) / step for e in axes]
+        return channel_rows(position, moved, field, facets=skin, thickness=thickness), [
+            np.sum(went * e, axis=1) / step for e in axes
+        ]
 
     def over(length: np.ndarray, exists: np.ndarray) -> np.ndarray:
         """One over a length (gauges,), for every channel; zero where it does not exist."""

@@ -41,7 +41,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 MODES = Stage(
     "modes",
-    version=3,
+    version=4,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

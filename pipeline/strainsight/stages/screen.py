@@ -81,7 +81,7 @@ def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> It
 
 SCREEN = Stage(
     "screen",
-    version=12,
+    version=13,
     reads=(
         "screen",
         "train",
@@ -104,6 +104,9 @@ SCREEN = Stage(
         "gauges.range",
         "motion_sensors.*.noise_std",
         "motion_sensors.*.range",
+        "parameters.*.property",
+        "parameters.*.region",
+        "parameters.*.range",
     ),
     upstream=("import", "rom", "train"),
     files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),

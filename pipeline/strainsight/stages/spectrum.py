@@ -25,7 +25,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SPECTRUM = Stage(
     "spectrum",
-    version=3,
+    version=4,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -67,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=22,
+    version=23,
     reads=(
         "damping",
         *(

@@ -29,10 +29,10 @@ def held_out(
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
-    x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample;
-    D, E, o what the gauge's own installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some channels (k,) of train.h5 cannot tell, empty
-    where nothing; withheld: whether σ is. NaN for a gauge without which the others cannot tell the unknowns, and for a σ that is
-    withheld.
+    x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
+    the gauge's own installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some
+    channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is. NaN for a gauge without which the others
+    cannot tell the unknowns, and for a σ that is withheld.
     """
     test = each[0].test
     owner = each[0].problem.channels.gauge[test.channels]

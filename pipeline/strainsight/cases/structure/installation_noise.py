@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.structure.drawn import installation_std
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.start import motion_of
+from strainsight.cases.structure.thick_rows import thickness_of_guess
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
@@ -75,9 +76,10 @@ def _sensitivities(
         return
     field, std = with_missed(reduced.basis, reduced.misaligned.missed), installation_std(config).position
     skin = surface_of(mesh.position, pool, exterior_facets(mesh))
+    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):
         own = pool.channels(few)
-        yield own, sensitivity_rows(mesh.position, pool.take(own), field, std, facets=skin)
+        yield own, sensitivity_rows(mesh.position, pool.take(own), field, std, facets=skin, thickness=thickness)
 
 
 def _moments(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.structure.drawn import installation_std, modulus_estimated
+from strainsight.cases.structure.thick_rows import thickness_of_guess
 from strainsight.cases.structure.tolerated_loads import ToleratedLoads, acting, of_loads, stacked, tolerated_loads
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -91,7 +92,7 @@ def tolerated(
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    found, grids, n = _sensitivity(mesh, reduced, training, part, wanted, std.position), part.grids, reduced.model.size
+    found, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
     free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
     scaled = {name: value * getattr(found, name) * (free if name in COMMON else 1.0) for name, value in sigma.items()}
@@ -158,13 +159,15 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
 
 
 def _sensitivity(
-    mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray, std: float
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray
 ) -> Sensitivity:
     """Of the coordinates, and behind them of what these miss of misaligned loads."""
     if training.given is not None:
         return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
     field = with_missed(reduced.basis, reduced.misaligned.missed)
-    return sensitivity_rows(mesh.position, part, field, std, facets=exterior_facets(mesh))
+    std, facets = installation_std(config).position, exterior_facets(mesh)
+    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
+    return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
 
 
 def on_average(own: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from strainsight.cases.structure.settings import places_of
+from strainsight.cases.material import named_regions
 from strainsight.config.placement import PlacementConfig
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter
 from strainsight.fem.interpolation import interpolated
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.thickness import Thickness, thickness_of
@@ -20,12 +21,16 @@ SMALL = 1e-4
 
 def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> tuple[Parameter, ...]:
     """The parameters that are a thickness, at their references [m]."""
-    found = []
-    for name, entry in config.parameters.items():
-        if entry.property == THICKNESS:
-            regions, _ = places_of(name, entry, mesh, config.mesh)
-            found.append(Parameter(name, THICKNESS, regions, reference[name], range=entry.range))
-    return tuple(found)
+    own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
+    return tuple(
+        Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
+        for name, entry in own.items()
+    )
+
+
+def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> Thickness | None:
+    """Of the shells at the references [m], which may differ from the deck; None where no thickness is free."""
+    return thickness_at(mesh, free_thicknesses(config, mesh, reference), reference)
 
 
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:

@@ -16,7 +16,7 @@ from strainsight.cases.structure.given_gauges import read_given
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.scales import refuse_readings, refuse_times
 from strainsight.cases.structure.start import motion_of
-from strainsight.cases.structure.thick_rows import free_thicknesses, rows_along
+from strainsight.cases.structure.thick_rows import free_thicknesses, rows_along, thickness_of_guess
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.matrices.files import read_numbering
 from strainsight.errors import ConfigError, blame
@@ -27,6 +27,7 @@ from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.thickness import Thickness
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import CaseMotion, Training, with_missed
@@ -109,7 +110,9 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         cases=found,
     )
     if pool.arms is not None:
-        training = replace(training, arm_peak=_arm_peak(mesh, training, cases or [stated], reduced.basis))
+        thickness = thickness_of_guess(config, mesh, model.reference)
+        most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
+        training = replace(training, arm_peak=most)
     return Trained(training, surface)
 
 
@@ -143,14 +146,16 @@ def _sizes(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) ->
     return rms, peak
 
 
-def _arm_peak(mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray) -> np.ndarray:
+def _arm_peak(
+    mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray, thickness: Thickness | None
+) -> np.ndarray:
     """The largest reading of any grid of every channel (m,); of arms of bridges by rows of their own."""
     pool, n = training.candidates, basis.shape[1]
     found, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
     found[pool.bridged] = 0.0
     facets = exterior_facets(mesh)
     for part in np.array_split(np.flatnonzero(pool.bridged[channel]), len(grids) // AT_A_TIME + 1):
-        rows = channel_rows(mesh.position, grids.take(part), basis, facets=facets)
+        rows = channel_rows(mesh.position, grids.take(part), basis, facets=facets, thickness=thickness)
         for own in runs:
             np.maximum.at(found, channel[part], np.abs(own.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
     return found

@@ -35,7 +35,7 @@ def _table(name: str, own: Reduction) -> Table:
 
 REDUCE = Stage(
     "reduce",
-    version=5,
+    version=6,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",
