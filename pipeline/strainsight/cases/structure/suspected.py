@@ -37,7 +37,7 @@ class Turning:
 
 def turning_of(mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray) -> Turning:
     """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
-    bridges, the arms of which would be turned each by itself."""
+    bridges, the arms of which would be turned each by itself; on shells of the deck's thickness."""
     n, missed = training.rows.shape[1], reduced.misaligned.missed
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
     more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
