@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from strainsight.config.checks_damping import DAMPING, damping_problems
 from strainsight.config.checks_material import material_problems, plane_problems
 from strainsight.config.loads import Load, Recorded, signal_problems
-from strainsight.config.mesh import ElementSection, MeshFile, Support
+from strainsight.config.mesh import ElementSection, MeshFile, Results, Support
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
@@ -320,6 +320,7 @@ def _results(config: PlacementConfig) -> Iterator[Problem]:
         if name not in config.parameters:
             remedy = did_you_mean(name, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}")
             yield Problem(f"mesh.results.at.{name}", f"'{name}' is no parameter", remedy, at_key=True)
+    yield from _second_results(config, results)
     for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
         own_names = [name for name, own in config.parameters.items() if own.property in properties]
         for name in own_names[1:]:
@@ -332,3 +333,35 @@ def _results(config: PlacementConfig) -> Iterator[Problem]:
         if own_parameter.springs is not None:
             what = "what a spring adds to the stiffness is not known of mesh.results"
             yield Problem(f"parameters.{name}.springs", what, "give the deck, or mesh.matrices", at_key=True)
+
+
+def _second_results(config: PlacementConfig, results: Results) -> Iterator[Problem]:
+    """Its parameter is a stiffness or density of some regions, its loads are those of the first set."""
+    second, key = results.second, "mesh.results.second"
+    if second is None:
+        return
+    own = config.parameters.get(second.parameter)
+    if own is None:
+        known = f"parameters: {', '.join(config.parameters) or 'none'}"
+        remedy = did_you_mean(second.parameter, config.parameters, known)
+        yield Problem(f"{key}.parameter", f"'{second.parameter}' is no parameter", remedy)
+    elif own.property not in ("youngs_modulus", "stiffness_factor", "density") or own.region is None:
+        what = f"'{second.parameter}' is {'a ' + own.property if own.region is not None else 'of all regions'}"
+        remedy = (
+            "a second set is of a youngs_modulus, stiffness_factor or density of some regions; one of all needs none"
+        )
+        yield Problem(f"{key}.parameter", what, remedy)
+    if second.loads is None:
+        for name, load in results.loads.items():
+            if load.file is not None:
+                what = f"the response to {name} has a file of its own in the first set"
+                yield Problem(
+                    f"{key}.loads", what, "state the loads of the second set, each with its file", at_key=True
+                )
+        return
+    for name, load in second.loads.items():
+        if name not in config.loads:
+            remedy = did_you_mean(name, config.loads, f"loads: {', '.join(config.loads)}")
+            yield Problem(f"{key}.loads.{name}", f"'{name}' is no load", remedy, at_key=True)
+        if load.applied == 0:
+            yield Problem(f"{key}.loads.{name}.applied", "a load of nothing", "give its size in that step")

@@ -179,6 +179,22 @@ class ResponseOfLoad(Section):
     )
 
 
+class SecondResults(Section):
+    """Modes and static responses at another value of one parameter: what its regions add to the whole."""
+
+    parameter: Name = Field(
+        description="Which parameter: a youngs_modulus, stiffness_factor or density of some regions."
+    )
+    at: Positive = Field(
+        description="Its value when this set was made [Pa, kg/m³ or 1]; that of the first set is in mesh.results.at, or the mesh's."
+    )
+    file: Text = Field(description="File of results of the same mesh, supports and loads, in the units of the mesh.")
+    modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")
+    loads: dict[Name, ResponseOfLoad] | None = Field(
+        None, description="As mesh.results.loads, of this set; null: the same steps of this file, and the same sizes."
+    )
+
+
 class Results(Section):
     """Modes and static responses of another program, in place of stiffness and mass."""
 
@@ -201,6 +217,10 @@ class Results(Section):
         {},
         description="By the name of a parameter, its value when the results were made [Pa, kg/m³ or 1]; left out: that of the "
         "mesh's materials, 1 of a stiffness_factor.",
+    )
+    second: SecondResults | None = Field(
+        None,
+        description="A second set of results, made with another value of a parameter of some regions, which may then be free.",
     )
 
 

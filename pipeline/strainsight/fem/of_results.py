@@ -53,11 +53,13 @@ class Results:
 
 @dataclass(frozen=True)
 class ResultsModel:
-    """model: its first `modes` free motions are the modes; notes: sentences on what was found."""
+    """model: its first `modes` free motions are the modes; notes: sentences on what was found; alike: whether the model without
+    loads has the first of its coordinates and the same modes, as where nothing but a whole is scaled."""
 
     model: FiniteElementModel
     modes: int
     notes: tuple[str, ...]
+    alike: bool = True
 
 
 def results_model(
@@ -87,15 +89,15 @@ def results_model(
     Phi, lam = given.field[:, :m] / np.sqrt(norm), (2 * np.pi * results.frequency) ** 2
     found = Residuals(np.zeros((len(Phi), 0)), np.zeros(0), np.zeros((0, 0)))
     if forces is not None:
-        e = _forces_on_rows(mesh, given, forces)
+        e = forces_on_rows(mesh, given, forces)
         found, more = _residuals(results, given.field[:, m:], (Phi, lam), e, names, weighed, norm)
         notes += more
     K = np.diag(np.concatenate([lam, found.stiffness]))
     M = np.eye(len(K))
     M[m:, m:] = found.mass
-    T = _sparse(np.hstack([Phi, found.field]))
+    T = as_sparse(np.hstack([Phi, found.field]))
     constraint = Constraint(T, given.constraint.reference_rows, np.zeros(0, dtype=np.int64))
-    stiffness, mass = (_scaled(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
+    stiffness, mass = (as_operator(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
     return ResultsModel(FiniteElementModel(mesh, constraint, stiffness, mass), m, tuple(notes))
 
 
@@ -133,17 +135,17 @@ def _residuals(
     beside = None if weighed is None else (weighed[:, m:], np.einsum("ij,ij->j", Phi, weighed[:, :m]) / np.sqrt(norm))
     notes = check_responses(of_loads, results.where[m:], (Phi, z, lam), (G, P), beside, results.rounding)
     share = P / lam[:, None]
-    Y, R = _independent(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
+    Y, R = independent(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
     field = (z - Phi @ share) @ Y
     if weighed is None:
         mass = np.diag(R / (ABOVE**2 * lam[-1]))
     else:
         mass = field.T @ ((weighed[:, m:] - weighed[:, :m] / np.sqrt(norm) @ share) @ Y)
-    notes += _said(names, results, len(f.T) - len(R), weighed is None, ABOVE * results.frequency[-1])
+    notes += said(names, results, len(f.T) - len(R), weighed is None, ABOVE * results.frequency[-1])
     return Residuals(field, R, 0.5 * (mass + mass.T)), notes
 
 
-def _forces_on_rows(mesh: Mesh, given: GivenMotion, forces: Forces) -> np.ndarray:
+def forces_on_rows(mesh: Mesh, given: GivenMotion, forces: Forces) -> np.ndarray:
     """e (3n + 3r, n_u) of unit loads. Raises UserError where one acts on a row that the results lack."""
     moves = ~given.known | given.field.any(axis=1)
     T = sparse.csr_array(sparse.diags_array(moves.astype(float)))
@@ -155,7 +157,7 @@ def _forces_on_rows(mesh: Mesh, given: GivenMotion, forces: Forces) -> np.ndarra
     return e
 
 
-def _independent(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+def independent(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Y (s, k) with YᵀRY = diag, and that diagonal (k,), of responses scaled to unit energy G; what is below `least` is left
     out: it depends on the modes and the others."""
     if not len(R):
@@ -166,7 +168,7 @@ def _independent(G: np.ndarray, R: np.ndarray, least: float) -> tuple[np.ndarray
     return scale[:, None] * U[:, kept], energy[kept]
 
 
-def _said(names: tuple[str, ...], results: Results, dropped: int, quasi_static: bool, above: float) -> list[str]:
+def said(names: tuple[str, ...], results: Results, dropped: int, quasi_static: bool, above: float) -> list[str]:
     notes = []
     without = [name for i, name in enumerate(names) if i not in results.load]
     if without:
@@ -187,7 +189,7 @@ def _said(names: tuple[str, ...], results: Results, dropped: int, quasi_static: 
     return notes
 
 
-def _sparse(X: np.ndarray) -> sparse.csr_array:
+def as_sparse(X: np.ndarray) -> sparse.csr_array:
     """X (n, k) without its zeros; as csr_array(X) with a third of its memory."""
     n, k = X.shape
     index = sparse.get_index_dtype(maxval=n * k)
@@ -198,7 +200,7 @@ def _sparse(X: np.ndarray) -> sparse.csr_array:
     return found
 
 
-def _scaled(X: np.ndarray, by: tuple[str, float] | None) -> AffineOperator:
+def as_operator(X: np.ndarray, by: tuple[str, float] | None) -> AffineOperator:
     """X(θ) = X θ/θ₀."""
     if by is None:
         return AffineOperator(sparse.csr_array(X), {})

@@ -26,6 +26,7 @@ READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "me
 FILES = (
     *("mesh.matrices.numbering", "mesh.matrices.stiffness.*.file", "mesh.matrices.mass.*.file"),
     *("mesh.results.file", "mesh.results.modes.file", "mesh.results.loads.*.file"),
+    *("mesh.results.second.file", "mesh.results.second.modes.file", "mesh.results.second.loads.*.file"),
 )
 """What a stage that calls `full_model` declares."""
 
@@ -33,12 +34,14 @@ FILES = (
 @dataclass(frozen=True)
 class FullModel:
     """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning;
-    modes: how many modes of another program it is made of, its first free motions, None of another model."""
+    modes: how many modes of another program it is made of, its first free motions, None of another model; alike: whether the
+    model without loads has the same modes, in its first coordinates."""
 
     model: FiniteElementModel
     motion: sparse.csr_array | None = None
     notes: tuple[str, ...] = ()
     modes: int | None = None
+    alike: bool = True
 
     def at_most(self, modes: int) -> int:
         """So many modes, or as many as there are results of."""
@@ -79,7 +82,7 @@ def _built(
     if config.results is not None:
         of_results = model_of_results(config, mesh, parameters, files, loads)
         model = _with_densities(of_results.model, parameters)
-        return FullModel(model, notes=of_results.notes, modes=of_results.modes)
+        return FullModel(model, notes=of_results.notes, modes=of_results.modes, alike=of_results.alike)
     if config.matrices is None:
         with blame("mesh.file"), mesh.located():
             model = _with_densities(build_model(mesh, parameters, free=config.free), parameters)

@@ -133,7 +133,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             config.rom.parameter_samples,
             config.rom.tolerance,
             damping_of(config.damping),
-            (modes.frequency, built.in_coordinates(modes.shape)),
+            (modes.frequency, built.in_coordinates(modes.shape)) if built.alike else None,
             watched(sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
             off.reshape(len(off), -1),
             load_slopes(built.model, config.loads, parameters),

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.cases.structure.settings import load_shapes
 from strainsight.config.loads import Load
-from strainsight.config.mesh import MeshFile, Step
+from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, Step
 from strainsight.config.mesh import Results as Stated
 from strainsight.decks.faults import IdTable
 from strainsight.decks.results.reader import read_responses
@@ -18,8 +18,10 @@ from strainsight.decks.results.response import Response
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.assembly import density_of, modulus_of, regions_of
-from strainsight.fem.given_motion import given_motion
+from strainsight.fem.given_motion import GivenMotion, given_motion
 from strainsight.fem.of_results import Results, ResultsModel, results_model
+from strainsight.fem.second_results import KEY as SECOND
+from strainsight.fem.second_results import Change, model_of_two
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
@@ -48,14 +50,59 @@ def model_of_results(
     """
     stated = config.results
     assert stated is not None
-    of_loads = {} if loads is None else stated.loads
-    modes = Wanted("mesh.results.modes", "mode", stated.modes.step)
-    static = {name: Wanted(f"mesh.results.loads.{name}", "static", own.step) for name, own in of_loads.items()}
-    others = _gather([modes, *static.values()], mesh, files)
+    first = _set_of(
+        config, SetOfResults("mesh.results", stated.modes, {} if loads is None else stated.loads), mesh, files, loads
+    )
+    names, notes = tuple(loads or ()), first.notes
+    forces = None if loads is None else lambda model: load_shapes(model, loads)
+    change = _change(stated, mesh, parameters)
+    whole = [own for own in parameters if change is None or own != change.parameter]
+    scaled = _proportional(stated, mesh, whole)
+    with blame("mesh.results"), mesh.located():
+        if change is None:
+            built = results_model(mesh, first.motion, first.results, forces, names, scaled)
+        else:
+            assert stated.second is not None
+            of_loads = _loads_of_second(stated) if loads is not None else {}
+            asked = SetOfResults(SECOND, stated.second.modes, of_loads)
+            second = _set_of(config, asked, mesh, files, loads)
+            notes += second.notes
+            sets = (first.motion, second.motion), (first.results, second.results)
+            built = model_of_two(mesh, *sets, forces, names, scaled, change)
+    return replace(built, notes=tuple(dict.fromkeys((*notes, *built.notes))))
+
+
+@dataclass(frozen=True)
+class SetOfResults:
+    """A section of the config that asks for modes and responses, and its key."""
+
+    key: str
+    modes: ModesOfResults
+    loads: Mapping[str, ResponseOfLoad]
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """motion on the rows of the mesh, of the modes and then of the responses; sentences on the files."""
+
+    motion: GivenMotion
+    results: Results
+    notes: list[str]
+
+
+def _set_of(
+    config: MeshFile, asked: SetOfResults, mesh: Mesh, files: Mapping[str, Path], loads: Mapping[str, Load] | None
+) -> Gathered:
+    """Modes in the order of their frequencies, responses in that of the config; SI units."""
+    stated = config.results
+    assert stated is not None
+    modes = Wanted(f"{asked.key}.modes", "mode", asked.modes.step)
+    static = {name: Wanted(f"{asked.key}.loads.{name}", "static", own.step) for name, own in asked.loads.items()}
+    notes = _gather([modes, *static.values()], f"{asked.key}.file", mesh, files)
     order = sorted(range(len(modes.found)), key=lambda i: modes.found[i].frequency)
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
     responses = [modes.found[i] for i in order] + [own.found[0] for own in static.values()]
-    size = [1.0] * len(order) + [of_loads[name].applied for name in static]
+    size = [1.0] * len(order) + [asked.loads[name].applied for name in static]
     motion = [modes.motion[i] for i in order] + [own.motion[0] for own in static.values()]
     for own in (modes, *static.values()):
         own.motion.clear()
@@ -67,23 +114,29 @@ def model_of_results(
         rounding=max(own.rounding for own in responses),
         where=tuple(own.where for own in responses),
     )
-    with blame("mesh.results"), mesh.located():
-        built = results_model(
-            mesh,
-            given_motion(mesh, _stacked(motion, size, L)),
-            results,
-            None if loads is None else lambda model: load_shapes(model, loads),
-            names,
-            _proportional(stated, mesh, parameters),
-        )
-    return ResultsModel(built.model, built.modes, (*others, *built.notes))
+    with blame(asked.key), mesh.located():
+        return Gathered(given_motion(mesh, _stacked(motion, size, L)), results, notes)
 
 
-def _gather(wanted: list[Wanted], mesh: Mesh, files: Mapping[str, Path]) -> list[str]:
-    """Read every file once, and put what is wanted of it on the nodes of the mesh."""
+def _loads_of_second(stated: Stated) -> Mapping[str, ResponseOfLoad]:
+    assert stated.second is not None
+    return stated.loads if stated.second.loads is None else stated.second.loads
+
+
+def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
+    """The parameter of the second set and its two values; None without a second set."""
+    if stated.second is None:
+        return None
+    own = next(own for own in parameters if own.name == stated.second.parameter)
+    return Change(own, _made_with(stated, mesh, own), stated.second.at)
+
+
+def _gather(wanted: list[Wanted], default: str, mesh: Mesh, files: Mapping[str, Path]) -> list[str]:
+    """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
+    name none."""
     by_file: dict[tuple[str, Path], list[Wanted]] = {}
     for own in wanted:
-        key = f"{own.key}.file" if f"{own.key}.file" in files else "mesh.results.file"
+        key = f"{own.key}.file" if f"{own.key}.file" in files else default
         path = files[key]
         key = next((k for k, known in by_file if known == path), key)
         by_file.setdefault((key, path), []).append(own)
@@ -207,7 +260,8 @@ def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -
                 f"{part}, and modes and responses at one value say how they change with all {kind} alone: what a part adds to it "
                 "is not in them",
                 key=f"parameters.{own.name}",
-                remedy="free a property of all regions, or a stiffness_factor of all; or give the deck itself, or mesh.matrices",
+                remedy="free a property of all regions, or a stiffness_factor of all; or give a second set that was made with another "
+                "value of it (mesh.results.second), the deck itself, or mesh.matrices",
             )
         found[kind] = own.name, _made_with(stated, mesh, own)
     return found
