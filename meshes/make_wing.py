@@ -8,6 +8,9 @@ an RBE2.
 
 Properties: 1 skins of 2.5 mm, 2 spars of 3 mm, 3 ribs of 2 mm, 4 stringers; all of one aluminium, E = 72 GPa, ν = 0.33,
 ρ = 2800 kg/m³. Nodes are rounded to 1e-4 mm. `make_wing.py CHORD SPAN HEIGHT OUT` makes it of so many elements along each.
+
+`make_wing.py CHORD SPAN HEIGHT OUT composite` has skins, spars and ribs of carbon plies in its place (MAT8 2, E1 = 130 GPa), along
+the middle of the box (coordinate system 1): skins [45/−45/0/0/90/0]s of 3 mm, spars [45/−45/0/−45/45]s and ribs [45/−45]s.
 """
 
 from __future__ import annotations
@@ -29,6 +32,9 @@ STRINGERS = (1 / 3, 2 / 3)
 INSIDE = 10.0
 TIP_NODE, MIDDLE, STORE, FIRST = 2, 3, 4, 101
 DIVISIONS = (12, 48, 4)
+SECTIONS = ("PSHELL,1,1,2.5,1,,1", "PSHELL,2,1,3.0,1,,1", "PSHELL,3,1,2.0,1,,1")
+LAYUPS = {1: ((45, -45, 0, 0, 90, 0), 0.25), 2: ((45, -45, 0, -45, 45), 0.25), 3: ((45, -45, 45, -45), 0.25)}
+"""Property → half of the angles [°] of its plies, from the lower face to the middle, and the thickness of a ply."""
 
 
 def profile(x: np.ndarray) -> np.ndarray:
@@ -43,7 +49,7 @@ def point(along: np.ndarray, across: np.ndarray, up: np.ndarray) -> np.ndarray:
     return np.stack([SWEEP * across + share * chord, SPAN * across, up * profile(share) * chord], axis=-1)
 
 
-def deck(chord: int, span: int, height: int) -> str:
+def deck(chord: int, span: int, height: int, composite: bool = False) -> str:
     """The whole deck of so many elements along the chord (a multiple of three), the span (of eight) and through the height."""
     number: dict[tuple[int, int, int], int] = {}
 
@@ -75,7 +81,7 @@ def deck(chord: int, span: int, height: int) -> str:
         for j in range(span)
     ]
     lines = [
-        "$ Wing box of aluminium, shells and bars; units mm, t, s. Written by make_wing.py.",
+        f"$ Wing box of {'carbon plies' if composite else 'aluminium'}, shells and bars; units mm, t, s. Written by make_wing.py.",
         "SOL 103",
         "CEND",
         "SPC = 1",
@@ -90,7 +96,8 @@ def deck(chord: int, span: int, height: int) -> str:
     below = middle[ribs[4]] - [0.0, 0.0, 150.0]
     for id, own in ((TIP_NODE, middle[ribs[-1]]), (MIDDLE, middle[ribs[3]]), (STORE, below)):
         lines.append(f"GRID,{id},,{own[0]:.4f},{own[1]:.4f},{own[2]:.4f}")
-    lines += [f"CQUAD4,{i},{region},{','.join(map(str, own))}" for i, (region, own) in enumerate(quads, start=1)]
+    along = ",1" if composite else ""
+    lines += [f"CQUAD4,{i},{region},{','.join(map(str, own))}{along}" for i, (region, own) in enumerate(quads, start=1)]
     for i, (a, b, z) in enumerate(bars, start=len(quads) + 1):
         lines.append(f"CBAR,{i},4,{a},{b},0.,0.,1.,")
         lines.append(f",,,0.,0.,{z:.1f},0.,0.,{z:.1f}")
@@ -101,15 +108,28 @@ def deck(chord: int, span: int, height: int) -> str:
     )
     lines += [f"CONM2,90004,{STORE},0,5.0-3"]
     lines += [
-        "PSHELL,1,1,2.5,1,,1",
-        "PSHELL,2,1,3.0,1,,1",
-        "PSHELL,3,1,2.0,1,,1",
+        *(composite_sections(middle[ribs[-1]]) if composite else SECTIONS),
         # a bar of 3 mm by 20 mm on edge
         "PBAR,4,1,60.0,2000.0,45.0,163.0",
         "MAT1,1,7.2+4,,0.33,2.8-9",
     ]
     lines += _listed("SPC1", (1, 123456), sorted(id for (_, row, _), id in number.items() if row == 0))
     return "\n".join([*lines, "ENDDATA", ""])
+
+
+def composite_sections(tip: np.ndarray) -> list[str]:
+    """Laminates in place of SECTIONS, and the axes of their plies: x from the middle of the root to that of the tip."""
+    root = point(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2)).mean(axis=0)
+    lines = [f"CORD2R,1,,{_reals(root)},{_reals(root + [0.0, 0.0, 1.0])}", f",{_reals(tip)}"]
+    for number, (angles, thickness) in LAYUPS.items():
+        lines.append(f"PCOMP,{number},,,,,,,SYM")
+        plies = [f"2,{thickness},{angle:.1f},YES" for angle in angles]
+        lines += [f",{','.join(plies[i : i + 2])}" for i in range(0, len(plies), 2)]
+    return [*lines, "MAT8,2,1.3+5,9.0+3,0.30,4.8+3,4.8+3,3.2+3,1.55-9"]
+
+
+def _reals(values: np.ndarray) -> str:
+    return ",".join(f"{round(value, 4) + 0.0:.4f}" for value in values)
 
 
 def bottom(number: dict[tuple[int, int, int], int], j: int, rows: list[int]) -> set[int]:
@@ -132,8 +152,8 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 5:
-        *divisions, name = sys.argv[1:]
-        Path(name).write_text(deck(*map(int, divisions)), encoding="ascii")
+    if len(sys.argv) > 4:
+        divisions, name = map(int, sys.argv[1:4]), sys.argv[4]
+        Path(name).write_text(deck(*divisions, composite="composite" in sys.argv[5:]), encoding="ascii")
     else:
         main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)

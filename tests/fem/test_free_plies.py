@@ -10,7 +10,7 @@ from scipy.sparse.linalg import spsolve
 
 from strainsight.cases.structure.damaged_places import surface_places
 from strainsight.errors import UserError
-from strainsight.fem.affine import Parameter
+from strainsight.fem.affine import Parameter, at_their_references
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
@@ -76,6 +76,14 @@ def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
             d_theta = (8 * near - far) / (12 * d) * theta[name]
             scale = np.sqrt(K.at(theta).diagonal())
             assert np.abs((slope - d_theta).toarray() / np.outer(scale, scale)).max() < 1e-6
+
+
+def test_matrices_at_the_reference_alone_are_the_same_to_the_bit():
+    """Where no other value is asked for nothing is interpolated."""
+    mesh, free = distorted(ANY), moduli("e1", "g12")
+    for X, alone in zip(thin_operators(mesh, free), thin_operators(mesh, at_their_references(free)), strict=True):
+        assert not alone.terms
+        assert abs(X.constant - alone.constant).max() == 0
 
 
 def test_stiffness_stays_positive_definite_however_far_a_filter_tries():

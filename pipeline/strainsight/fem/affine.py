@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, Literal
 
@@ -15,7 +15,8 @@ class Parameter:
     """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
     multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
     are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of
-    shells. range: from which value to which it is to be free; those that the stiffness is not proportional to need one."""
+    shells. range: from which value to which it is to be free; those that the stiffness is not proportional to stay at their
+    references without one."""
 
     name: str
     property: Literal[
@@ -41,6 +42,11 @@ class Parameter:
 
 DAMPING: Final = "damping_factor"
 """The property that multiplies the damping: neither stiffness nor mass depend on it."""
+
+
+def at_their_references(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """For K and M at the references alone: what they are not proportional to is not free, and nothing is interpolated."""
+    return tuple(replace(own, range=None) for own in parameters)
 
 
 def of_stiffness(property: str) -> bool:

@@ -102,6 +102,8 @@ def _interpolated(
             other = with_value(other, own.property, here, theta[own.name], own.material)
         return summed(other, regions)
 
+    if all(own.range is None for own in parameters):
+        return AffineOperator(at({own.name: own.reference for own in parameters}), {})
     return interpolated(at, parameters)
 
 

@@ -13,7 +13,7 @@ from strainsight.rom.model import Damping, ReducedModel, damping_derivative, dam
 
 @record
 class Modes:
-    """modes.h5: at the reference. spectrum.h5: in the middle of the ranges, empty where two materials vary apart."""
+    """modes.h5: at the reference. spectrum.h5: in the middle of the ranges, empty where shapes change with the parameters."""
 
     frequency: np.ndarray = dataset("/frequency", "Hz", "/frequency", "natural frequencies")
     shape: np.ndarray = dataset(

@@ -1,4 +1,4 @@
-"""spectrum: the modes of a validation's truth, where one material is scaled as a whole and their shapes hold at any value."""
+"""spectrum: the modes of a validation's truth, where one material is scaled as a whole, so that shapes hold at any value."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     found = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = found.frequency, len(found.shape)
-    message = "two materials vary apart: the modes of the truth are found with it"
+    message = "shapes change with the parameters: the modes of the truth are found with it"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
         message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"

@@ -21,12 +21,13 @@ from strainsight.cases.structure.settings import (
 from strainsight.cases.structure.solver import solver_of, sweep_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
-from strainsight.fem.affine import DAMPING, Parameter
+from strainsight.fem.affine import DAMPING, Parameter, at_their_references
 from strainsight.fem.misaligned import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import relief_of
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import shapes
 from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.rom.quasi_static import quasi_static
 from strainsight.rom.reduction import held_out_errors, reduce_model
@@ -37,6 +38,9 @@ from strainsight.sweep.sweep import watched
 HELD_OUT = 3
 """Parameter values, between those the basis was built from, at which the reduced model is checked."""
 
+NO_MODES = Modes(frequency=np.zeros(0), shape=np.zeros((0, 0)))
+"""What a spectrum is where shapes change with the parameters."""
+
 BALANCED = 1e-9
 """Share of a load beside its inertia below which it is rounding."""
 
@@ -44,16 +48,18 @@ BALANCED = 1e-9
 def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """K φ = ω² M φ of the whole model at the guess, whatever loads it."""
     parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
-    return _lowest(config, mesh, parameters, config.rom.modes, "rom.modes", using)
+    return _lowest(config, mesh, at_their_references(parameters), config.rom.modes, "rom.modes", using)
 
 
 def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """K φ = ω² M φ in the middle of the parameters' ranges, whatever is guessed or true: runs on one mesh share the result.
 
-    Empty where two materials vary apart: the truth is then solved for at its own values, by `validate`.
+    Empty where shapes change with them, of two materials or of plies: the truth is then solved for at its own values, by `validate`.
     """
-    count = config.validation.truth.modes
-    return _lowest(config, mesh, _in_the_middle(config, mesh), count, "validate.truth.modes", using, scaled=True)
+    count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
+    if any(shapes(mesh, number, own.property) for own in parameters for number in own.regions):
+        return NO_MODES  # K is no multiple of one matrix, which need not be assembled to say so
+    return _lowest(config, mesh, parameters, count, "validate.truth.modes", using, scaled=True)
 
 
 def _lowest(
@@ -70,7 +76,7 @@ def _lowest(
     built = full_model(config.mesh, mesh, parameters, using.files, by=solver_of(config, using))
     model = built.model
     if scaled and not only_scales(model):
-        return Modes(frequency=np.zeros(0), shape=np.zeros((model.size, 0)))
+        return NO_MODES
     theta = {p.name: p.reference for p in parameters}
     if scaled:  # a truth has as many modes as there are
         count = built.at_most(count)

@@ -29,7 +29,7 @@ from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.cases.structure.thick_rows import thickness_at
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
-from strainsight.fem.affine import Parameter
+from strainsight.fem.affine import Parameter, at_their_references
 from strainsight.fem.loads import PointLoad
 from strainsight.fem.misaligned import misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
@@ -292,4 +292,4 @@ def _full(
 
 
 def _at(theta: Mapping[str, float], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:
-    return tuple(replace(p, reference=theta[p.name]) for p in parameters)
+    return at_their_references([replace(p, reference=theta[p.name]) for p in parameters])
