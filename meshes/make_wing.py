@@ -9,8 +9,9 @@ an RBE2.
 Properties: 1 skins of 2.5 mm, 2 spars of 3 mm, 3 ribs of 2 mm, 4 stringers; all of one aluminium, E = 72 GPa, ν = 0.33,
 ρ = 2800 kg/m³. Nodes are rounded to 1e-4 mm. `make_wing.py CHORD SPAN HEIGHT OUT` makes it of so many elements along each.
 
-`make_wing.py CHORD SPAN HEIGHT OUT composite` has skins, spars and ribs of carbon plies in its place (MAT8 2, E1 = 130 GPa), along
-the middle of the box (coordinate system 1): skins [45/−45/0/0/90/0]s of 3 mm, spars [45/−45/0/−45/45]s and ribs [45/−45]s.
+`make_wing.py CHORD SPAN HEIGHT OUT composite` has skins, spars and ribs of carbon plies in place of it (MAT8 2, E1 = 130 GPa),
+x of the plies along the middle of the box (coordinate system 1): skins [45/−45/0/0/90/0]s of 3 mm, spars [45/−45/0/−45/45]s,
+ribs [45/−45]2s.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ def point(along: np.ndarray, across: np.ndarray, up: np.ndarray) -> np.ndarray:
 def deck(chord: int, span: int, height: int, composite: bool = False) -> str:
     """The whole deck of so many elements along the chord (a multiple of three), the span (of eight) and through the height."""
     number: dict[tuple[int, int, int], int] = {}
+    material = "carbon plies" if composite else "aluminium"
 
     def node(i: int, j: int, k: int) -> int:
         return number.setdefault((i, j, k), FIRST + len(number))
@@ -81,7 +83,7 @@ def deck(chord: int, span: int, height: int, composite: bool = False) -> str:
         for j in range(span)
     ]
     lines = [
-        f"$ Wing box of {'carbon plies' if composite else 'aluminium'}, shells and bars; units mm, t, s. Written by make_wing.py.",
+        f"$ Wing box of {material}, shells and bars; units mm, t, s. Written by make_wing.py.",
         "SOL 103",
         "CEND",
         "SPC = 1",
@@ -120,7 +122,7 @@ def deck(chord: int, span: int, height: int, composite: bool = False) -> str:
 def composite_sections(tip: np.ndarray) -> list[str]:
     """Laminates in place of SECTIONS, and the axes of their plies: x from the middle of the root to that of the tip."""
     root = point(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2)).mean(axis=0)
-    lines = [f"CORD2R,1,,{_reals(root)},{_reals(root + [0.0, 0.0, 1.0])}", f",{_reals(tip)}"]
+    lines = [f"CORD2R,1,,{_reals(root)},{_reals(root + np.array([0.0, 0.0, 1.0]))}", f",{_reals(tip)}"]
     for number, (angles, thickness) in LAYUPS.items():
         lines.append(f"PCOMP,{number},,,,,,,SYM")
         plies = [f"2,{thickness},{angle:.1f},YES" for angle in angles]

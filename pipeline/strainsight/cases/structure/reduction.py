@@ -54,7 +54,7 @@ def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
 def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     """K φ = ω² M φ in the middle of the parameters' ranges, whatever is guessed or true: runs on one mesh share the result.
 
-    Empty where shapes change with them, of two materials or of plies: the truth is then solved for at its own values, by `validate`.
+    Empty where shapes change with them, as of two materials or of plies: `validate` then solves for the truth at its own values.
     """
     count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
     if any(shapes(mesh, number, own.property) for own in parameters for number in own.regions):
