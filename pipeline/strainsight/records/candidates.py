@@ -9,7 +9,6 @@ from strainsight.gauges.arms import Arms
 from strainsight.gauges.candidates import COLUMNS, Candidates
 from strainsight.records.record import dataset, group, record
 
-
 KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
 
 
