@@ -24,7 +24,7 @@ def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str
     own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
     return tuple(
         Parameter(
-            name, entry.property, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range
+            name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range
         )
         for name, entry in own.items()
     )
