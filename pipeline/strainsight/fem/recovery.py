@@ -136,11 +136,22 @@ def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
     """ε_ij at the centre as `_along`, from the points where the facets' strain is read, turned the shortest way onto the tangent
     plane with the normals n (m, 3)."""
     found = np.zeros((*corners.shape[:2], 3, 3, 3))
-    for point, weight in zip(kind.read_at, kind.reading(kind.centre[None])[0], strict=True):
+    J = np.einsum("ka,mkc->mca", kind.gradient(kind.centre[None])[0], corners)
+    r, s = np.moveaxis(J, 2, 0)
+    a, b = np.moveaxis(np.linalg.pinv(J), 1, 0)
+    both = 0.5 * (a[:, :, None] * b[:, None] + b[:, :, None] * a[:, None])
+    sides = np.stack([r, s, s - r], axis=1)
+    # strain by those along the sides
+    dyads = np.stack([a[:, :, None] * a[:, None] + both, b[:, :, None] * b[:, None] + both, -both], axis=1)
+    places = zip(kind.read_at, kind.reading(kind.centre[None])[0], kind.read_along or [None] * 4, strict=True)
+    for point, weight, side in places:
         own, strain = _along(kind, corners, point)
         halfway = (own + n) / (1 + np.sum(own * n, axis=1))[:, None]
         R = np.eye(3) + 2 * n[:, :, None] * own[:, None] - halfway[:, :, None] * (own + n)[:, None]
-        found += weight * np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
+        turned = np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
+        if side is not None:
+            turned = np.einsum("mi,mj,maijc,mkl->maklc", sides[:, side], sides[:, side], turned, dyads[:, side], optimize=True)
+        found += weight * turned
     return found
 
 

@@ -131,14 +131,21 @@ def _entries(position: np.ndarray, points: Points, kind: Kind) -> tuple[np.ndarr
 
 def _read(kind: Kind, corners: np.ndarray, xi: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Rows (m, k, 3) of the strain along d (m, 3) at xi (m, 2), from the points where the facet's strain is read, d carried there
-    over the bent surface; corners (m, k, 3) [m] all nodes of the facets."""
+    over the bent surface, of triangles from strains along their sides; corners (m, k, 3) [m] all nodes of the facets."""
     _, J = facet_points(kind, corners, xi)
     normal, share = normals(J), kind.reading(xi)
-    found = np.zeros(corners.shape)
-    for point, weight in zip(kind.read_at, share.T, strict=True):
+    found, along_side = np.zeros(corners.shape), d[:, None]
+    if kind.read_along:
+        _, J = facet_points(kind, corners, np.broadcast_to(kind.centre, xi.shape))
+        centre = normals(J)
+        in_base = np.einsum("mca,mc->ma", J, carried(d, normal, centre))[..., None]
+        a, b = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, in_base)[..., 0].T
+        normal, along_side = centre, np.stack([J[..., 0], J[..., 1], J[..., 1] - J[..., 0]], axis=1)
+        share = share * np.stack([a * a + a * b, b * b + a * b, -a * b], axis=1)[:, list(kind.read_along)]
+    for point, weight, side in zip(kind.read_at, share.T, kind.read_along or (0,) * 4, strict=True):
         at = np.broadcast_to(point, xi.shape)
         _, J = facet_points(kind, corners, at)
-        along = carried(d, normal, normals(J))
+        along = carried(along_side[:, side], normal, normals(J))
         s = np.linalg.solve(np.swapaxes(J, 1, 2) @ J, np.einsum("mca,mc->ma", J, along)[..., None])
         slope = (kind.gradient(at) @ s)[..., 0]
         found += (weight[:, None] * slope)[..., None] * along[:, None]

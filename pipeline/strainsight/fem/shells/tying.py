@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.mesh.kinds.kind import Kind, Rule
 from strainsight.mesh.kinds.quadrangles import QUAD8
 from strainsight.mesh.kinds.rules import gauss, triangle
-from strainsight.mesh.kinds.triangles import TRI6
+from strainsight.mesh.kinds.triangles import ALONG_SIDES, FIRST, SECOND, TRI6
 
 Weights = Callable[[np.ndarray], np.ndarray]
 
@@ -18,8 +18,7 @@ TWO = np.array([-1.0, 1.0]) / np.sqrt(3)
 """Gauss points of −1 … 1."""
 SIDES = np.array([-1.0, 0.0, 1.0])
 """Where shear is tied across: along the sides it is then that of their own nodes, and curved ones do not lock."""
-FIRST, SECOND = 0.5 + 0.5 * TWO
-"""And of 0 … 1."""
+
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +90,6 @@ QUAD = Ties(
 
 
 _INSIDE, _SHARE = triangle(4)
-_TRI_STRETCH = np.array(
-    [
-        *([FIRST, 0], [SECOND, 0], [FIRST, 1 / np.sqrt(3)]),
-        *([0, FIRST], [0, SECOND], [1 / np.sqrt(3), FIRST]),
-        *([SECOND, FIRST], [FIRST, SECOND], [FIRST, FIRST]),
-    ]
-)
-"""Of strain along r, s and q, the sides from the first node to the second and third, and between these."""
 _TRI_SHEAR = np.vstack([[[FIRST, 0], [SECOND, 0], [SECOND, FIRST], [FIRST, SECOND], [0, SECOND], [0, FIRST]], _INSIDE])
 _ALONG = np.array([[1.0, 0], [1, 0], [-1, 1], [-1, 1], [0, -1], [0, -1]])
 
@@ -107,7 +98,7 @@ def _linear(xi: np.ndarray) -> np.ndarray:
     return np.column_stack([np.ones(len(xi)), xi])
 
 
-_LINEAR = [np.linalg.inv(_linear(_TRI_STRETCH[i : i + 3])) for i in (0, 3, 6)]
+_LINEAR = [np.linalg.inv(_linear(ALONG_SIDES[i : i + 3])) for i in (0, 3, 6)]
 
 
 def _tri_stretch(xi: np.ndarray) -> np.ndarray:
@@ -162,7 +153,7 @@ TRIA = Ties(
     inner=_tri_inner,
     completed=False,
     held=False,
-    stretch_at=_TRI_STRETCH,
+    stretch_at=ALONG_SIDES,
     stretch=_tri_stretch,
     shear_at=_TRI_SHEAR,
     shear=_tri_shear,

@@ -30,8 +30,9 @@ class Kind:
     others lies; centre (d,) [-], the centroid; functions: ξ (q, d) [-] → N_a (q, k) and ∂N_a/∂ξ_d (q, k, d), with
     N_a(ξ_b) = δ_ab; stiffness, mass: rules that integrate ∇N ∇Nᵀ and N Nᵀ exactly where the Jacobian is constant; vtk: the
     number of the cell there; split: the parts that it is cut into at the middle of its edges, in the reference domain;
-    read_at: points (r, 2) whose strain goes on over the facet linearly, or bilinearly from four; none where strain is that at
-    every point itself.
+    read_at: points (r, 2) whose strain goes on over the facet, bilinearly from four; none where strain is that at every point
+    itself. read_along: of a triangle the side along which the strain of each of nine points is taken, 0 and 1 from the first
+    corner to the second and third, 2 between these; it goes on linearly from the three of a side.
     Reference domains: simplices 0 ≤ ξᵢ, Σξᵢ ≤ 1; squares and cubes [−1, 1]ᵈ; wedges triangle × [−1, 1]; pyramids
     |ξ|, |η| ≤ 1 − ζ, 0 ≤ ζ.
     """
@@ -46,6 +47,7 @@ class Kind:
     vtk: int
     split: Split
     read_at: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    read_along: Order = ()
 
     @property
     def corners(self) -> int:
@@ -58,7 +60,9 @@ class Kind:
 
     def reading(self, xi: FloatArray) -> FloatArray:
         """Weights (q, r) of the strains at `read_at` in that at xi (q, 2)."""
-        return np.asarray(_bilinear(xi, len(self.read_at)) @ np.linalg.inv(_bilinear(self.read_at, len(self.read_at))))
+        size = 3 if self.read_along else 4
+        groups = self.read_at.reshape(-1, size, 2)
+        return np.hstack([_bilinear(xi, size) @ np.linalg.inv(_bilinear(own, size)) for own in groups])
 
     def gradient(self, xi: FloatArray) -> FloatArray:
         """∂N_a/∂ξ_d: xi (q, d) [-] → (q, k, d) [-]."""

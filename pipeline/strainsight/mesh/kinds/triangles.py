@@ -37,5 +37,17 @@ TRI6 = Kind(
     vtk=22,
     split=alike("tri6", PARTS),
 )
-SHELL6 = replace(TRI6, name="shell6", read_at=triangle(2)[0])
+FIRST, SECOND = 0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12)
+"""Points of Gauss of 0 … 1."""
+INSIDE = 1 / np.sqrt(3)
+ALONG_SIDES = np.array(
+    [
+        *([FIRST, 0], [SECOND, 0], [FIRST, INSIDE]),
+        *([0, FIRST], [0, SECOND], [INSIDE, FIRST]),
+        *([SECOND, FIRST], [FIRST, SECOND], [FIRST, FIRST]),
+    ]
+)
+"""Where strain along the sides from the first corner to the second and third, and between these, is that of a curved surface
+that bends (Lee & Bathe, Comput. Struct. 82 (2004) 945-962)."""
+SHELL6 = replace(TRI6, name="shell6", read_at=ALONG_SIDES, read_along=(0, 0, 0, 1, 1, 1, 2, 2, 2))
 """On a shell of the second order, see `SHELL8`."""
