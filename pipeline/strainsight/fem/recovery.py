@@ -150,7 +150,9 @@ def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
         R = np.eye(3) + 2 * n[:, :, None] * own[:, None] - halfway[:, :, None] * (own + n)[:, None]
         turned = np.einsum("mip,mjq,mapqc->maijc", R, R, strain, optimize=True)
         if side is not None:
-            turned = np.einsum("mi,mj,maijc,mkl->maklc", sides[:, side], sides[:, side], turned, dyads[:, side], optimize=True)
+            turned = np.einsum(
+                "mi,mj,maijc,mkl->maklc", sides[:, side], sides[:, side], turned, dyads[:, side], optimize=True
+            )
         found += weight * turned
     return found
 

@@ -20,7 +20,6 @@ SIDES = np.array([-1.0, 0.0, 1.0])
 """Where shear is tied across: along the sides it is then that of their own nodes, and curved ones do not lock."""
 
 
-
 @dataclass(frozen=True, eq=False)
 class Ties:
     """facet: the kind with the same nodes; rule of the integrals; inner (q, 2) → N (q,) and ∂N/∂ξ (q, 2) of the motion within,
