@@ -34,7 +34,7 @@ from strainsight.cases.structure.source import source_of
 from strainsight.cases.structure.surface import damage_on_surface, virtual_strain
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
-from strainsight.cases.structure.thick_rows import free_thicknesses
+from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_at
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
@@ -109,7 +109,8 @@ def campaign_of(
     free = free_thicknesses(config, mesh, problem.model.reference)
     with blame("estimate.virtual"):
         virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance), free)
-    turning, judgements, suspects = turning_of(mesh, reduced, training, channels), [], []
+    thickness = thickness_at(mesh, free, problem.model.reference)
+    turning, judgements, suspects = turning_of(mesh, reduced, training, channels, thickness), [], []
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
 
         def checking(share: float, i: int = i) -> None:

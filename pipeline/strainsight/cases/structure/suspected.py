@@ -18,6 +18,7 @@ from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import turned
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.thickness import Thickness
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 
@@ -35,9 +36,11 @@ class Turning:
     missed: np.ndarray
 
 
-def turning_of(mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray) -> Turning:
+def turning_of(
+    mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray, thickness: Thickness | None = None
+) -> Turning:
     """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
-    bridges, the arms of which would be turned each by itself; on shells of the deck's thickness."""
+    bridges, the arms of which would be turned each by itself. thickness: of shells at the guess, where it is free."""
     n, missed = training.rows.shape[1], reduced.misaligned.missed
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
     more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
@@ -49,7 +52,7 @@ def turning_of(mesh: Mesh, reduced: Reduced, training: Training, channels: np.nd
         for k, angle in enumerate(ANGLES):
             part = _apart(_turned(pool.take(channels[own]), angle))
             well = np.flatnonzero(fits(mesh.position, part, facets))
-            read = channel_rows(mesh.position, part.take(well), both, facets=facets)
+            read = channel_rows(mesh.position, part.take(well), both, facets=facets, thickness=thickness)
             rows[own[well], k], more[own[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])
     return Turning(channels, rows, more)
 
@@ -75,6 +78,8 @@ def suspect_of(
         k, channel = ANGLES.index(angle), channels[j]
         H = np.array(constant.H)
         H[j] = wide[j, k]
+        # rows of the guess: how they change with a thickness is known of the channel as it was meant
+        change = constant.change.of_terms(lambda X: np.where((np.arange(len(X)) == j)[:, None], 0.0, X))
         one = np.zeros(len(training.candidates))
         one[channel] = angle
         rows, missed = np.array(training.rows), np.array(training.missed)
@@ -83,7 +88,7 @@ def suspect_of(
         own = tolerated(config, mesh, reduced, as_turned, channels)
         # the others have what they read on average over their installations already
         H[j] = on_average(own, replace(constant, H=H), channels).H[j]
-        changed = replace(constant, H=H)
+        changed = replace(constant, H=H, change=change)
         return changed, nuisances_of(own, changed, channels)
 
     return Suspect(
