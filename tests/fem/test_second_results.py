@@ -147,8 +147,8 @@ BENT = (PointLoad("end", (0.0, 0.0, 1.0), node_set="end"),)
 
 @pytest.mark.parametrize("unlike", [0.0, 0.1])
 def test_the_projection_of_the_deck_itself(cantilever, unlike):
-    """K₁ of the deck on the same coordinates, whose ν nobody states, to 1e-4, most of it in motions of an energy of 1e-8; and where
-    the other program's elements of the part differ, some 10 % stiffer and others softer, frequencies to 3e-5."""
+    """K₁ of the deck on the same coordinates, whose ν nobody states, to 1e-4, most of it in motions of an energy of 1e-8; and
+    where the other program's elements of the part differ, some 10 % stiffer and others softer, frequencies to 3e-5."""
     whole = build_model(cantilever, (LEFT,))
     if unlike:
         (block,) = cantilever.blocks

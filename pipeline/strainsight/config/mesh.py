@@ -186,7 +186,8 @@ class SecondResults(Section):
         description="Which parameter: a youngs_modulus, stiffness_factor or density of some regions."
     )
     at: Positive = Field(
-        description="Its value when this set was made [Pa, kg/m³ or 1]; that of the first set is in mesh.results.at, or the mesh's."
+        description="Its value when this set was made [Pa, kg/m³ or 1]; that of the first one is in mesh.results.at, or the "
+        "mesh's."
     )
     file: Text = Field(description="File of results of the same mesh, supports and loads, in the units of the mesh.")
     modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")

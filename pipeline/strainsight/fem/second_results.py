@@ -55,6 +55,10 @@ POISSON = (0.0, 0.3)
 """Of two isotropic materials, of which every other is a combination."""
 LEAST = 1e-8
 """Energy of a motion beside the others, of unit energy, below which what the sets say of it is rounding."""
+OF_STRAIN = 100.0
+"""Energy beside the others, in roundings of the files, that a motion needs for its strain to be more than their rounding."""
+FEW_DIGITS = 1e-6
+"""Rounding of text of six digits, and more."""
 APART = 1e-10
 """Share of the largest energy in the region below which a motion there is rounding."""
 FORM, NOTED = 0.1, 0.01
@@ -104,20 +108,20 @@ def model_of_two(
     """K and M of the coordinates (Φ₀, r₀, what U₁ has beside these), affine in the parameter of the change.
 
     Arguments as of `results_model`, of two sets; scaled: what other parameters the rest is proportional to. Raises UserError for
-    what `results_model` refuses of either set; without a mass; for the same value twice, sets with different supports, frequencies
-    that move as this parameter cannot move them, regions of other elements than isotropic solids, a change that is not of the form
-    of the regions, and a model that does not have the modes of both sets.
+    what `results_model` refuses of either set; without a mass; for the same value twice, sets with different supports,
+    frequencies that move as this parameter cannot move them, regions of other elements than isotropic solids, a change that is
+    not of the form of the regions, and a model that does not have the modes of both sets.
     """
     own = change.parameter
     _check_values(change)
     _check_supports(mesh, given)
     stiff = of_stiffness(own.property)
-    meshes = (mesh, mesh)
-    if not stiff:
-        meshes = tuple(with_value(mesh, "density", own.regions, value) for value in (change.first, change.second))  # type: ignore[assignment]
+    meshes = [
+        mesh if stiff else with_value(mesh, "density", own.regions, value) for value in (change.first, change.second)
+    ]
     first, second = (
-        _observed(*each, forces, names, key)
-        for *each, key in zip(meshes, given, results, ("mesh.results", KEY), strict=True)
+        _observed(each, moved, found, forces, names, key)
+        for each, moved, found, key in zip(meshes, given, results, ("mesh.results", KEY), strict=True)
     )
     _check_frequencies(change, first, second, stiff)
     U, k = np.hstack([first.motion, second.motion]), first.motion.shape[1]
@@ -134,7 +138,8 @@ def model_of_two(
         X0, X1 = M0, (U.T @ mass_product(meshes[1], rows, U) - M0) / (change.second - change.first)
         A = _whole(A00, 0.5 * (across[0] + across[1]), A11)
     A = X0 if stiff else A
-    exact = max(first.rounding, second.rounding, _asymmetry(first), _asymmetry(second))
+    rounding = max(first.rounding, second.rounding)
+    exact = max(OF_STRAIN * rounding, _asymmetry(first), _asymmetry(second))
     C = _coordinates(A, len(first.lam), k, max(LEAST, exact))
     A, M0, X0, X1 = (_symmetric(C.T @ X @ C) for X in (A, M0, X0, X1))
     if stiff:
@@ -143,6 +148,11 @@ def model_of_two(
     affine = AffineOperator(sparse.csr_array(X0 - change.first * X1), {own.name: sparse.csr_array(X1)})
     stiffness = affine if stiff else as_operator(A, scaled.get("stiffness"))
     mass = as_operator(M0, scaled.get("mass")) if stiff else affine
+    if rounding >= FEW_DIGITS:
+        notes.append(
+            f"the files have digits to {rounding:.0e}: what {own.name} changes is a difference of both, and σ may be off by 1e-3; "
+            "binary files do better"
+        )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
     return ResultsModel(model, len(first.lam), (*first.notes, *second.notes, *notes), alike=False)
@@ -164,8 +174,8 @@ def _check_supports(mesh: Mesh, given: tuple[GivenMotion, GivenMotion]) -> None:
     if other.size:
         which = "first" if held[0][other[0]] else "second"
         raise UserError(
-            f"the {which} set holds {describe_row(mesh, given[0].constraint, int(other[0]))} ({other.size} such motions), the other "
-            "does not",
+            f"the {which} set holds {describe_row(mesh, given[0].constraint, int(other[0]))} ({other.size} such motions), the "
+            "other does not",
             key=KEY,
             remedy="make both sets with the same supports",
         )
@@ -202,8 +212,8 @@ def _observed(
 
 
 def _asymmetry(own: Observed) -> float:
-    """How far UᵀXU, of unit diagonal, is from symmetric: what is known of X by the forces is not better. That of a lumped mass, or
-    of a response with few digits, is not zero."""
+    """How far UᵀXU, of unit diagonal, is from symmetric: what is known of X by the forces is not better. That of a lumped mass,
+    or of a response with few digits, is not zero."""
     X = own.motion.T @ own.force
     return float(np.abs(X - X.T).max())
 
@@ -220,11 +230,11 @@ def _check_frequencies(change: Change, first: Observed, second: Observed, stiff:
     if wrong.size:
         i = int(wrong[0])
         raise UserError(
-            f"mode {i + 1} goes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz: {values} can only move it by a factor "
-            f"of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
+            f"mode {i + 1} goes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz: {values} can only move it by a "
+            f"factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
             key=KEY,
-            remedy="change nothing but this parameter between the sets, write as many modes of both from the lowest on, and check "
-            "the two values (mesh.results.at, mesh.results.second.at)",
+            remedy="change nothing but this parameter between the sets, write as many modes of both from the lowest on, and "
+            "check the two values (mesh.results.at, mesh.results.second.at)",
         )
     if np.abs(moved - 1).max() < slack:
         raise UserError(
@@ -323,8 +333,8 @@ def _coordinates(A: np.ndarray, m: int, k: int, least: float) -> np.ndarray:
 
 
 def _within(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
-    """0 ≤ θ₀X₁ ≤ A, as the region and the rest of the structure have stiffness, to `BEYOND`: what is further beyond, of motions that
-    hardly stand out of the others, is set to that, so that K is positive definite from θ₀/11 to 11 θ₀."""
+    """0 ≤ θ₀X₁ ≤ A, as the region and the rest of the structure have stiffness, to `BEYOND`: what is further beyond, of motions
+    that hardly stand out of the others, is set to that, so that K is positive definite from θ₀/11 to 11 θ₀."""
     share, V = eigh(first * X1, A)
     return np.asarray(_symmetric((A @ V * np.clip(share, -BEYOND, 1 + BEYOND)) @ (A @ V).T) / first)
 
@@ -344,8 +354,8 @@ def _check_reproduced(
                 f"the model of both sets has mode {worst + 1} of the {number} one at {found[worst]:.6g} Hz, the file at "
                 f"{own.frequency[worst]:.6g} Hz",
                 key=KEY,
-                remedy="give both sets the mesh, the densities and the loads that they were made with, and all modes from the lowest "
-                "on in both",
+                remedy="give both sets the mesh, the densities and the loads that they were made with, and all modes from the "
+                "lowest on in both",
             )
 
 

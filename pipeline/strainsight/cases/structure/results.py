@@ -260,8 +260,8 @@ def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -
                 f"{part}, and modes and responses at one value say how they change with all {kind} alone: what a part adds to it "
                 "is not in them",
                 key=f"parameters.{own.name}",
-                remedy="free a property of all regions, or a stiffness_factor of all; or give a second set that was made with another "
-                "value of it (mesh.results.second), the deck itself, or mesh.matrices",
+                remedy="free a property of all regions, or a stiffness_factor of all; or give a second set that was made with "
+                "another value of it (mesh.results.second), the deck itself, or mesh.matrices",
             )
         found[kind] = own.name, _made_with(stated, mesh, own)
     return found
