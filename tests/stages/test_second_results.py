@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,10 @@ from .test_results import FEW, FORCES, MODES, layout_of
 
 FIRST, SECOND = 1.8e11, 2.4e11
 PARTS = "parameters.E.region=1"
-RESULTS = "mesh.results={file: first.frd, loads: {tip: {step: 1}}, at: {E: 1.8e+11}, second: {parameter: E, at: 2.4e+11, file: second.frd}}"
+RESULTS = (
+    "mesh.results={file: first.frd, loads: {tip: {step: 1}}, at: {E: 1.8e+11}, "
+    "second: {parameter: E, at: 2.4e+11, file: second.frd}}"
+)
 
 
 def in_two(text: str) -> str:

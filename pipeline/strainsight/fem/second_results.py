@@ -150,8 +150,8 @@ def model_of_two(
     mass = as_operator(M0, scaled.get("mass")) if stiff else affine
     if rounding >= FEW_DIGITS:
         notes.append(
-            f"the files have digits to {rounding:.0e}: what {own.name} changes is a difference of both, and σ may be off by 1e-3; "
-            "binary files do better"
+            f"the files have digits to {rounding:.0e}: what {own.name} changes is a difference of both, and σ may be off by "
+            "1e-3; binary files do better"
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
