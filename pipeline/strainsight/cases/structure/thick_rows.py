@@ -23,9 +23,7 @@ def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str
     """The parameters that are a thickness, at their references [m]."""
     own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
     return tuple(
-        Parameter(
-            name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range
-        )
+        Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
         for name, entry in own.items()
     )
 
