@@ -49,7 +49,7 @@ def apart(X, Y):
     return float(np.abs((X - Y).toarray() / np.outer(d, d)).max())
 
 
-@pytest.mark.parametrize("kind", ["quad4", "tri3"])
+@pytest.mark.parametrize("kind", ["quad4", "tri3", "quad8", "tri6"])
 @pytest.mark.parametrize("laminate", [ANY, SANDWICH], ids=["any", "sandwich"])
 @pytest.mark.parametrize("names", [("e1",), ("g12",), ("g1z", "g2z"), ("e1", "e2", "g12")], ids=" ".join)
 def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):

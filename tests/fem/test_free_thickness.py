@@ -26,6 +26,8 @@ from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
 
+from .second_order import KINDS as SECOND_ORDER
+from .second_order import square
 from .shell_models import unit_square
 
 E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
@@ -44,7 +46,7 @@ SECTIONS = {
 
 def shell(kind="quad4", section=SECTIONS["homogeneous"], height=0.0, offset=0.0, count=(3, 2), size=(0.3, 0.1)):
     """On a rectangle, curved both ways and warped by `height` [m], with the faces of its thickness."""
-    a, b, cells = unit_square(*count, kind)
+    a, b, cells = (square if kind in SECOND_ORDER else unit_square)(*count, kind)
     x = np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
     e = len(cells)
     block = ShellBlock(kind, 1 + np.arange(e), cells, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan))
@@ -91,6 +93,9 @@ def anew(mesh, t):
         ("quad4", "general", 0.0, 0.001, (0.3, 0.1)),
         ("quad4", "homogeneous", 0.002, 0.0, (0.03, 0.02)),  # about as thick as an element is long
         ("tri3", "homogeneous", 0.002, 0.0, (0.03, 0.02)),
+        ("quad8", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
+        ("tri6", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
+        ("quad8", "laminate", 0.02, -0.001, (0.3, 0.1)),
     ],
 )
 def test_stiffness_and_mass_are_those_of_a_mesh_made_anew(kind, section, height, offset, size):
@@ -115,7 +120,11 @@ def displaced(mesh, t=None):
 
 
 @pytest.mark.parametrize(
-    ("kind", "height", "length"), [("quad4", 0.02, 0.0), ("tri3", 0.02, 0.0), ("quad4", 0.0, 0.03), ("tri3", 0.0, 0.03)]
+    ("kind", "height", "length"),
+    [
+        *(("quad4", 0.02, 0.0), ("tri3", 0.02, 0.0), ("quad8", 0.02, 0.0), ("tri6", 0.02, 0.0)),
+        *(("quad4", 0.0, 0.03), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03), ("tri6", 0.0, 0.03)),
+    ],
 )
 def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
     """On both faces, at a point and over a grid; slopes too; linear in t where the shell is flat."""
@@ -142,7 +151,7 @@ def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
     np.testing.assert_allclose(T * change.derivative("t", {"t": 0.9 * T}), slope, atol=1e-7 * np.abs(rows).max())
 
 
-@pytest.mark.parametrize("kind", ["quad4", "tri3"])
+@pytest.mark.parametrize("kind", ["quad4", "tri3", "quad8", "tri6"])
 def test_strain_of_the_faces_is_that_of_a_mesh_made_anew(kind):
     mesh = shell(kind, height=0.02, count=(4, 3))
     facets, field = exterior_facets(mesh), displaced(mesh)
