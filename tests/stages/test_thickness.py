@@ -10,11 +10,13 @@ import yaml
 from scipy.linalg import eigh, solve_continuous_are
 
 from strainsight import api
+from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.scenarios import placed_instants
 from strainsight.damage.curve import Curve
 from strainsight.damage.sums import damage_of
 from strainsight.errors import UserError
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
+from strainsight.records.record import written
 from strainsight.signals.histories import instant_values
 from strainsight.workflow.artefact import Artefact
 
@@ -99,6 +101,9 @@ def test_bending_on_the_faces_of_the_region_alone_goes_with_its_thickness(traine
         expected = membrane + bending * np.where(first, t / T, 1.0)
         np.testing.assert_allclose(training.rows_at({"t": t}), expected, atol=1e-12 * np.abs(training.rows).max())
     assert reduced.model.reference == {"t": T}
+    paths = list(written(training, training_units(training.candidates.quantity) | {"the loads": "N"}))
+    assert "/gauges/row_change/t (1)" in paths
+    assert "/gauges/row_change/weights/t (1)" in paths
 
 
 def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(trained):
