@@ -40,7 +40,9 @@ class Programs:
 
 
 def programs(environment: Mapping[str, str] = os.environ) -> Programs:
-    """Raises UserError where the launcher is not there, or an interpreter lacks petsc4py or slepc4py."""
+    """Raises UserError on Windows, where the launcher is not there, or an interpreter lacks petsc4py or slepc4py."""
+    if os.name == "nt":
+        raise UserError("solver: slepc is for Linux and macOS", key="solver", remedy="solver: direct")
     launcher = _launcher(environment)
     # one thread a process: the processes are the parallelism
     own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment}

@@ -23,6 +23,8 @@ LOOK = 0.05
 """[s] between two looks at launcher and parent."""
 PATIENCE = 5.0
 """[s] for a launcher to end what it has started."""
+ENDING = (signal.SIGTERM, signal.SIGINT, getattr(signal, "SIGHUP", signal.SIGTERM))
+KILL = getattr(signal, "SIGKILL", signal.SIGTERM)
 
 
 def _leave(number: int, _: object) -> None:
@@ -35,11 +37,14 @@ def _end(process: subprocess.Popen[bytes], signalled: bool) -> None:
     if signalled:
         with suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
-    for number in (signal.SIGTERM, signal.SIGKILL):
+    for number in (signal.SIGTERM, KILL):
         if process.poll() is not None:
             return
         with suppress(ProcessLookupError):
-            os.killpg(process.pid, number)
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, number)
+            else:
+                process.kill()
         with suppress(subprocess.TimeoutExpired):
             process.wait(PATIENCE)
 
@@ -47,7 +52,7 @@ def _end(process: subprocess.Popen[bytes], signalled: bool) -> None:
 def main() -> None:
     """Make the folder and say its name; start the command that a line of stdin states, [command, environment]; wait for one of
     the two to end."""
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+    for number in ENDING:
         signal.signal(number, _leave)
     folder, process = Path(tempfile.mkdtemp(prefix="strainsight-")), None
     signalled = False
@@ -79,7 +84,7 @@ def main() -> None:
         signalled = True
         raise
     finally:
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in ENDING:
             signal.signal(number, signal.SIG_IGN)
         if process is not None:
             _end(process, signalled)
