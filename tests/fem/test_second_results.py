@@ -16,7 +16,8 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.of_results import Results
-from strainsight.fem.second_results import Change, model_of_two
+from strainsight.fem.second_results import model_of_two
+from strainsight.fem.two_sets import Change
 from strainsight.mesh.model import Material, Region
 
 from .conftest import make_box

@@ -17,7 +17,7 @@ Of a density D is that of our own mass, and A is known on all of U.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -26,27 +26,27 @@ from scipy.linalg import eigh
 from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
 from strainsight.fem.assembly import assemble_stiffness
-from strainsight.fem.constraints import Constraint, describe_row
+from strainsight.fem.constraints import Constraint
 from strainsight.fem.given_motion import GivenMotion
-from strainsight.fem.mass_product import has_mass, mass_product
+from strainsight.fem.mass_product import mass_product
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.of_results import (
-    DIGITS,
     Forces,
     Results,
     ResultsModel,
     as_operator,
     as_sparse,
-    forces_on_rows,
     independent,
-    said,
 )
-from strainsight.fem.results_checks import (
-    check_modes,
-    check_responses,
-    check_rows,
-    mass_normalised,
-    unresolved_rows,
+from strainsight.fem.two_sets import (
+    KEY,
+    Change,
+    Observed,
+    asymmetry,
+    check_frequencies,
+    check_supports,
+    check_values,
+    observed,
 )
 from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.properties import with_value
@@ -67,33 +67,6 @@ REPRODUCED = 1e-3
 """Frequencies of the model may differ by as much from those of the results."""
 BEYOND = 0.1
 """Share of its bound by which the stiffness of the region may be beyond it, as the sets are not exact."""
-KEY = "mesh.results.second"
-
-
-@dataclass(frozen=True)
-class Change:
-    """The parameter, whose regions are those of the second set, and its values [SI] in the first and the second one."""
-
-    parameter: Parameter
-    first: float
-    second: float
-
-    def share(self, theta: float) -> float:
-        """(θ − θ₀)/(θ₁ − θ₀)."""
-        return (theta - self.first) / (self.second - self.first)
-
-
-@dataclass(frozen=True)
-class Observed:
-    """One set: motions U (3n + 3r, m + s) of unit energy, forces X U that hold them (the same shape), λ (m,) [rad²/s²], ω in Hz,
-    rounding and sentences."""
-
-    motion: np.ndarray
-    force: np.ndarray
-    lam: np.ndarray
-    frequency: np.ndarray
-    rounding: float
-    notes: tuple[str, ...]
 
 
 def model_of_two(
@@ -113,17 +86,17 @@ def model_of_two(
     not of the form of the regions, and a model that does not have the modes of both sets.
     """
     own = change.parameter
-    _check_values(change)
-    _check_supports(mesh, given)
+    check_values(change)
+    check_supports(mesh, given)
     stiff = of_stiffness(own.property)
     meshes = [
         mesh if stiff else with_value(mesh, "density", own.regions, value) for value in (change.first, change.second)
     ]
     first, second = (
-        _observed(each, moved, found, forces, names, key)
+        observed(each, moved, found, forces, names, key)
         for each, moved, found, key in zip(meshes, given, results, ("mesh.results", KEY), strict=True)
     )
-    _check_frequencies(change, first, second, stiff)
+    check_frequencies(change, first, second, stiff)
     U, k = np.hstack([first.motion, second.motion]), first.motion.shape[1]
     rows = given[0].constraint.reference_rows
     M0 = U.T @ mass_product(meshes[0], rows, U)
@@ -139,7 +112,7 @@ def model_of_two(
         A = _whole(A00, 0.5 * (across[0] + across[1]), A11)
     A = X0 if stiff else A
     rounding = max(first.rounding, second.rounding)
-    exact = max(OF_STRAIN * rounding, _asymmetry(first), _asymmetry(second))
+    exact = max(OF_STRAIN * rounding, asymmetry(first), asymmetry(second))
     C = _coordinates(A, len(first.lam), k, max(LEAST, exact))
     A, M0, X0, X1 = (_symmetric(C.T @ X @ C) for X in (A, M0, X0, X1))
     if stiff:
@@ -156,92 +129,6 @@ def model_of_two(
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
     return ResultsModel(model, len(first.lam), (*first.notes, *second.notes, *notes), alike=False)
-
-
-def _check_values(change: Change) -> None:
-    if abs(change.second / change.first - 1) < 1e-6:
-        raise UserError(
-            f"both sets were made with {change.parameter.name} = {change.first:g}: they do not say what it changes",
-            key=f"{KEY}.at",
-            remedy="make the second set with another value, 20 % to 50 % away",
-        )
-
-
-def _check_supports(mesh: Mesh, given: tuple[GivenMotion, GivenMotion]) -> None:
-    """A row that no motion of one set moves, no motion of the other does."""
-    held = [~own.field.any(axis=1) & own.known for own in given]
-    other = np.flatnonzero((held[0] != held[1]) & given[0].known & given[1].known)
-    if other.size:
-        which = "first" if held[0][other[0]] else "second"
-        raise UserError(
-            f"the {which} set holds {describe_row(mesh, given[0].constraint, int(other[0]))} ({other.size} such motions), the "
-            "other does not",
-            key=KEY,
-            remedy="make both sets with the same supports",
-        )
-
-
-def _observed(
-    mesh: Mesh, given: GivenMotion, results: Results, forces: Forces | None, names: tuple[str, ...], key: str
-) -> Observed:
-    m = len(results.frequency)
-    check_modes(results.frequency, results.where)
-    check_rows(mesh, given)
-    if not has_mass(mesh) or unresolved_rows(mesh, given, mesh.nodes_of_elements).size:
-        raise UserError(
-            "two sets are put together by the mass of the mesh, and a region has no density or a node no motion",
-            key=key,
-            remedy="give mesh.materials with densities, and results of all nodes",
-        )
-    weighed = mass_product(mesh, given.constraint.reference_rows, given.field)
-    norm = np.einsum("ij,ij->j", given.field[:, :m], weighed[:, :m])
-    _, notes = mass_normalised(results.modal_mass, norm)
-    Phi, M_Phi = given.field[:, :m] / np.sqrt(norm), weighed[:, :m] / np.sqrt(norm)
-    lam = (2 * np.pi * results.frequency) ** 2
-    z, f = given.field[:, :0], given.field[:, :0]
-    if forces is not None:
-        z, f = given.field[:, m:], forces_on_rows(mesh, given, forces)[:, results.load]
-        of_loads = tuple(names[i] for i in results.load)
-        found, work = (Phi, z, lam), (z.T @ f, Phi.T @ f)
-        beside = (weighed[:, m:], np.ones(m))
-        notes += check_responses(of_loads, results.where[m:], found, work, beside, results.rounding)
-        notes += said(names, results, 0, False, 0.0)
-    scale = 1 / np.sqrt(np.concatenate([lam, np.einsum("ij,ij->j", z, f)]))
-    motion, force = np.hstack([Phi, z]) * scale, np.hstack([M_Phi * lam, f]) * scale
-    return Observed(motion, force, lam, results.frequency, results.rounding, tuple(notes))
-
-
-def _asymmetry(own: Observed) -> float:
-    """How far UᵀXU, of unit diagonal, is from symmetric: what is known of X by the forces is not better. That of a lumped mass,
-    or of a response with few digits, is not zero."""
-    X = own.motion.T @ own.force
-    return float(np.abs(X - X.T).max())
-
-
-def _check_frequencies(change: Change, first: Observed, second: Observed, stiff: bool) -> None:
-    """λ₁/λ₀ of every mode lies between 1 and θ₁/θ₀, θ₀/θ₁ of a density, and not all are 1 (Courant and Fischer)."""
-    count, ratio = min(len(first.lam), len(second.lam)), change.second / change.first
-    moved = second.lam[:count] / first.lam[:count]
-    low, high = sorted((1.0, ratio if stiff else 1 / ratio))
-    slack = 1e-6 + DIGITS * max(first.rounding, second.rounding)
-    wrong = np.flatnonzero((moved < low * (1 - slack)) | (moved > high * (1 + slack)))
-    name = change.parameter.name
-    values = f"{name} from {change.first:g} to {change.second:g}"
-    if wrong.size:
-        i = int(wrong[0])
-        raise UserError(
-            f"mode {i + 1} goes from {first.frequency[i]:.6g} to {second.frequency[i]:.6g} Hz: {values} can only move it by a "
-            f"factor of {np.sqrt(low):.4g} to {np.sqrt(high):.4g}",
-            key=KEY,
-            remedy="change nothing but this parameter between the sets, write as many modes of both from the lowest on, and "
-            "check the two values (mesh.results.at, mesh.results.second.at)",
-        )
-    if np.abs(moved - 1).max() < slack:
-        raise UserError(
-            f"the second set has the frequencies of the first: {values} has moved none of {count}",
-            key=KEY,
-            remedy="give the file that was made with the other value",
-        )
 
 
 def _change_of_stiffness(

@@ -20,8 +20,9 @@ from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.assembly import density_of, modulus_of, regions_of
 from strainsight.fem.given_motion import GivenMotion, given_motion
 from strainsight.fem.of_results import Results, ResultsModel, results_model
-from strainsight.fem.second_results import KEY as SECOND
-from strainsight.fem.second_results import Change, model_of_two
+from strainsight.fem.second_results import model_of_two
+from strainsight.fem.two_sets import KEY as SECOND
+from strainsight.fem.two_sets import Change
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
