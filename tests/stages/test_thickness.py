@@ -181,7 +181,7 @@ def test_thickness_alone_under_a_known_load_from_a_config_to_its_page(tmp_path):
     assert summary["estimate.t"] == pytest.approx(1.06 * T, rel=0.015)
     assert abs(summary["estimate.t"] - 1.06 * T) < 2 * summary["std.t"] * T * 1.06
     (page,) = tmp_path.rglob("report.html")
-    assert "0.00424 m" in page.read_text(encoding="utf-8")
+    assert "0.00424\N{NO-BREAK SPACE}m<" in page.read_text(encoding="utf-8")
 
 
 def test_truth_of_the_full_model_reads_its_own_faces(tmp_path):
