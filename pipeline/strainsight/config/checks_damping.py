@@ -19,10 +19,9 @@ def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
         yield Problem(f"parameters.{name}", what, "keep one of the two", at_key=True)
     for name in names:
         own = config.parameters[name]
-        for key in ("region", "springs", "material"):
-            if getattr(own, key) is not None:
-                what = f"a {DAMPING} multiplies `damping` in every mode: it has no {key}"
-                yield Problem(f"parameters.{name}.{key}", what, "remove the key")
+        if own.region is not None:
+            what = f"a {DAMPING} multiplies `damping` in every mode: it has no region"
+            yield Problem(f"parameters.{name}.region", what, "remove the key")
         law = config.damping
         none = not (law.alpha or law.beta) if isinstance(law, RayleighDamping) else not law.ratio
         if none:

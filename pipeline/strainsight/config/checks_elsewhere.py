@@ -10,11 +10,9 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.problem import Problem
 from strainsight.errors import did_you_mean
 
-MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
-
 
 def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
-    """Ready matrices carry the parameters that the config names, and no others; without them a parameter has regions."""
+    """Ready matrices carry the parameters that the config names, and no others."""
     matrices = config.mesh.matrices
     if matrices is not None and config.mesh.free:
         yield Problem("mesh.free", "is of an assembled model, and mesh.matrices is given", "remove one of the two keys")
@@ -22,28 +20,6 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
         if matrices is not None and (load.gravity or load.rotation):
             what = "the mass is that of mesh.matrices, which says of no place where it is"
             yield Problem(f"loads.{name}", what, "give the load as forces of the deck (deck_load)", at_key=True)
-    for name, parameter in config.parameters.items():
-        key = f"parameters.{name}"
-        if parameter.material is not None and parameter.property not in MODULI:
-            what = f"a {parameter.property} is not of one material of plies"
-            yield Problem(f"{key}.material", what, f"remove the key, or give one of {', '.join(MODULI)} for property")
-        if parameter.springs is not None:
-            if matrices is not None:
-                yield Problem(f"{key}.springs", "springs are in mesh.matrices", "give them a term of their own there")
-            elif parameter.region is not None:
-                yield Problem(f"{key}.springs", "region is given too", "make two parameters of it, or remove one key")
-            if parameter.property != "stiffness_factor":
-                what = f"springs have no {parameter.property}"
-                yield Problem(f"{key}.property", what, "property: stiffness_factor, which multiplies their stiffness")
-        elif parameter.property == DAMPING:
-            continue
-        elif parameter.region is None and matrices is None and config.mesh.results is None:
-            remedy = "give a region's id or name, or a list, or the names of springs (springs)"
-            yield Problem(f"{key}.region", "missing", remedy, at_key=True)
-        elif parameter.region is not None and matrices is not None:
-            yield Problem(
-                f"parameters.{name}.region", "mesh.matrices say what belongs to the parameter", "remove the key"
-            )
     if matrices is None:
         return
     named: set[str] = set()
@@ -113,7 +89,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
             what = f"the {kind} of mesh.results is proportional to {own_names[0]} already"
             yield Problem(f"parameters.{name}", what, "keep one of the two", at_key=True)
     for name, own_parameter in config.parameters.items():
-        if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density"):
+        if own_parameter.property not in ("youngs_modulus", "stiffness_factor", "density", DAMPING):
             what = f"modes and responses of mesh.results do not say how they change with a {own_parameter.property}"
             yield Problem(f"parameters.{name}.property", what, "give the deck, or free a stiffness_factor of all")
         if own_parameter.springs is not None:

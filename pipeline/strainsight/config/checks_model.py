@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from strainsight.config.checks_damping import damping_problems
+from strainsight.config.checks_damping import DAMPING, damping_problems
 from strainsight.config.checks_elsewhere import matrix_problems, result_problems
 from strainsight.config.checks_loads import load_problems
 from strainsight.config.checks_material import material_problems, plane_problems
@@ -13,6 +13,7 @@ from strainsight.config.placement import GuessFrom, MaterialParameter, Placement
 from strainsight.config.problem import Problem, exactly_one
 from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, box_problem
 
+MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
 RESERVED = {"constant", "factors", "roots", "weights"}  # what stands beside the terms of an affine operator in a file
 
 
@@ -23,6 +24,7 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from _free(config)
     yield from _static(config)
     yield from damping_problems(config)
+    yield from _places(config)
     yield from matrix_problems(config)
     yield from result_problems(config)
     for name, parameter in config.parameters.items():
@@ -72,6 +74,33 @@ def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Pro
         )
     if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == run:
         yield Problem(f"{key}.guess.from", "a run cannot take a guess from itself", "name another run")
+
+
+def _places(config: PlacementConfig) -> Iterator[Problem]:
+    """A parameter has regions, springs or terms of ready matrices, and of plies a material."""
+    matrices = config.mesh.matrices
+    for name, parameter in config.parameters.items():
+        key = f"parameters.{name}"
+        if parameter.material is not None and parameter.property not in MODULI:
+            what = f"a {parameter.property} is not of one material of plies"
+            yield Problem(f"{key}.material", what, f"remove the key, or give one of {', '.join(MODULI)} for property")
+        if parameter.springs is not None:
+            if matrices is not None:
+                yield Problem(f"{key}.springs", "springs are in mesh.matrices", "give them a term of their own there")
+            elif parameter.region is not None:
+                yield Problem(f"{key}.springs", "region is given too", "make two parameters of it, or remove one key")
+            if parameter.property != "stiffness_factor":
+                what = f"springs have no {parameter.property}"
+                yield Problem(f"{key}.property", what, "property: stiffness_factor, which multiplies their stiffness")
+        elif parameter.property == DAMPING:
+            continue
+        elif parameter.region is None and matrices is None and config.mesh.results is None:
+            remedy = "give a region's id or name, or a list, or the names of springs (springs)"
+            yield Problem(f"{key}.region", "missing", remedy, at_key=True)
+        elif parameter.region is not None and matrices is not None:
+            yield Problem(
+                f"parameters.{name}.region", "mesh.matrices say what belongs to the parameter", "remove the key"
+            )
 
 
 def _mesh(mesh: MeshFile) -> Iterator[Problem]:
