@@ -27,24 +27,15 @@ from strainsight.workflow.artefact import Artefact
 ROOT = Path(__file__).resolve().parent.parent
 ELEMENTS = (42, 168, 9)
 NOISE, E1 = 1e-6, 1.235e11
-CONFIG = """
+MADE = SimpleNamespace(**runpy.run_path(str(ROOT / "tests" / "stages" / "wing_record.py")))
+CONFIG = (
+    """
 kind: placement
 name: wing
 seed: 1
-mesh: {file: wing.bdf, length_unit: mm, mass_unit: t}
-parameters:
-  E1: {property: e1, region: [1, 2, 3], guess: 1.3e+11, range: [1.1e+11, 1.5e+11]}
-loads:
-  lift: {node: 2, direction: [0, 0, 1], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 280}}
-  drag: {node: 2, direction: [1, 0, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 100}}
-  twist: {node: 2, moment: [0, 1, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 56}}
-  shaker: {node: 3, direction: [0, 0, 1], known: true,
-           signal: {type: multisine, lowest: 15.0, highest: 60.0, count: 20, amplitude: 56}}
-damping: {type: modal, ratio: 0.02}
-rom: {modes: 6, parameter_samples: 3, tolerance: 1.0e-4}
+"""
+    + MADE.CASE
+    + """\
 train: {duration: 1.0, time_step: 2.0e-3}
 gauges:
   type: 6/350
@@ -63,6 +54,7 @@ validate:
   initial_std: {lift: 1.0, drag: 1.0, twist: 1.0, E1: 0.1}
 filter: {compare: false}
 """
+)
 LEAN = ("--set", "validate.random_sets=0", "--set", "validate.noise_factors=[]", "--set", "validate.repeats=1")
 ESTIMATE = """estimate:
   file: record.csv
@@ -101,19 +93,18 @@ def timed(folder: Path, lean: bool, until: str) -> None:
 
 def estimated(folder: Path, elements: tuple[int, int, int], mystran: Path, seeds: int) -> None:
     """Records of MYSTRAN through `estimate`: errors RMS over the record and σ, over the RMS of a load."""
-    made = SimpleNamespace(**runpy.run_path(str(ROOT / "tests" / "stages" / "wing_record.py")))
     with (folder / "results" / "wing" / "gauges.csv").open() as file:
         rows = list(csv.DictReader(file))
     vectors = [[np.array([float(row[f"{name}_{axis}"]) for axis in "xyz"]) for name in PLACE] for row in rows]
-    places = [made.Place(int(row["element"]), 1e3 * x, n, d) for row, (x, n, d) in zip(rows, vectors, strict=True)]
-    own = made.responses(made.deck_text(elements), places, mystran)
+    places = [MADE.Place(int(row["element"]), 1e3 * x, n, d) for row, (x, n, d) in zip(rows, vectors, strict=True)]
+    own = MADE.responses(MADE.deck_text(elements), places, mystran)
     channels = "\n".join(f"    - {{channel: {row['gauge']}, gauge: {row['gauge']}, unit: um/m}}" for row in rows)
     (folder / "wing.yaml").write_text(CONFIG + ESTIMATE.format(channels=channels))
     for seed in range(1, seeds + 1):
-        histories = made.loads(seed)
-        strain = made.record(own, histories)
+        histories = MADE.loads(seed)
+        strain = MADE.record(own, histories)
         strain += NOISE * np.random.default_rng(100 + seed).standard_normal(strain.shape)
-        columns = {"time": np.arange(len(strain)) / made.RATE, "shaker": histories["shaker"]}
+        columns = {"time": np.arange(len(strain)) / MADE.RATE, "shaker": histories["shaker"]}
         columns |= {row["gauge"]: 1e6 * one for row, one in zip(rows, strain.T, strict=True)}
         table = np.column_stack(list(columns.values()))
         np.savetxt(folder / "record.csv", table, "%.9g", ",", header=",".join(columns), comments="")
@@ -121,7 +112,7 @@ def estimated(folder: Path, elements: tuple[int, int, int], mystran: Path, seeds
         found = Artefact(folder / "results" / "wing" / "estimate.h5")
         said = []
         for name in ("lift", "drag", "twist"):
-            true = histories[name] * (1e-3 if made.LOADS[name][1] == "MOMENT" else 1)
+            true = histories[name] * (1e-3 if MADE.LOADS[name][1] == "MOMENT" else 1)
             error, std = found[f"/smoothed/{name}"] - true, found[f"/smoothed_std/{name}"]
             share, scale = np.mean(np.abs(error) < 2 * std), 100 / true.std()
             said.append(

@@ -58,6 +58,16 @@ def of_deck(folder):
     return placed(folder, "deck")
 
 
+def test_the_damping_is_free_of_results_too(folder, of_deck):
+    """It is no property of the deck, and multiplies what the config has."""
+    free = "parameters.zeta={property: damping_factor, guess: 1.5, range: [0.5, 2.0]}"
+    damped = placed(folder, "damped", OF_RESULTS, free, until="rom")
+    own, known = (read(Reduced, found["rom"]).model for found in (damped, of_deck))
+    assert own.parameters == ("E", "zeta")
+    c, of_config = (model.damping.at(model.reference).viscous(np.ones(1))[0] for model in (own, known))
+    assert c == pytest.approx(1.5 * of_config)
+
+
 def layout_of(artefacts):
     """Element, facet and node indices of the gauges; σ/guess of E by the criterion; σ of E expected along the run [Pa]."""
     found = read(Placed, artefacts["place"])

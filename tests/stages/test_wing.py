@@ -12,26 +12,16 @@ from strainsight.mesh.units import to_si
 from strainsight.workflow.artefact import Artefact
 
 from .angle_bracket import invoked
-from .wing_record import GUESS, LOADS, RATE, SOFTER, deck_text, loads, record, stored
+from .wing_record import CASE, GUESS, LOADS, RATE, SOFTER, deck_text, loads, record, stored
 
 NOISE = 1e-6
-CONFIG = """
+CONFIG = (
+    """
 kind: placement
 name: wing
-mesh: {file: wing.bdf, length_unit: mm, mass_unit: t}
-parameters:
-  E1: {property: e1, region: [1, 2, 3], guess: 1.3e+11, range: [1.1e+11, 1.5e+11]}
-loads:
-  lift: {node: 2, direction: [0, 0, 1], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 280}}
-  drag: {node: 2, direction: [1, 0, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 100}}
-  twist: {node: 2, moment: [0, 1, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
-         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 56}}
-  shaker: {node: 3, direction: [0, 0, 1], known: true,
-           signal: {type: multisine, lowest: 15.0, highest: 60.0, count: 20, amplitude: 56}}
-damping: {type: modal, ratio: 0.02}
-rom: {modes: 6, parameter_samples: 3, tolerance: 1.0e-4}
+"""
+    + CASE
+    + """\
 train: {duration: 0.4, time_step: 2.0e-3}
 gauges:
   direction: {type: axis, axis: [0, 1, 0]}
@@ -56,6 +46,7 @@ estimate:
 CHANNELS
   inputs: {shaker: {channel: shaker, unit: N}}
 """
+)
 
 
 @pytest.fixture(scope="module")

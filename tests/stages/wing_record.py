@@ -38,6 +38,23 @@ LOADS = {
 """Node, card, direction."""
 SIZES = {"lift": 200.0, "drag": 70.0, "twist": 4.0e4, "shaker": 40.0}
 """RMS [N, N mm]."""
+CASE = """\
+mesh: {file: wing.bdf, length_unit: mm, mass_unit: t}
+parameters:
+  E1: {property: e1, region: [1, 2, 3], guess: 1.3e+11, range: [1.1e+11, 1.5e+11]}
+loads:
+  lift: {node: 2, direction: [0, 0, 1], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
+         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 280}}
+  drag: {node: 2, direction: [1, 0, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
+         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 100}}
+  twist: {node: 2, moment: [0, 1, 0], known: false, process_noise: {model: integrated_random_walk, frequency: 4.0},
+         signal: {type: multisine, lowest: 0.5, highest: 4.0, count: 8, amplitude: 56}}
+  shaker: {node: 3, direction: [0, 0, 1], known: true,
+           signal: {type: multisine, lowest: 15.0, highest: 60.0, count: 20, amplitude: 56}}
+damping: {type: modal, ratio: 0.02}
+rom: {modes: 6, parameter_samples: 3, tolerance: 1.0e-4}
+"""
+"""Mesh, unknowns, loads, damping and reduction of a config."""
 BANDS = {"lift": (0.5, 4.0), "drag": (0.5, 4.0), "twist": (0.5, 4.0), "shaker": (15.0, 60.0)}
 """[Hz]"""
 
