@@ -50,6 +50,7 @@ def test_engineers_prefixes():
     assert quantity(1e3, "N") == "1\u00a0kN"
     assert quantity(0.0, "N") == "0\u00a0N"
     assert quantity(7850.0, "kg/m³") == "7850\u00a0kg/m³"
+    assert quantity(1.43, "1") == "1.43"
 
 
 def test_per_cent_keeps_its_significant_zeros():

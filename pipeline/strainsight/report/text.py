@@ -39,9 +39,9 @@ def digits_apart(a: float, b: float, digits: int) -> int:
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:
-    """A number with its unit, prefixed where engineers do: 209.9 GPa, 10 kN, 7850 kg/m³."""
+    """A number with its unit, prefixed where engineers do: 209.9 GPa, 10 kN, 7850 kg/m³; a factor, of unit 1, alone."""
     factor, prefixed = prefix(abs(value), unit)
-    return f"{number(value / factor, digits)}\u00a0{prefixed}" if unit else number(value, digits)
+    return number(value, digits) if unit in ("", "1") else f"{number(value / factor, digits)}\u00a0{prefixed}"
 
 
 def prefix(size: float, unit: str) -> tuple[float, str]:
