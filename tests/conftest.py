@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import resource
 from collections import defaultdict
@@ -18,6 +19,17 @@ LONGEST = ("test_manual.py", "portability/test_portability.py", "stages/test_acc
 START, END = "start-up", "end of session"
 _spent = 0.0
 """[s] processor time of this process when the last phase of a test ended."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def sweeps_stay_here():
+    """A worker of pytest-xdist has one core: a sweep by two more processes would take their start and imports on top, a second
+    or two each, and the core of the other. Tests of such processes ask for them (`eager` in tests/sweep)."""
+    from strainsight.sweep import processes
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(processes, "WORTH", math.inf)
+        yield
 
 
 def pytest_addoption(parser):

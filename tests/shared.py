@@ -17,9 +17,11 @@ from importlib.metadata import distributions
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import strainsight
 import strainsight_cli
+from strainsight.cases.structure import placement
 from strainsight.config.load import load_config
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
@@ -91,6 +93,16 @@ def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> di
                 pass
             done.touch()
     return {stage.name: Artefact(job.folder / f"{stage.name}.h5") for stage in stages}
+
+
+@contextmanager
+def without_hot_spots() -> Iterator[None]:
+    """Placements do not test their gauges for hot spots, where nobody reads of it: half of their time for a few bonded gauges.
+
+    What is `made` so has to be made so by all."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(placement, "tested_hot_spots", lambda *_: None)
+        yield
 
 
 @cache

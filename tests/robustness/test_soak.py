@@ -27,6 +27,7 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import Damping, ReducedModel
+from strainsight.sweep import processes
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -205,8 +206,9 @@ def test_the_filter_over_many_steps(capsys):
 
 
 @pytest.mark.slow
-def test_placements_in_one_process(project, capsys):
+def test_placements_in_one_process(project, capsys, monkeypatch):
     """The command of a user, again and again, without a process of its own: every artefact is the first one."""
+    monkeypatch.setattr(processes, "WORTH", 5.0)  # whole runs may have sweeps by others
     runner, results = CliRunner(), str(project / "again")
     folder = project / "again" / "beam"
 

@@ -11,7 +11,7 @@ from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
-from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made  # noqa: F401  for the tests beside
+from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made, without_hot_spots  # noqa: F401  for the tests beside
 
 LOADS = ROOT / "configs" / "bench" / "loads.yaml"
 DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
@@ -25,6 +25,12 @@ def finished(job: Job, stages=PLACEMENT):
     """Run the stages and return stage → (status, reason, artefact)."""
     events = [event for event in run(stages, job) if event.artefact is not None]
     return {event.stage: (event.status, event.reason, event.artefact) for event in events}
+
+
+@pytest.fixture(scope="module")
+def no_hot_spots():
+    with without_hot_spots():
+        yield
 
 
 @pytest.fixture(scope="session")

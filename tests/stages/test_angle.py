@@ -30,6 +30,7 @@ from .angle_record import (
     stored,
 )
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
 STATED = EXACT.replace("}", ", model: 0.03}")
 """The modulus is known to 3 %."""
 

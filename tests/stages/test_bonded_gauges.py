@@ -16,6 +16,8 @@ from strainsight.errors import UserError
 
 from .tested_beam import KNOWN, changed, estimated, result
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 NAMES = ("G1", "G2", "G3", "G4")
 BEFORE = "estimate.as_placed=false"
 

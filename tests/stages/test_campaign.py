@@ -11,6 +11,8 @@ from strainsight_cli.main import app
 
 from .tested_beam import changed, table, write
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 NAMES = ("low", "mid", "high")
 TRUTH = 2.1e11
 LINES = "".join(f"    - {{name: {name}, file: {name}.csv, date: day {i}}}\n" for i, name in enumerate(NAMES))

@@ -11,6 +11,8 @@ from strainsight_cli.main import app
 
 from .tested_beam import BLIND, changed, estimated, table, write
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):

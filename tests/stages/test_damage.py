@@ -11,6 +11,8 @@ from strainsight.workflow.artefact import Artefact
 
 from .tested_beam import ALONE, BLIND, changed, estimated
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 SLOPE, STRESS, POINTS, DRAWS, TIMES = 5.0, 1e7, 30, 40, 1000.0
 SETTING = (
     f"estimate.damage={{curve: {{slope: {SLOPE}, stress: {STRESS}}}, draws: {DRAWS}, points: {POINTS}, "

@@ -12,6 +12,8 @@ from strainsight.fem import memory
 from ..measurements.written import mat5, mat73, mdf, signal, tdms
 from .tested_beam import as_written, estimated, result, table, validated, write
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):

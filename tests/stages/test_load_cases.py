@@ -10,7 +10,6 @@ import yaml
 from scipy.linalg import solve_continuous_are
 
 from strainsight import api
-from strainsight.cases.structure import placement
 from strainsight.cases.structure.load_cases import runs_of
 from strainsight.cases.structure.problem import problem_in
 from strainsight.errors import ConfigError
@@ -19,6 +18,7 @@ from strainsight.records.record import read
 
 from ..edges.beam import PLACEMENT_CONFIG, TIP, bricks, config_of, finished
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 def sine(frequency, amplitude):
     return {"type": "sine", "frequency": frequency, "amplitude": amplitude}
@@ -69,14 +69,6 @@ class Beam:
         case = self.case(cases, **place)
         training, screened = self.trained(case)
         return api.place(case, self.mesh, self.reduced, training, screened)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def no_hot_spots():
-    """They ask nothing of load cases, and take half the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(placement, "tested_hot_spots", lambda *_: None)
-        yield
 
 
 @pytest.fixture(scope="module")

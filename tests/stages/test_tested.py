@@ -24,7 +24,7 @@ from strainsight_cli.main import app
 
 from ..shared import strains
 from .conftest import ROOT, job_of
-from .tested_beam import CONFIG, estimated
+from .tested_beam import COMPARED, CONFIG, estimated
 
 NOISE = 0.5e-6
 DATED = "estimate.date=2025-03-14 10:20"
@@ -71,7 +71,7 @@ def project(tmp_path_factory):
     field = f"estimate.field={{every: {time[strain.max(axis=1).argmax()]:.6g}}}"
     damage = "estimate.damage={curve: {slope: 5, stress: 3.0e+7}, draws: 40, points: 10}"
     (folder / "options.json").write_text(json.dumps([DATED, field, damage]))
-    code, said = estimated(folder, folder / "shaken.csv", *options_of(folder), "--page")
+    code, said = estimated(folder, folder / "shaken.csv", *options_of(folder), COMPARED, "--page")
     assert code == 0, said
     return folder
 

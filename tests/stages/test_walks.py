@@ -12,6 +12,8 @@ from strainsight.workflow.artefact import Artefact
 from .test_damage import SETTING
 from .tested_beam import BLIND, CONFIG, ROOT, changed, estimated
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 LEVEL = {
     frozenset(): 100.0,
     frozenset("a"): 100.0 + 2 * DECISIVE,
