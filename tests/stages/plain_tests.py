@@ -81,6 +81,7 @@ validate:
   initial_std: {{{initial}}}
   random_sets: 0
   repeats: 1
+  noise_factors: []
 filter: {{compare: false}}
 estimate:
   as_placed: true

@@ -10,7 +10,7 @@ from strainsight.workflow.artefact import Artefact
 
 from .conftest import ROOT, UNSTUDIED, finished, job_of
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_hot_spots")]
 
 
 @pytest.fixture(scope="module")

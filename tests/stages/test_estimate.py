@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from .tested_beam import (
     BLIND,
     COMPARED,
     KNOWN,
+    PLAIN,
     STUDIED,
     as_written,
     changed,
@@ -34,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return validated(tmp_path_factory.mktemp("test"), STUDIED)
+    return validated(tmp_path_factory.mktemp("test"), {})
 
 
 @pytest.fixture(scope="module")
@@ -232,9 +234,11 @@ def test_a_finer_step_of_the_filter_changes_little(project, plain):
     assert error < 0.02 * np.linalg.norm(plain[1]["/smoothed/side"])
 
 
-def test_validate_ranks_the_layout_and_sweeps_the_filter(project):
-    validate = Artefact(project / "results" / "test" / "validate.h5")
-    assert 1 <= validate.summary["rank_claimed.side"] <= 13
+def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
+    """Of the load alone: a bank over the damping takes a sixth of the time of one over a modulus, too."""
+    found = changed(tmp_path, "ranked", {**BLIND, "name: test\n": "name: ranked\n", **STUDIED})
+    validate = Artefact(found / "validate.h5")
+    assert 1 <= validate.summary["rank_claimed.side"] <= 10
     assert -1 <= validate.summary["rank_correlation.side"] <= 1
     assert validate["/sweep/key"].tolist() == ["time_step", "process_noise"]
     # More process noise: more noise in the estimate, and said so.
@@ -278,8 +282,9 @@ def test_the_field_of_the_surface_plays_in_time(project, plain):
 @pytest.mark.slow
 def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
     """Sixty modes with static terms and all degrees of freedom agree, so do the estimates from them."""
-    settings = ["validate.truth.model=full", "validate.duration=0.1", "validate.random_sets=0", "validate.sweeps={}"]
+    settings = ["validate.truth.model=full", "validate.duration=0.1", PLAIN]
     options = [f"--set={text}" for text in settings]
+    shutil.copytree(project / "results" / "test", tmp_path / "results" / "test")
     done = CliRunner().invoke(
         app, ["validate", str(project / "test.yaml"), "--results", str(tmp_path / "results"), *options]
     )

@@ -57,6 +57,7 @@ validate:
   initial_std: {s: 0.1}
   random_sets: 0
   repeats: 1
+  noise_factors: []
 """
 
 

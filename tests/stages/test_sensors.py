@@ -15,6 +15,8 @@ from strainsight_cli.main import app
 
 from .conftest import ROOT, SHORT, finished, job_of
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 MIXED = """
 kind: placement
 name: mixed
@@ -52,6 +54,7 @@ validate:
   initial_std: {tip: 0.1, E: 0.1}
   random_sets: 0
   repeats: 1
+  noise_factors: []
 filter: {compare: false}
 """
 

@@ -45,6 +45,7 @@ validate:
   initial_std: {side: 0.1, E: 0.1}
   random_sets: 0
   repeats: 1
+  noise_factors: []
 estimate:
   as_placed: true
   time: {channel: time}
@@ -74,7 +75,7 @@ KNOWN = {
 }
 """Those that leave the known load and the modulus."""
 STUDIED = {
-    "  random_sets: 0\n  repeats: 1\n": "  random_sets: 12\n  repeats: 2\n"
+    "  random_sets: 0\n  repeats: 1\n": "  random_sets: 9\n  repeats: 2\n"
     "  sweeps: {time_steps: [1.0e-3], process_noise: [10]}\n"
 }
 """Those that rank the layout and sweep the filter."""
