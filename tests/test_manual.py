@@ -169,7 +169,7 @@ def test_the_search_finds_what_one_would_look_for(site, word, page):
 @pytest.mark.slow
 def test_the_tutorial_does_what_it_says(tmp_path):
     """With less of what no quoted line tells: runs of a validation beside the first, instants that other layouts are for."""
-    few = ["--set", "validate.repeats=2", "--set", "validate.random_sets=2"]
+    few = [f"--set=validate.{own}" for own in ("repeats=2", "random_sets=2", "noise_factors=[]")]
     less = {"run": few, "status": few, "place": ["--set", "place.instants=3"]}
     run_page(DOCS / "tutorial.md", tmp_path, less)
 
