@@ -14,7 +14,13 @@ for _name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
 HERE = Path(__file__).parent
-LONGEST = ("test_manual.py", "portability/test_portability.py", "stages/test_accuracy.py", "stages/test_sensors.py")
+LONGEST = (
+    "portability/test_portability.py",
+    "test_manual.py",
+    "stages/test_angle.py",
+    "stages/test_accuracy.py",
+    "stages/test_estimate.py",
+)
 """Files of more than a minute and a half by `--times`, the longest first: one worker takes a file alone."""
 START, END = "start-up", "end of session"
 _spent = 0.0
