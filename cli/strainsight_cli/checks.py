@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from strainsight.errors import UserError
 from strainsight_cli.trials import tried
 
 GOOD, WARNING, FAILS = "good", "warning", "fails"
@@ -48,6 +49,17 @@ def check_solver() -> list[Finding]:
         meaning = "many times slower, and refuses more than 100 000 unknowns"
         return [Finding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
     return [Finding("solver", GOOD, text)]
+
+
+def check_mpi() -> list[Finding]:
+    """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
+    from strainsight.fem.mpi.programs import programs
+
+    try:
+        found = programs()
+    except UserError as error:
+        return [Finding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")]
+    return [Finding("solver: slepc", GOOD, f"{' '.join(found.launcher)}, {found.python}")]
 
 
 def check_rendering() -> list[Finding]:

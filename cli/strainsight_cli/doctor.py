@@ -18,6 +18,7 @@ def examine(results: Path) -> list[Finding]:
     return [
         *packages.check_packages(),
         *checks.check_solver(),
+        *checks.check_mpi(),
         *checks.check_rendering(),
         *checks.check_threads(),
         *checks.check_memory(),

@@ -27,9 +27,17 @@ def found(tmp_path_factory) -> dict[str, Finding]:
 
 
 def test_this_environment_is_sound_and_everything_was_looked_at(found):
-    assert {"python", "numpy", "solver", "rendering", "cores", "memory", "disk", "locale", "terminal"} <= found.keys()
+    assert {"python", "numpy", "solver", "solver: slepc", "rendering", "cores"} <= found.keys()
+    assert {"memory", "disk", "locale", "terminal"} <= found.keys()
     assert not [finding for finding in found.values() if finding.verdict == FAILS]
     assert found["solver"].found.startswith(("PARDISO, 8000 unknowns", "SuperLU, 8000 unknowns"))
+
+
+def test_a_launcher_of_mpi_that_is_not_there_is_named_and_fails_nothing(monkeypatch):
+    monkeypatch.setenv("STRAINSIGHT_MPI", "no-such-launcher -n 4")
+    (found,) = checks.check_mpi()
+    assert found.verdict == GOOD
+    assert "there is no program no-such-launcher" in found.found
 
 
 def test_every_package_of_pyproject_is_compared_with_its_range(found):

@@ -33,7 +33,7 @@ mesh:
 loads:
   force:
 {load}
-damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}
+damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}; or sought: damping_factor
 
 rom:
   modes: 10                       # well above the highest frequency of the loads
@@ -77,7 +77,7 @@ report: {{format: html}}
 PARAMETERS = """\
 parameters:
   E:
-    property: youngs_modulus      # or density, or stiffness_factor, which multiplies the whole stiffness of the region
+    property: youngs_modulus      # or density, stiffness_factor of the whole region, thickness of its shells [m]
     region: {region:<8}              # ← its id or name, or a list of them
     guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
     range: {range}   # ← [Pa] the true value lies in here
@@ -86,7 +86,7 @@ parameters:
 FACTOR = """\
 parameters:
   stiffness:
-    property: stiffness_factor    # of the whole laminate; or density; or e1, e2, g12 of its plies [Pa]
+    property: stiffness_factor    # of the whole laminate; or density, thickness [m], or e1, e2, g12 of its plies [Pa]
     region: {region:<8}              # ← its id or name, or a list of them
     guess: 1.0                    # the stiffness that the deck has
     range: [0.8, 1.2]             # ← the true factor lies in here

@@ -81,7 +81,9 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
             span = f"{value.min():.5g} to {value.max():.5g} {unit}"
             estimate, sigma = f"RMS {rms(value):.5g}, {span}", f"± {rms(std):.3g} {unit}"
         else:
-            estimate, sigma = f"{value[-1]:.5g} {unit}", f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
+            # of a factor the unit is 1
+            estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
+            sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
         none = "withheld" if found.judgement.trusted else "not to be trusted"
         rows.append((name, estimate, none if found.withheld else sigma))
     # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
