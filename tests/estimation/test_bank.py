@@ -16,14 +16,16 @@ from strainsight.estimation.filter import run_filter
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, continuous, forces, gathered, start
 from .drawn import prior
 
+WHITE = (0, 0, 1e-4, 1e-4, KAPPA)
 
-def joint(p, P0, steps=STEPS):
-    """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers."""
+
+def joint(p, P0, steps=STEPS, white=WHITE):
+    """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers; white (5,): intensities."""
     F, column = continuous({name: value * np.exp(own) for (name, value), own in zip(REFERENCE.items(), p, strict=True)})
     A = expm(F * H)
     drive = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)[:5, 5]
     # the noise is that of the model at the guess
-    Q = gathered(continuous(REFERENCE)[0], np.diag([0, 0, 1e-4, 1e-4, KAPPA]))
+    Q = gathered(continuous(REFERENCE)[0], np.diag(white))
     power = [np.eye(5)]
     for _ in range(steps):
         power.append(A @ power[-1])

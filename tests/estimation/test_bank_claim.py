@@ -138,9 +138,9 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
 
 
 @pytest.mark.parametrize("learned", [False, True])
-@pytest.mark.parametrize("parameters", [("k1", "k2"), ()])
-def test_the_parts_are_the_whole(parameters, learned):
-    model = chain(parameters)
+@pytest.mark.parametrize(("parameters", "free"), [(("k1", "k2"), False), (("k1", "k2"), True), ((), False)])
+def test_the_parts_are_the_whole(parameters, free, learned):
+    model = replace(chain(parameters), free_loads=free)
     claim = bank_claim(model, nominal(), forces(), start(model.size), replace(constants(model), learned=learned))
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
@@ -154,10 +154,11 @@ def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
         np.testing.assert_allclose(found.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
 
 
+@pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize("learned", [False, True])
-def test_it_is_what_the_bank_claims_of_readings_without_noise(learned):
+def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
     """Near the guess the posterior is normal; the lattice is right to a hundredth of σ."""
-    model = chain(("k1", "k2"))
+    model = replace(chain(("k1", "k2")), free_loads=free)
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
     P[5:, 5:] = np.diag([0.01**2, 0.01**2])

@@ -119,6 +119,29 @@ def input_intensity(model: InputModel, walk: float) -> np.ndarray:
     return Q
 
 
+def line_energy(model: InputModel, walk: float, duration: float) -> float:
+    """Energy [-] of a sine of amplitude 1 at the frequency of the model, as long as a record, in the white noise that would
+    have driven the model along it:
+
+        T/(2 S(ω)),     S(ω) = |C (iω − A_u)⁻¹ B|² Q_u
+
+    Independent of each other, the steps of a load add to the score of a parameter as the square root of their energy; those of a
+    line all go the same way, and add up. So a walk whose intensity is this many times larger allows for a line by one σ, whatever
+    it goes along with. Of both walks it is ωT/(2κ), of default κ 2π² f T.
+    walk [1/s]: κω of a random walk, of default κ; duration T [s].
+    """
+    Q = input_intensity(model, walk)
+    match model:
+        case RandomWalk():
+            omega = walk / WALK
+        case Matern():
+            omega = _omega(model.bandwidth)
+        case _:
+            omega = _omega(model.frequency)
+    response = np.linalg.inv(1j * omega * np.eye(len(Q)) - rate_matrix(model))[0, -1]
+    return float(duration / (2 * np.abs(response) ** 2 * Q[-1, -1]))
+
+
 def component_names(model: InputModel, name: str) -> tuple[str, ...]:
     """Names of ζ: the input, "rate of" it, "curvature of" it."""
     return (name, f"rate of {name}", f"curvature of {name}")[: components(model)]

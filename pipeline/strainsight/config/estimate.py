@@ -204,8 +204,8 @@ class Estimate(RecordedFile):
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     loads_as_stated: bool = Field(
         False,
-        description="Of parameters beside unknown loads, none known: true: the loads move as process_noise states of them, and σ "
-        "is given; false: it rests on that, and is withheld.",
+        description="Of parameters beside unknown loads: true: the loads move as process_noise states of them; false: parameters "
+        "are judged by what no load could cause, and where no load is known σ is withheld.",
     )
     accept: bool = Field(
         False,

@@ -19,6 +19,7 @@ from strainsight.estimation.bank_filters import (
     BankProblem,
     BankRecord,
     LinearStanding,
+    Passed,
     about_samples,
     bank_record,
     entered,
@@ -37,7 +38,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
-from strainsight.estimation.standing import C
+from strainsight.estimation.standing import C, Weights
 
 SPACING = 1.0
 """Of the lattice, in standard deviations of the posterior it was laid for."""
@@ -150,8 +151,10 @@ def filter_records(
     Arguments as of `filter_bank`.
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress)
-    if not problem.uncertain_damping:
+    problem = BankProblem(
+        tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress, judged=True
+    )
+    if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)
     found = _covered(replace(problem, progress=lambda share: tell(0.5 * share)))
@@ -195,8 +198,8 @@ def _filtered(
         span = slice(now.step - before, now.step - before + used)
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
-        mixture.innovations(span, earlier, states, passage, data.samples[span])
-        mixture.log_likelihood += float(weights.log_mass[-1] - earlier.log_mass[0])
+        mixture.innovations(span, earlier, states, passage.own, data.samples[span])
+        mixture.log_likelihood += _likely(now, passage, earlier, weights, used)
         mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
         now = on(now, passage, used)
         if problem.progress is not None:
@@ -205,11 +208,22 @@ def _filtered(
             now, laid = following(now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
-            mixture.states(last, now.cover.point, now.weights, now.filters.states, now.models, data.known_end[last])
-    point, weight, nu, left = now.weights.sampled(now.filters.nu, now.filters.left)
+            mixture.states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
+    states = now.states
+    point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
     about = now.models.about
     nu = nu + about
     return tuple(BankRun(own.finished(), point, weight, nu, left, about, laid, now.cover.step) for own in mixtures)
+
+
+def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:
+    """ln p of these steps under the loads as stated: by the mass that the points lose; with a judge, whose weights are none of
+    that density, by Σₜ ln Σᵢ wᵢ p(yₜ | y₁ … yₜ₋₁, θᵢ) with those before each step."""
+    if now.judge is None:
+        return float(after.log_mass[-1] - before.log_mass[0])
+    with np.errstate(divide="ignore"):
+        each = passage.own.fit[:, :steps].T + np.log(before.positive)
+    return float(np.logaddexp.reduce(each, axis=1).sum())
 
 
 def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
@@ -217,5 +231,5 @@ def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
     own = problem.records[now.record]
     mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned, problem.keep)
     if now.record or own.settled is not None:
-        mixture.begin(now.cover.point, now.weights, now.filters, now.models, informed=now.record > 0)
+        mixture.begin(now.cover.point, now.weights, now.states, now.models, informed=now.record > 0)
     return mixture

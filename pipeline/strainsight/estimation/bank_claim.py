@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.estimation.along import steps_along
 from strainsight.estimation.claim import START, WHITE, Claim, by_sensors, by_source, starts
 from strainsight.estimation.conditional import Nuisances, considers
+from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.settled import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
@@ -28,8 +29,9 @@ def bank_claim(
         V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
         Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
 
-    p is estimated with ν integrated out: σ_p² = Λ_pp. Where gains consider ν, P and V of the states are by those, of a filter
-    beside it. Motion and loads follow p̂, and ν̂ as well where it is `learned`:
+    p is estimated with ν integrated out: σ_p² = Λ_pp, beside unknown loads with these free (`with_free_loads`). Where they are,
+    or where gains consider ν, P and V of the states are those of a filter beside it, with loads as stated. Motion and loads
+    follow p̂, and ν̂ as well where it is `learned`:
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
@@ -48,17 +50,25 @@ def bank_claim(
     prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
     P, V, parts, Q = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n], Q[:, :n, :n]
     followed = _Followed(prior, 0 if nuisances.learned else d, n)
-    considered = _Considered(P, V, parts, d) if considers(model, nuisances) else None
+    apart = model.beside_free_loads
+    stated = model.process[:n, :n], Q
+    if apart:
+        free = with_free_loads(model, len(u))
+        judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
+    else:
+        judged = stated
+    ahead = considers(model, nuisances)
+    beside = _Beside(P, V, parts, d if ahead else 0) if ahead or apart else None
     found = _Found(model.size, len(u) + 1, source, followed)
     found.after(0, P, V, parts)
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
         A = step.A[:n, :n]
         pushed = np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        P, parts = predict(P, A, model.process[:n, :n]), predict(parts, A, Q)
+        P, parts = predict(P, A, judged[0]), predict(parts, A, judged[1])
         V = V @ A.T - pushed
         followed.predict(A)
-        if considered is not None:
-            considered.predict(A, model.process[:n, :n], Q, pushed)
+        if beside is not None:
+            beside.predict(A, *stated, pushed)
         if step.sampled:
             H = step.H[..., :n]
             K, L = gain(P, H, step.variance, step.instant)
@@ -68,12 +78,12 @@ def bank_claim(
             followed.update(parts, K[0], L, H[0], by_sensors(step.variance), slope)
             parts = corrected(parts, K[:1], H[:1], by_sensors(step.variance))
             P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
-            if considered is not None:
-                considered.update(H, step.variance, read)
-        if considered is None:
+            if beside is not None:
+                beside.update(H, step.variance, read)
+        if beside is None:
             found.after(k, P, V, parts)
         else:
-            found.after(k, considered.P, considered.V, considered.parts, beside=True)
+            found.after(k, beside.P, beside.V, beside.parts, beside=True)
     return found.claim()
 
 
@@ -122,7 +132,7 @@ class _Followed:
         return columns @ transposed(tail), tail
 
 
-class _Considered:
+class _Beside:
     """The filter by gains that consider the first d of c constants: P (B, n, n), V (B, c, n), parts (3, n, n)."""
 
     def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray, d: int):

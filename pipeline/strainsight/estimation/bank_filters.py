@@ -16,9 +16,10 @@ from strainsight.estimation.conditional import (
     known_ends,
     linear_models,
 )
+from strainsight.estimation.judge import Judge, judge_of, judged
 from strainsight.estimation.lattice import one_point
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, States, advance, filters_of
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 from strainsight.estimation.settled import Settled, beginning
@@ -65,6 +66,8 @@ class BankProblem:
     """What a bank has to solve: records that follow one another, and arguments as of `filter_bank`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
+    judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
+    are under the loads as stated.
     """
 
     records: tuple[BankRecord, ...]
@@ -76,6 +79,7 @@ class BankProblem:
     threads: int
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
+    judged: bool = False
 
     @property
     def model(self) -> FilterModel:
@@ -94,9 +98,16 @@ class BankProblem:
         return self.mean[at], self.covariance[at, at]
 
     @property
-    def uncertain_damping(self) -> bool:
-        """Whether parameters are judged beside a damping that is not exact."""
-        return self.records[0].nuisances.damping > 0 and bool(self.model.unknowns.parameters)
+    def beside_loads(self) -> bool:
+        """Whether parameters are judged beside unknown loads that are free."""
+        return self.judged and self.model.beside_free_loads
+
+    @property
+    def bilinear(self) -> bool:
+        """Whether parameters are judged beside ν over which readings are far from linear: a damping that is not exact, or
+        anything beside unknown loads."""
+        own, unknowns = self.records[0].nuisances, self.model.unknowns
+        return bool(unknowns.parameters) and (own.damping > 0 or (self.beside_loads and len(own.D) > 0))
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -105,11 +116,32 @@ class BankProblem:
 
 @dataclass(frozen=True)
 class LinearStanding(Standing[C]):
-    """Linear filters at all points of a cover after some steps, the last of which are of record number `record`."""
+    """Linear filters at all points of a cover after some steps, the last of which are of record number `record`; judge: filters
+    by which the points are weighed, None where those are."""
 
     models: LinearModels
     filters: Filters
     record: int
+    judge: Judge | None = None
+
+    @property
+    def states(self) -> States:
+        """At one instant, with what the samples that weigh the points say of ν."""
+        return self.filters.states if self.judge is None else of_judge(self.filters.states, self.judge.filters.states)
+
+
+def of_judge(states: States, judge: States) -> States:
+    """With mean and covariance of ν by a judge."""
+    return replace(states, nu=judge.nu, left=judge.left)
+
+
+@dataclass(frozen=True)
+class Passed:
+    """own: what the filters found under loads as stated; fit (B, L): by which the points are weighed; states with ν by that."""
+
+    own: Passage
+    fit: np.ndarray
+    states: States
 
 
 def bank_record(
@@ -127,9 +159,9 @@ def bank_record(
 
 def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     """Filters at the points of a cover, from the start through `step` steps."""
-    models, filters = _begun(problem, cover, 0)
+    models, filters, judge = _begun(problem, cover, 0)
     B = models.count
-    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0)
+    now = LinearStanding(cover, problem.log_prior(cover.point), np.zeros(B), 0, models, filters, 0, judge)
     while now.step < step:
         now = entered(problem, now)
         passage = passed(problem, now, min(step - now.step, max(1, KEPT // B)), keep=False)
@@ -137,12 +169,17 @@ def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     return now
 
 
-def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters]:
-    """Filters at the beginning of a record, nothing known of ν."""
+def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters, Judge | None]:
+    """Filters at the beginning of a record, nothing known of ν, and who judges."""
     own, at = problem.records[record], conditional_states(problem.model, len(problem.biased))
+    mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
     models = linear_models(own.model, cover.point, own.nuisances, problem.biased)
-    start = beginning(own.model, models, problem.mean[at], problem.covariance[np.ix_(at, at)], own.settled)
-    return models, filters_of(models, *start, consider=considers(own.model, own.nuisances))
+    start = beginning(own.model, models, mean, covariance, own.settled)
+    filters = filters_of(models, *start, consider=considers(own.model, own.nuisances))
+    if not problem.beside_loads:
+        return models, filters, None
+    judge = judge_of(own.model, cover.point, mean, covariance, own.nuisances, problem.biased, own.steps)
+    return models, filters, judge
 
 
 def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
@@ -150,52 +187,59 @@ def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
     those before, and what the samples so far say of ν is kept."""
     if now.step < problem.first[now.record + 1]:
         return now
-    models, filters = _begun(problem, now.cover, now.record + 1)
+    models, filters, judge = _begun(problem, now.cover, now.record + 1)
     kept = replace(filters, nu=now.filters.nu, left=now.filters.left)
-    return replace(now, models=models, filters=kept, record=now.record + 1)
+    if judge is not None and now.judge is not None:
+        before = now.judge.filters
+        judge = replace(judge, filters=replace(judge.filters, nu=before.nu, left=before.left))
+    return replace(now, models=models, filters=kept, record=now.record + 1, judge=judge)
 
 
 def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> BankProblem:
-    """Linear about the damping that all samples speak for; the same where that is hardly MOVED from where it is linear.
+    """Linear about the damping that all samples speak for, beside unknown loads about all of ν that act on motion and rows; the
+    same where that is hardly MOVED from where it is linear.
 
     point (k,), nu (d,): means of the parameters and of ν. Slopes at the mean of ν, again and again, are the way of Gauss and
     Newton to the most likely ν, here at the mean of the parameters. The normal density there is Laplace's: the parameters are off
     by what second order does with what is left of ν, and not with all that it was before the samples.
     Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
     """
-    here, n, fit = one_point(point), problem.model.model.size, np.inf
+    here, fit = one_point(point), np.inf
+    own = problem.records[0].nuisances
+    modes = problem.model.model.size if own.damping > 0 else 0
     for _ in range(TURNS):
-        own = problem.records[0].nuisances
-        about = np.clip(nu[:n], -FARTHEST, FARTHEST)
-        if own.damping * np.abs(about - (own.about if len(own.about) else 0.0)).max() <= MOVED:
+        old = problem.records[0].nuisances.about
+        about = np.clip(nu, -FARTHEST, FARTHEST)
+        if problem.beside_loads:
+            # in what adds to readings whatever the motion is they are linear
+            about[len(nu) - len(own.offset) :][(own.offset != 0).any(axis=1)] = 0.0
+        else:
+            about = about[:modes]
+        moved = np.abs(about - np.pad(old, (0, len(about) - len(old))))
+        if own.damping * moved[:modes].max(initial=0.0) <= MOVED and moved[modes:].max(initial=0.0) <= MOVED:
             break
         records = (replace(one, nuisances=replace(one.nuisances, about=about)) for one in problem.records)
         problem = replace(problem, records=tuple(records))
         found = filtered_at(problem, here, problem.first[-1])
         if abs(found.fit[0] - fit) <= NOTICED:
             break
-        nu, fit = found.filters.nu[0] + found.models.about, float(found.fit[0])
+        nu, fit = found.states.nu[0, 0] + found.models.about, float(found.fit[0])
     return problem
 
 
-def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passage:
+def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:
     """The next steps, as far as the record goes."""
     data, before = problem.records[now.record].data, problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
-    return advance(
-        now.models,
-        now.filters,
-        data.known[span],
-        data.known_end[span],
-        data.samples[span],
-        data.noise[span],
-        data.discrepancy,
-        keep,
-        problem.threads,
-    )
+    measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
+    own = advance(now.models, now.filters, *measured, keep, problem.threads)
+    if now.judge is None:
+        return Passed(own, own.fit, own.states)
+    found = judged(now.judge, *measured, keep, problem.threads)
+    return Passed(own, found.fit, of_judge(own.states, found.states))
 
 
-def on(now: LinearStanding[C], passage: Passage, steps: int) -> LinearStanding[C]:
+def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:
     """After the first steps of a passage."""
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
 
@@ -206,12 +250,23 @@ def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding
     def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(of)
 
-    models = replace(
-        parts[0].models, **{name: all_of([getattr(part.models, name) for part in parts]) for name in OF_POINTS}
-    )
-    filters = Filters(*(all_of([getattr(part.filters, f) for part in parts]) for f in Filters.__dataclass_fields__))
+    def models(of: Sequence[LinearModels]) -> LinearModels:
+        return replace(of[0], **{name: all_of([getattr(part, name) for part in of]) for name in OF_POINTS})
+
+    def filters(of: Sequence[Filters]) -> Filters:
+        return Filters(*(all_of([getattr(part, name) for part in of]) for name in Filters.__dataclass_fields__))
+
     prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return LinearStanding(cover, prior, fit, parts[0].step, models, filters, parts[0].record)
+    who, judge = [part.judge for part in parts if part.judge is not None], None
+    if who:
+        judge = Judge(
+            models([own.models for own in who]),
+            filters([own.filters for own in who]),
+            models([own.alone for own in who]),
+            filters([own.size for own in who]),
+        )
+    own = models([part.models for part in parts]), filters([part.filters for part in parts])
+    return LinearStanding(cover, prior, fit, parts[0].step, *own, parts[0].record, judge)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

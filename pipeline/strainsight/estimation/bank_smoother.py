@@ -163,8 +163,9 @@ def points_of(
         # what the samples say of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
     else:
-        model = damped(model, replace(nuisances, about=bank.about[: model.model.size]))
-        nu = nu - bank.about
+        # exact in the damping about which the bank is linear, linear about zero in the rest of ν
+        about = np.where(np.arange(len(nu)) < model.model.size * (nuisances.damping > 0), bank.about, 0.0)
+        model, nu = damped(model, replace(nuisances, about=about)), nu - about
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
     start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
     held = known.reshape(steps, -1), known_ends(known, nuisances)

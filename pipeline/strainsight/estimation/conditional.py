@@ -38,8 +38,9 @@ class Nuisances:
     a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
     parameters are estimated under known loads from readings of small noise, which would be believed beyond what the model can
     say of them.
-    about (n,), or none for zeros: ν of the damping of every mode about which the motion is linear in it. ln c has a σ of 0.4
-    where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth
+    about (d,), or of the first of ν, the others zero: about which readings are linear in them. ln c of a mode has a σ of 0.4
+    where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth. Beside
+    unknown loads products of errors, of gauges and of loads, are not small beside what samples say of parameters
     (`about_samples`).
     """
 
@@ -171,7 +172,28 @@ def linear_models(
         W=np.pad(fed, [(0, 0), (0, nuisances.E.shape[-1] - fed.shape[-1])]),
         about=np.pad(nuisances.about, (0, len(D) - len(nuisances.about))),
     )
+    models = _linear_about(models, model.model.size if nuisances.damping > 0 else 0)
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
+
+
+def _linear_about(models: LinearModels, damping: int) -> LinearModels:
+    """Linear about ν = a, of which the first, of the damping, are in the models already:
+
+    A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
+    """
+    e, f = models.A_nu.shape[1], len(models.U)
+    a = np.where(np.arange(len(models.about)) < damping, 0.0, models.about)
+    if not a.any():
+        return models
+    loads = slice(e - f, e)
+    beyond, turned = models.B * a[loads], np.einsum("k,kmj->jm", a, models.B)[..., None]
+    D, E = models.D + beyond @ models.U, models.E + beyond @ models.W
+    H, F = models.H + np.einsum("k,kmn->mn", a, D), models.F + np.einsum("k,kmp->mp", a, E)
+    D[loads] += turned * models.U[:, None]
+    E[loads] += turned * models.W[:, None]
+    A = models.A + np.einsum("e,beij->bij", a[:e], models.A_nu)
+    G = models.G + np.einsum("e,beip->bip", a[:e], models.G_nu)
+    return replace(models, A=A, G=G, H=H, F=F, D=D, E=E)
 
 
 def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
@@ -199,10 +221,12 @@ def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
 
 def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
     """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
-    if not nuisances.about.any():
+    if nuisances.damping == 0 or not nuisances.about.any():
         return model
     own = model.model.damping
-    factors = np.exp(nuisances.damping * nuisances.about) * (np.array(own.factors) if own.factors else 1.0)
+    factors = np.exp(nuisances.damping * nuisances.about[: model.model.size]) * (
+        np.array(own.factors) if own.factors else 1.0
+    )
     return replace(model, model=replace(model.model, damping=own.scaled(factors.tolist())))
 
 

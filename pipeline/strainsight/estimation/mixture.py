@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, States
+from strainsight.estimation.parallel_filters import LinearModels, Passage, States
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.standing import Weights
 from strainsight.estimation.update import standard_deviation
@@ -57,13 +57,11 @@ class Mixture:
             self._as_they_read(after, weights, found, models, covariance)
         self._keep(after, covariance)
 
-    def begin(
-        self, point: np.ndarray, weights: Weights, filters: Filters, models: LinearModels, informed: bool
-    ) -> None:
+    def begin(self, point: np.ndarray, weights: Weights, found: States, models: LinearModels, informed: bool) -> None:
         """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
-        covariance = self._moments(slice(0, 1), point, weights, filters.states)[-1]
+        covariance = self._moments(slice(0, 1), point, weights, found)[-1]
         if informed and not self.learned:
-            self._motion_as_read(slice(0, 1), weights, filters.states, models.about, covariance)
+            self._motion_as_read(slice(0, 1), weights, found, models.about, covariance)
         self._keep(slice(0, 1), covariance)
 
     def _moments(

@@ -37,6 +37,8 @@ class FilterModel:
     h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
     change (m, n) or (B, m, n): what θ adds to the first n columns of H, which is then that of the reference, where a free
     thickness moves the faces that gauges sit on;
+    free_loads: whether a bank judges parameters by what no unknown load could cause (`judge`), or by how likely readings are
+    under loads that move as Q says;
     scheme of the step; every: a sample is taken at the end of every `every`-th step, at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """
@@ -53,6 +55,7 @@ class FilterModel:
     scheme: Scheme = "exact"
     every: int = 1
     change: AffineOperator = NO_CHANGE
+    free_loads: bool = False
 
     def __post_init__(self) -> None:
         for name in self.unknowns.inputs:
@@ -104,6 +107,11 @@ class FilterModel:
         """Which channels read accelerations (m,) or (B, m); None where none does."""
         moving = None if self.quantity is None else np.asarray(self.quantity) == ACCELERATION
         return moving if moving is not None and moving.any() else None
+
+    @property
+    def beside_free_loads(self) -> bool:
+        """Whether parameters are judged beside unknown loads that are free."""
+        return self.free_loads and bool(self.unknowns.inputs and self.unknowns.parameters)
 
     @property
     def curved(self) -> bool:

@@ -63,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=29,
+    version=30,
     reads=(
         "seed",
         "loads",

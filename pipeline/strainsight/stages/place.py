@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=26,
+    version=27,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -67,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=23,
+    version=24,
     reads=(
         "damping",
         *(

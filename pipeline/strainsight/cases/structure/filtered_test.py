@@ -109,6 +109,8 @@ def model_of(
     # A stated σ is that of a sample of the file.
     stated = test.std * np.sqrt(test.h * test.every / problem.h)
     model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
+    if settings.loads_as_stated:
+        model = replace(model, free_loads=False)
     if not settings.tune.parts:
         return model, None
     with blame("estimate.tune"):

@@ -197,7 +197,10 @@ def filter_model(
     stated: np.ndarray | None = None,
 ) -> FilterModel:
     """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
-    nothing; noise_factor scalar or (B,); stated (k,): σ of a sample every problem.h, NaN where that of the pool holds."""
+    nothing; noise_factor scalar or (B,); stated (k,): σ of a sample every problem.h, NaN where that of the pool holds.
+
+    Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated.
+    """
     own, there = problem.channels, channels >= 0
     rows = np.where(there[..., None], own.rows[channels], 0.0)
     quantity = np.where(there, own.quantity[channels], STRAIN)
@@ -221,6 +224,7 @@ def filter_model(
         quantity,
         problem.scheme,
         change=change,
+        free_loads=bool(problem.known),
     )
 
 

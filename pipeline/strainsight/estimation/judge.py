@@ -1,0 +1,92 @@
+"""What parameters beside unknown loads are judged by: the readings that no load could cause.
+
+    ln p(y | θ) of loads that are free, less that of what these loads alone would read
+
+An unknown load is modelled as a walk, and a real one is none: a sine is smoother and of another size. A likelihood counts how
+large readings are, so that a walk of another size speaks for parameters at which readings are larger or smaller, and how white
+the steps of the load are, which those of a sine are not. So the walk is made free enough to follow a line in the spectrum, and
+its size is taken out.
+Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.augmentation.input_models import line_energy
+from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.settled import beginning
+
+
+@dataclass(frozen=True)
+class Judge:
+    """Filters of free loads at the points of a bank, and those of what these loads alone read, of which the samples are nothing:
+    their likelihood is that of the size of the loads."""
+
+    models: LinearModels
+    filters: Filters
+    alone: LinearModels
+    size: Filters
+
+
+def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
+    """Of a record of so many steps: no unknown load is stiffer than a line of its amplitude asks for (`line_energy`)."""
+    Q, states, unknowns = model.Q.copy(), model.input_states, model.unknowns
+    first = np.cumsum([0, *unknowns.lengths])
+    for i, name in enumerate(unknowns.inputs):
+        own = slice(states.start + int(first[i]), states.start + int(first[i + 1]))
+        of, walk = unknowns.model_of(name), float(Q[..., own.start, own.start].max())
+        Q[..., own, own] *= max(1.0, line_energy(of, walk, steps * model.h))
+    return replace(model, Q=Q)
+
+
+def judge_of(
+    model: FilterModel,
+    point: np.ndarray,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    nuisances: Nuisances,
+    biased: np.ndarray,
+    steps: int,
+) -> Judge | None:
+    """At points (B, k) before any of so many steps; None where no loads are free. mean (n,) and
+    covariance (n, n) of the states of a filter at t = 0; biased as of `linear_models`."""
+    if not model.beside_free_loads:
+        return None
+    free = with_free_loads(model, steps)
+    models = linear_models(free, point, nuisances, biased)
+    loads = np.zeros(len(model.Q), dtype=bool)
+    loads[model.input_states] = True
+    alone = linear_models(
+        replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)), point, no_nuisances(model), biased
+    )
+    own = np.pad(loads[: model.parameter_states.start], (0, len(biased)))
+    start = np.zeros((len(point), len(mean))), np.where(np.outer(own, own), covariance, 0.0)
+    return Judge(
+        models,
+        filters_of(models, *beginning(free, models, mean, covariance, None)),
+        alone,
+        filters_of(alone, *start, np.zeros((len(point), 0, len(mean)))),
+    )
+
+
+def judged(
+    judge: Judge,
+    known: np.ndarray,
+    known_end: np.ndarray,
+    measurement: np.ndarray,
+    noise: np.ndarray,
+    discrepancy: np.ndarray,
+    keep: bool,
+    threads: int,
+) -> Passage:
+    """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`."""
+    found = advance(judge.models, judge.filters, known, known_end, measurement, noise, discrepancy, keep, threads)
+    loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
+    nothing = np.where(np.isnan(measurement), np.nan, 0.0)
+    size = advance(judge.alone, judge.size, 0 * known, loads, nothing, noise, discrepancy, False, threads)
+    return replace(found, fit=found.fit - size.fit)

@@ -1,0 +1,118 @@
+"""Parameters beside an unknown load that is free: Bayes by dense normal densities, and how free the load is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk, line_energy
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.draws import draw_truth
+
+from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, start
+from .test_bank import joint, log_normal
+
+FREE = KAPPA * 2 * np.pi**2 * KAPPA * STEPS * H
+"""Intensity of the free walk: of default κ its frequency is its intensity."""
+
+
+def densities(p, P, steps, white=(0, 0, 1e-4, 1e-4)):
+    """Of all readings at p, one Gaussian each: mean and covariance under the free load, and covariance of that load alone."""
+    mean, whole = joint(p, P, steps, (*white, FREE))
+    loads = np.zeros_like(P)
+    loads[4, 4] = P[4, 4]
+    return mean, whole, joint(p, loads, steps, (0, 0, 0, 0, FREE))[1]
+
+
+def log_density(y, mean, whole, alone):
+    """ln p(y | p) of free loads less that of what these loads alone read."""
+    return log_normal(y.ravel(), mean, whole) - log_normal(0 * y.ravel(), 0 * mean, alone)
+
+
+@pytest.fixture(scope="module")
+def case():
+    model, P = chain(), start()
+    _, y = draw_truth(model, np.zeros(7), P, forces(), [5])
+    return replace(model, free_loads=True), P, y[:, 0]
+
+
+def test_they_are_judged_by_what_no_load_could_cause(case):
+    """A square of points 0.8 σ apart, each of one dense density of all readings."""
+    model, P, y = case
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.8, depth=16.0)
+    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+    axis = 0.8 * np.arange(-7, 8)
+    point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    prior = np.diag(P)[5:]
+    density = np.array([log_density(y, *densities(p, P, STEPS)) - 0.5 * np.sum(p**2 / prior) for p in point])
+    w = np.exp(density - density.max())
+    w /= w.sum()
+    expected = w @ point
+    np.testing.assert_allclose(mean / std, expected / std, atol=1e-4)
+    np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-4)
+    # the first spring, on which a load of any size may pull, is known by how that was stated to move
+    stated = filter_bank(replace(model, free_loads=False), np.zeros(7), P, forces(), y).run.std[-1, 0, 5:]
+    assert std[0] > 5 * stated[0]
+    assert std[1] == pytest.approx(stated[1], rel=0.02)
+
+
+def test_gains_beside_them_are_integrated_out():
+    """Of both gauges, 2 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities. (Of 5 % the
+    mean is 0.14 σ off: what second order does with gains of which samples say little.)"""
+    spread, true, states, steps = 0.02, np.array([0.06, 1.6, -1.3]), [0, 1, 2, 3, 4, 6], STEPS
+    whole, P = chain(), start()
+    model = replace(
+        whole,
+        unknowns=replace(whole.unknowns, parameters=("k2",)),
+        fixed={"k1": REFERENCE["k1"]},
+        H=whole.H[:, states],
+        Q=np.diag([0, 0, 0, 0, KAPPA, 0]),
+        free_loads=True,
+    )
+    truth, _ = draw_truth(model, np.r_[np.zeros(5), true[0]], np.zeros((6, 6)), forces(), [3])
+    y = (1 + spread * true[1:]) * (truth[1:, 0, :2] @ ROWS.T)
+    y += NOISE * np.random.default_rng(4).standard_normal(y.shape)
+    none = no_nuisances(model)
+    rows = spread * np.eye(2)[:, :, None] * np.pad(ROWS, [(0, 0), (0, 3)])
+    gains = replace(none, source=("gain", "gain"), D=rows, E=np.zeros((2, 2, 1)), offset=np.zeros((2, 2)))
+    bank = filter_bank(model, np.zeros(6), P[np.ix_(states, states)], forces(), y, gains)
+    (mean,), cov = bank.posterior
+    std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
+    axis, weight, point = np.linspace(-4, 4, 9), [], []
+    for p in mean + std * axis:
+        centre, covariance, alone = densities(np.array([0, p]), P, steps, (0, 0, 0, 0))
+        for nu in np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2):
+            g = np.tile(1 + spread * nu, steps)
+            read = [g[:, None] * (own - noise) * g + noise for own in (covariance, alone)]
+            weight.append(log_density(y, g * centre, *read) - 0.5 * (p / 0.2) ** 2 - 0.5 * nu @ nu)
+            point.append(p)
+    w = np.exp(np.array(weight) - max(weight))
+    w /= w.sum()
+    expected = w @ np.array(point)
+    assert abs(mean - expected) < 0.1 * std
+    assert std == pytest.approx(np.sqrt(w @ (np.array(point) - expected) ** 2), rel=0.05)
+
+
+LOADS = [RandomWalk(), IntegratedRandomWalk(3.0), Matern(3.0, 1.5), Oscillator(3.0, 0.05)]
+
+
+@pytest.mark.parametrize("model", LOADS, ids=lambda own: type(own).__name__)
+def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
+    """Of a sine of amplitude 1 and 3 Hz, 40 periods of it: its noise ẇ by derivatives of the sine, ∫ẇ²dt over the intensity."""
+    duration, omega = 40 / 3.0, 2 * np.pi * 3.0
+    walk = omega / (2 * np.pi)
+    t = np.linspace(0, duration, 40 * 400, endpoint=False)
+    zero, one, two = np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t)
+    lam = omega / np.sqrt(np.sqrt(2) - 1)
+    noise, intensity = {
+        "RandomWalk": (one, walk),
+        "IntegratedRandomWalk": (two / omega, omega / (2 * np.pi)),
+        # (d/dt + λ)² u = λ w
+        "Matern": (two / lam + 2 * one + lam * zero, 4 * lam),
+        "Oscillator": (two / omega + 0.1 * one + omega * zero, 0.2 * omega),
+    }[type(model).__name__]
+    expected = np.mean(noise**2) * duration / intensity
+    assert line_energy(model, walk, duration) == pytest.approx(expected, rel=1e-6)
