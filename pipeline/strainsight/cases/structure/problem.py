@@ -199,7 +199,8 @@ def filter_model(
     """The filter with these channels at step h [s]: channels (k,) or (B, k) rows of train.h5, −1 for none, which reads
     nothing; noise_factor scalar or (B,); stated (k,): σ of a sample every problem.h, NaN where that of the pool holds.
 
-    Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated.
+    Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated, and a
+    damping is seen by small differences of phase, which noise of free loads would blur.
     """
     own, there = problem.channels, channels >= 0
     rows = np.where(there[..., None], own.rows[channels], 0.0)
@@ -224,7 +225,7 @@ def filter_model(
         quantity,
         problem.scheme,
         change=change,
-        free_loads=bool(problem.known),
+        free_loads=bool(problem.known) and problem.model.damping.parameter not in problem.unknowns.parameters,
     )
 
 
