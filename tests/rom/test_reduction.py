@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import cholesky, eigh, svdvals
+from scipy.stats import qmc
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator, Parameter
@@ -355,3 +356,12 @@ def test_one_stiffness_stands_beside_the_factor(one, monkeypatch):
     by = replace(full, factorise=counted)
     reduce_model(by, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1.6e11, 2.4e11)}, 4, 1, 1e-8, DAMPING)
     assert beside == [1]
+
+
+def test_held_out_samples_are_in_the_order_of_halton():
+    """Of seven parameters, as scipy numbers the sequence; each level once for every one of them."""
+    names = [f"p{i}" for i in range(7)]
+    found = held_out_samples(dict.fromkeys(names, 1.0), dict.fromkeys(names, (1.0, np.e)), 12)
+    order = np.log([[own[name] for name in names] for own in found]).argsort(axis=0).argsort(axis=0)
+    exact = qmc.Halton(7, scramble=False).random(13)[1:]
+    assert np.array_equal(order, exact.argsort(axis=0).argsort(axis=0))

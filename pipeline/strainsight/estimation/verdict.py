@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincinv
+from scipy.special import bdtr, gammaincinv
 
 LEVEL = 0.9973
 """Share of statements about a σ that holds which find it consistent, two-sided: what ±3 σ hold of one normal draw."""
@@ -32,7 +32,7 @@ def chi_square_band(dimension: int, samples: int = 1, level: float = LEVEL) -> t
     Runs with other seeds are independent samples; so are the instants for NIS, but not for NEES.
     """
     freedom = dimension * samples
-    # the quantiles of χ²_n; scipy.stats, which has them by name, takes a third of a second to import
+    # the quantiles of χ²_n; scipy.stats, which has them by name, takes half a second to import
     low, high = 2 * gammaincinv(freedom / 2, np.array([0.5 * (1 - level), 0.5 * (1 + level)])) / freedom
     return float(low), float(high)
 
@@ -141,10 +141,8 @@ def benefit_of(error: float, random: np.ndarray) -> Benefit | None:
     most 5 %. One that diverged (NaN) does worse than any that did not. None for fewer than FEWEST_SETS.
     Source: Conover, Practical Nonparametric Statistics (1999), section 3.4.
     """
-    from scipy.stats import binom
-
     if len(random) < FEWEST_SETS:
         return None
     as_well = len(random) if not np.isfinite(error) else int(np.count_nonzero(random <= error))
-    shown = binom.cdf(as_well, len(random), 0.5) <= CHANCE
+    shown = bdtr(as_well, len(random), 0.5) <= CHANCE
     return Benefit(as_well, len(random), "shown" if shown else "none" if 2 * as_well >= len(random) else "not shown")

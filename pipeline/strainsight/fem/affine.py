@@ -8,6 +8,9 @@ from functools import cached_property
 from typing import Any, Final, Literal
 
 import numpy as np
+from scipy import sparse
+
+from strainsight.fem.patterns import added, on_one, same_places
 
 
 @dataclass(frozen=True)
@@ -148,10 +151,17 @@ class AffineOperator:
 
     def at(self, theta: Mapping[str, Any]) -> Any:
         """X(θ); a dense operator takes arrays of any common shape (...) as values and returns (..., n, n)."""
-        total = self.constant
+        total, own = self.constant, False
         values = self._values(theta)
         for label, term in self.terms.items():
-            total = total + _times(term, values[label] if label in values else theta[label])
+            value = values[label] if label in values else theta[label]
+            if isinstance(term, sparse.csr_array) and same_places(total, term):
+                data = total.data if own else total.data.copy()
+                data += value * term.data
+                total = sparse.csr_array((data, total.indices, total.indptr), shape=total.shape)
+            else:
+                total = total + _times(term, value)
+            own = True
         return total
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
@@ -190,6 +200,13 @@ class AffineOperator:
         """Every X_k through a linear map, where X₀ = 0 and stays so."""
         return AffineOperator(0.0, {label: change(own) for label, own in self.terms.items()}, self.coefficients)
 
+    def on_one_pattern(self) -> AffineOperator:
+        """The same, where sparse, with X₀ and every X_k that has half as many entries or more on the pattern of all of these:
+        X(θ) is a sum of arrays then."""
+        large = [label for label, own in self.terms.items() if 2 * own.nnz >= self.constant.nnz > 0]
+        constant, *wide = on_one([self.constant, *(self.terms[label] for label in large)])
+        return replace(self, constant=constant, terms={**self.terms, **dict(zip(large, wide, strict=True))})
+
     def project(self, basis: np.ndarray) -> AffineOperator:
         """Ψᵀ X(θ) Ψ term by term (5.4-5.7); basis Ψ (n, r)."""
         return self.of_all(lambda X: _symmetric(basis.T @ (X @ basis)))
@@ -199,8 +216,10 @@ def sum_of(X: AffineOperator, Y: AffineOperator) -> AffineOperator:
     """X(θ) + Y(θ) term by term; they share no coefficient."""
     assert not X.coefficients.keys() & Y.terms.keys()
     assert not Y.coefficients.keys() & X.terms.keys()
-    terms = {label: X.terms.get(label, 0) + Y.terms.get(label, 0) for label in {**X.terms, **Y.terms}}
-    return AffineOperator(X.constant + Y.constant, terms, {**X.coefficients, **Y.coefficients})
+    terms = {**X.terms, **Y.terms} | {
+        label: X.terms[label] + Y.terms[label] for label in X.terms.keys() & Y.terms.keys()
+    }
+    return AffineOperator(added(X.constant, Y.constant), terms, {**X.coefficients, **Y.coefficients})
 
 
 def _times(X: Any, value: Any) -> Any:

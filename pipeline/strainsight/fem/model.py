@@ -82,7 +82,7 @@ def build_model(
     if mesh.point_masses:
         points = congruence(point_mass_matrix(mesh, constraint.reference_rows), constraint.transform)
         mass = replace(mass, constant=mass.constant + points)
-    return FiniteElementModel(mesh, constraint, stiffness, mass, rigid)
+    return FiniteElementModel(mesh, constraint, stiffness.on_one_pattern(), mass.on_one_pattern(), rigid)
 
 
 def at_reference(X: AffineOperator, parameters: Sequence[Parameter]) -> sparse.csr_array:

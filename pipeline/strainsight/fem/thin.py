@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import reduce
 from typing import TypeVar
 
@@ -28,6 +28,16 @@ CHUNK = 2048
 Block = TypeVar("Block", ShellBlock, BeamBlock)
 
 
+@dataclass(frozen=True)
+class Pattern:
+    """Pairs of nodes that share an element, sorted: onto (pairs, blocks of all elements) adds up what is of one pair; indptr
+    (m + 1,) and columns (pairs,) say where each stands."""
+
+    onto: sparse.csr_array
+    indptr: np.ndarray
+    columns: np.ndarray
+
+
 def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOperator, AffineOperator]:
     """Stiffness and consistent mass of shells and beams on six motions of each of their m nodes (6m, 6m), see `motions`:
 
@@ -38,10 +48,20 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region, or that a
     region has no property for.
     """
-    K = _operator(mesh, parameters, "stiffness", lambda own, regions: _sum(own, _stiffnesses(own, regions)))
-    M = _operator(mesh, parameters, "mass", lambda own, regions: _sum(own, _masses(own, regions, False)))
+    found: dict[frozenset[int], Pattern] = {}
+
+    def pattern(regions: Mapping[int, float]) -> Pattern:
+        """Of the same regions at other values of their properties, and of their mass, it is the same."""
+        key = frozenset(regions)
+        if key not in found:
+            found[key] = _pattern(mesh, _parts(mesh, regions))
+        return found[key]
+
+    K = _operator(mesh, parameters, "stiffness", lambda own, some: _sum(pattern(some), _stiffnesses(own, some)))
+    M = _operator(mesh, parameters, "mass", lambda own, some: _sum(pattern(some), _masses(own, some, False)))
     beside = {number: 0.0 for number, own in mesh.sections.items() if _has_nonstructural(own)}
-    return K, replace(M, constant=M.constant + _sum(mesh, _masses(mesh, beside, True)))
+    more = AffineOperator(_sum(pattern(beside), _masses(mesh, beside, True)), {})
+    return K, sum_of(M, more)
 
 
 def _operator(
@@ -126,7 +146,9 @@ def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
     columns = np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1).ravel()
     there = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
     shape = (6 * len(nodes), 3 * len(mesh.position) + 3 * len(rotation_rows))
-    return sparse.csr_array((np.ones(len(there)), (there, columns[there])), shape=shape)
+    size = np.int32 if max(shape) < 2**31 else np.int64  # or every product with it has column numbers of 8 bytes
+    places = there.astype(size), columns[there].astype(size)
+    return sparse.csr_array((np.ones(len(there)), places), shape=shape)
 
 
 def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.csr_array, list[int]]:
@@ -140,7 +162,7 @@ def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.cs
         )
     regions = regions_of(own.thin)
     density = {number: density_of(mesh, number) for number in regions}
-    return _sum(mesh, _masses(own, density, True)), regions
+    return _sum(_pattern(mesh, _parts(own, density)), _masses(own, density, True)), regions
 
 
 def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -222,23 +244,30 @@ def _taken(block: Block, which: np.ndarray) -> Block:
     return replace(block, **{name: own[which] for name, own in columns.items() if len(own) == len(block.ids)})
 
 
-def _sum(mesh: Mesh, parts: Iterator[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
-    """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
+def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
+    """Of some elements, on all nodes of shells and beams of a mesh."""
     index = np.full(len(mesh.position), -1)
     index[mesh.thin_nodes] = np.arange(len(mesh.thin_nodes))
-    m = len(mesh.thin_nodes)
-    keys, values = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 36))]
-    for nodes, X in parts:
-        e, k = nodes.shape
-        own = index[nodes]
+    m, keys = len(mesh.thin_nodes), [np.zeros(0, dtype=np.int64)]
+    for part in parts:
+        own = index[part.nodes]
         keys.append((own[:, :, None] * m + own[:, None, :]).ravel())
-        values.append(X.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36))
     pairs, place = np.unique(np.concatenate(keys), return_inverse=True)
     onto = sparse.csr_array((np.ones(len(place)), (place, np.arange(len(place)))), shape=(len(pairs), len(place)))
-    blocks = (onto @ np.concatenate(values)).reshape(-1, 6, 6)
     indptr = (
         np.concatenate([[0], np.cumsum(np.bincount(pairs // m, minlength=m))]) if m else np.zeros(1, dtype=np.int64)
     )
     size: type[np.signedinteger] = np.int32 if 36 * len(pairs) < 2**31 else np.int64
-    columns = (pairs % m if m else pairs).astype(size)
-    return sparse.csr_array(sparse.bsr_array((blocks, columns, indptr.astype(size)), shape=(6 * m, 6 * m)).tocsr())
+    return Pattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
+
+
+def _sum(pattern: Pattern, parts: Iterator[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
+    """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
+    values = [np.zeros((0, 36))]
+    for nodes, own in parts:
+        e, k = nodes.shape
+        values.append(own.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36))
+    blocks = (pattern.onto @ np.concatenate(values)).reshape(-1, 6, 6)
+    m = len(pattern.indptr) - 1
+    X = sparse.bsr_array((blocks, pattern.columns, pattern.indptr), shape=(6 * m, 6 * m))
+    return sparse.csr_array(X.tocsr())

@@ -92,7 +92,7 @@ def reduce_model(
     first = snapshots(full, S if aside is None else np.hstack([S, aside]), points[0], modes, known)
     K = full.stiffness.at(reference)  # not before: beside the factor there would be two of it
     V, _ = energy_orthonormal(K, np.hstack([first.shapes, first.static[:, :spanned]]))
-    rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes))]
+    rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes, V))]
     sigma = np.zeros(0)
     if rest:
         V, sigma = _compress(K, V, np.hstack(rest), tolerance)
@@ -145,7 +145,7 @@ def held_out_errors(
         at_reference = Snapshots(reduction.frequency, Psi[:, :0], reduction.static)
         answers = [scaled(full, at_reference, model.reference, theta) for theta in thetas]
     else:
-        answers = sweep(snapshots_at, thetas, shared_by_all(full, S, count))
+        answers = sweep(snapshots_at, thetas, shared_by_all(full, S, count, Psi))
     frequency, static = np.zeros((len(thetas), count)), np.zeros((len(thetas), S.shape[1]))
     for i, (theta, exact) in enumerate(zip(thetas, answers, strict=True)):
         lam, _ = modal_basis(model, theta)

@@ -42,9 +42,7 @@ def _latin(
 ) -> tuple[dict[str, float], ...]:
     if not len(levels):
         return ()
-    from scipy.stats import qmc  # a third of a second to import, which an up-to-date run need not spend
-
-    order = np.argsort(qmc.Halton(len(reference), scramble=False).random(len(levels) + 1)[1:], axis=0).argsort(axis=0)
+    order = np.argsort(_halton(len(reference), len(levels)), axis=0).argsort(axis=0)
     columns = {}
     for i, name in enumerate(reference):
         if name not in ranges:
@@ -54,3 +52,19 @@ def _latin(
             raise InfeasibleError(f"parameter {name} ranges from {low:g} to {high:g}", remedy="give 0 < low <= high")
         columns[name] = low * (high / low) ** levels[order[:, i]]
     return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
+
+
+def _halton(dimensions: int, count: int) -> np.ndarray:
+    """Points 1 … count of Halton's sequence (count, dimensions): the digits of k in base 2, 3, 5, …, behind the point in reverse.
+
+    scipy.stats has it, and takes half a second to import.
+    """
+    points = np.zeros((count, dimensions))
+    primes = (p for p in range(2, 10**6) if all(p % q for q in range(2, int(p**0.5) + 1)))
+    for j, base in zip(range(dimensions), primes, strict=False):
+        left, weight = np.arange(1, count + 1), 1.0
+        while left.any():
+            left, digit = np.divmod(left, base)
+            weight /= base
+            points[:, j] += weight * digit
+    return points

@@ -47,12 +47,12 @@ def snapshots(
     return snapshots_at(shared_by_all(full, S, modes), theta, known)
 
 
-Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise]
+Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise, np.ndarray | None]
 
 
-def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int) -> Shared:
-    """What every task of a sweep over θ needs."""
-    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise
+def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.ndarray | None = None) -> Shared:
+    """What every task of a sweep over θ needs; near (n_free, r): vectors whose span holds the modes nearly, as of `modes`."""
+    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise, near
 
 
 def snapshots_at(
@@ -60,12 +60,13 @@ def snapshots_at(
     theta: Mapping[str, float],
     known: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Snapshots:
-    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S, the number of modes, and who factorises."""
-    stiffness, mass, rigid, S, modes, factorise = shared
+    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S, the number of modes, who factorises,
+    and vectors near the modes."""
+    stiffness, mass, rigid, S, modes, factorise, near = shared
     K = stiffness.at(theta)
     factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid), factorise)
     if known is None:
-        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid)
+        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid, near=near)
     frequency, shapes = known
     return Snapshots(frequency[:modes], shapes[:, :modes], factor.solve(S))
 

@@ -48,7 +48,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ROM = Stage(
     "rom",
-    version=8,
+    version=9,
     reads=(
         "parameters.*.property",
         "parameters.*.region",
