@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from strainsight.estimation import bank
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 
-from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, driven_chain, forces
+from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, chain, driven_chain, forces
 
 STEPS, SPREAD = 150, np.log(1.5)
 NOISE, PRIOR = 3e-4, 0.1
@@ -67,11 +68,11 @@ def moments(w, values):
 
 def test_parameters_beside_it_are_bayes(case):
     model, P, nuisances, y, w, point, _ = case
-    bank = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
     mean, std = moments(w, point)
-    assert abs(bank.run.mean[-1, 0, 4] - mean[0]) < 0.05 * std[0]
-    assert bank.run.std[-1, 0, 4] == pytest.approx(std[0], rel=0.01)
-    nu, left = bank.nuisances
+    assert abs(found.run.mean[-1, 0, 4] - mean[0]) < 0.05 * std[0]
+    assert found.run.std[-1, 0, 4] == pytest.approx(std[0], rel=0.01)
+    nu, left = found.nuisances
     assert np.abs((nu - mean[1:]) / std[1:]).max() < 0.1
     np.testing.assert_allclose(np.sqrt(np.diagonal(left)), std[1:], rtol=0.05)
 
@@ -79,8 +80,8 @@ def test_parameters_beside_it_are_bayes(case):
 def test_the_motion_that_is_learned_is_too(case):
     model, P, nuisances, y, w, _, motion = case
     nuisances = replace(nuisances, learned=True)
-    bank = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
-    own = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, bank)
+    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    own = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, found)
     mean, std = moments(w, motion)
     off = (own.mean[1:, 0, :4] - mean) / std.max(axis=0)
     assert np.sqrt(np.mean(off**2)) < 0.1
@@ -88,12 +89,30 @@ def test_the_motion_that_is_learned_is_too(case):
         np.sqrt(np.mean(std**2, axis=0)), rel=0.05
     )
     # the filter at the end knows as much
-    at_end = (bank.run.mean[-1, 0, :4] - mean[-1]) / std[-1]
+    at_end = (found.run.mean[-1, 0, :4] - mean[-1]) / std[-1]
     assert np.abs(at_end).max() < 0.15
 
 
 def test_a_damping_that_is_as_it_is_meant_to_be_is_not_looked_for(case):
     """Little of the damping is in question: slopes at what is meant to be do."""
     model, P, nuisances, y, *_ = case
-    bank = filter_bank(model, np.zeros(5), P, forces(STEPS), y, replace(nuisances, damping=1e-3))
-    assert not bank.about.any()
+    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, replace(nuisances, damping=1e-3))
+    assert not found.about.any()
+
+
+@pytest.mark.parametrize("driven", [True, False])
+def test_the_end_alone_says_what_a_whole_pass_does(case, driven, monkeypatch):
+    """The damping is looked for by filters without states along the samples: as by those with them, to rounding; under a load
+    that is unknown, too, where these states are those of second filters."""
+    model, P, nuisances, y, *_ = case
+    if not driven:
+        model, P = chain(NOISE), np.diag([1e-4] * 4 + [1.0] + [PRIOR**2] * 2)
+        nuisances = replace(no_nuisances(model), damping=SPREAD)
+    quick = filter_bank(model, np.zeros(model.size), P, forces(STEPS), y, nuisances)
+    monkeypatch.setattr(bank, "_end_of", lambda problem: None)
+    whole = filter_bank(model, np.zeros(model.size), P, forces(STEPS), y, nuisances)
+    assert quick.about.any()
+    for name in ("about", "point", "weight", "nu", "left"):
+        np.testing.assert_allclose(getattr(quick, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(quick.run.mean, whole.run.mean, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(quick.run.std, whole.run.std, rtol=1e-9, atol=1e-12)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from strainsight.estimation.bank_filters import (
     bank_record,
     entered,
     filtered_at,
+    moved,
     on,
     one_standing,
     passed,
@@ -50,17 +52,19 @@ SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
 narrows as the record grows."""
 
+LOOK = 0.2
+"""Share of the steps after which it shows whether the damping has to be looked for."""
+
 
 @dataclass(frozen=True)
-class BankRun:
-    """What the bank found.
+class BankEnd:
+    """What the bank found at the end.
 
-    run: as a filter's, of one run; its σ holds what the nuisances add. point (B, k) and weight (B,): the posterior of the
-    parameters at the end; nu (B, d) and left (B, d, d): mean and covariance of ν at each point; about (d,): where the motion is
-    linear in ν; laid: how often the lattice was; step (k,): its steps along every parameter, infinite of columns.
+    point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
+    point; about (d,): where the motion is linear in ν; laid: how often the lattice was; step (k,): its steps along every
+    parameter, infinite of columns.
     """
 
-    run: FilterRun
     point: np.ndarray
     weight: np.ndarray
     nu: np.ndarray
@@ -82,6 +86,13 @@ class BankRun:
         mean = self.weight @ self.nu
         off = self.nu - mean
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
+
+
+@dataclass(frozen=True)
+class BankRun(BankEnd):
+    """And along the samples; run: as a filter's, of one run; its σ holds what the nuisances add."""
+
+    run: FilterRun
 
 
 def filter_bank(
@@ -157,15 +168,33 @@ def filter_records(
     if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)
-    found = _covered(replace(problem, progress=lambda share: tell(0.5 * share)))
-    again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
-    if again is not problem:
-        found = _covered(replace(again, progress=lambda share: tell(0.5 + 0.5 * share)))
+    again = problem
+    if (end := _end_of(replace(problem, along=False, progress=lambda share: tell(0.4 * share)))) is not None:
+        again = replace(about_samples(end[0], end[1].posterior[0], end[1].nuisances[0]), along=True)
+    found = _covered(replace(again, progress=lambda share: tell(0.4 + 0.5 * share)))
+    if end is None:
+        again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
+        if again is not problem:
+            found = _covered(replace(again, progress=lambda share: tell(0.9 + 0.1 * share)))
     tell(1.0)
     return found
 
 
+def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
+    """The posterior at the end alone, without states along the samples and filters that serve these only: in less than half of
+    the time. None where the first LOOK of the steps say nothing of the damping, and so all of them hardly will."""
+    now, laid, _ = _passed_through(problem)
+    return (problem, _ended(now, laid)) if now.step == problem.first[-1] else None
+
+
 def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
+    """A run of every record."""
+    now, laid, mixtures = _passed_through(problem)
+    end = vars(_ended(now, laid))
+    return tuple(BankRun(**end, run=own.finished()) for own in mixtures)
+
+
+def _passed_through(problem: BankProblem) -> tuple[LinearStanding[Any], int, list[Mixture]]:
     """By a lattice over few parameters, by columns over more."""
     if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
@@ -179,41 +208,54 @@ def _filtered(
     now: LinearStanding[C],
     following: Callable[[LinearStanding[C]], LinearStanding[C]],
     at_end: bool = False,
-) -> tuple[BankRun, ...]:
+) -> tuple[LinearStanding[C], int, list[Mixture]]:
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
-    end, where what they say is the better, the nearer they are."""
-    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
+    end, where what they say is the better, the nearer they are. Returns where the filters stand then, how often points were laid,
+    and of every record, where they are asked for, the states along it; where they are not, it ends after LOOK of the steps if
+    these have not moved the damping."""
+    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)] if problem.along else []
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:
             now = entered(problem, now)
-            mixtures.append(_mixture(problem, now))
-        mixture, data, before = mixtures[-1], problem.records[now.record].data, problem.first[now.record]
+            mixtures += [_mixture(problem, now)] if problem.along else []
+        data, before = problem.records[now.record].data, problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
         ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
         states = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
-        passage = passed(problem, now, ahead, keep=True)
+        passage = passed(problem, now, ahead, keep=problem.along)
         after = (now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)).T
         good = now.cover.holds(after)
         used = ahead if good.all() else int(np.argmin(good)) + 1
         span = slice(now.step - before, now.step - before + used)
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
-        mixture.innovations(span, earlier, states, passage.own, data.samples[span])
-        mixture.log_likelihood += _likely(now, passage, earlier, weights, used)
-        mixture.states(span, now.cover.point, weights, passage.states.first(used), now.models, data.known_end[span])
+        if mixtures:
+            mixtures[-1].innovations(span, earlier, states, passage.own, data.samples[span])
+            mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
+            seen = passage.states.first(used)
+            mixtures[-1].states(span, now.cover.point, weights, seen, now.models, data.known_end[span])
+        first = now.step < LOOK * steps
         now = on(now, passage, used)
+        looked = not problem.along and first and now.step >= LOOK * steps
+        if looked and not moved(problem, _ended(now, laid).nuisances[0]):
+            break
         if problem.progress is not None:
             problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
             now, laid = following(now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
-            mixture.states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
+            if mixtures:
+                mixtures[-1].states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
+    return now, laid, mixtures
+
+
+def _ended(now: LinearStanding[Any], laid: int) -> BankEnd:
+    """As the samples say it that weigh the points."""
     states = now.states
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
     about = now.models.about
-    nu = nu + about
-    return tuple(BankRun(own.finished(), point, weight, nu, left, about, laid, now.cover.step) for own in mixtures)
+    return BankEnd(point, weight, nu + about, left, about, laid, now.cover.step)
 
 
 def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:

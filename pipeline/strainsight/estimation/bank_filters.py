@@ -67,7 +67,8 @@ class BankProblem:
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
-    are under the loads as stated.
+    are under the loads as stated. along: whether states along the samples are asked for, or the posterior of parameters and ν at
+    the end alone.
     """
 
     records: tuple[BankRecord, ...]
@@ -80,6 +81,7 @@ class BankProblem:
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
+    along: bool = True
 
     @property
     def model(self) -> FilterModel:
@@ -175,7 +177,7 @@ def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, F
     mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
     models = linear_models(own.model, cover.point, own.nuisances, problem.biased)
     start = beginning(own.model, models, mean, covariance, own.settled)
-    filters = filters_of(models, *start, consider=considers(own.model, own.nuisances))
+    filters = filters_of(models, *start, consider=problem.along and considers(own.model, own.nuisances))
     if not problem.beside_loads:
         return models, filters, None
     judge = judge_of(own.model, cover.point, mean, covariance, own.nuisances, problem.biased, own.steps)
@@ -205,19 +207,10 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
     """
     here, fit = one_point(point), np.inf
-    own = problem.records[0].nuisances
-    modes = problem.model.model.size if own.damping > 0 else 0
     for _ in range(TURNS):
-        old = problem.records[0].nuisances.about
-        about = np.clip(nu, -FARTHEST, FARTHEST)
-        if problem.beside_loads:
-            # in what adds to readings whatever the motion is they are linear
-            about[len(nu) - len(own.offset) :][(own.offset != 0).any(axis=1)] = 0.0
-        else:
-            about = about[:modes]
-        moved = np.abs(about - np.pad(old, (0, len(about) - len(old))))
-        if own.damping * moved[:modes].max(initial=0.0) <= MOVED and moved[modes:].max(initial=0.0) <= MOVED:
+        if not moved(problem, nu):
             break
+        about = _about(problem, nu)
         records = (replace(one, nuisances=replace(one.nuisances, about=about)) for one in problem.records)
         problem = replace(problem, records=tuple(records))
         found = filtered_at(problem, here, problem.first[-1])
@@ -225,6 +218,30 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
             break
         nu, fit = found.states.nu[0, 0] + found.models.about, float(found.fit[0])
     return problem
+
+
+def moved(problem: BankProblem, nu: np.ndarray) -> bool:
+    """Whether the mean of ν (d,) is MOVED from where readings are linear: by ln c in the damping, by σ in all else."""
+    own, about = problem.records[0].nuisances, _about(problem, nu)
+    off = np.abs(about - np.pad(own.about, (0, len(about) - len(own.about))))
+    modes = _modes(problem)
+    return bool(own.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
+
+
+def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
+    """ν about which readings are to be linear: of the damping of every mode, beside unknown loads of all that acts on motion and
+    rows; in what adds to readings whatever the motion is they are linear."""
+    about = np.clip(nu, -FARTHEST, FARTHEST)
+    if not problem.beside_loads:
+        return np.asarray(about[: _modes(problem)])
+    offset = problem.records[0].nuisances.offset
+    about[len(nu) - len(offset) :][(offset != 0).any(axis=1)] = 0.0
+    return np.asarray(about)
+
+
+def _modes(problem: BankProblem) -> int:
+    """How many ν are of the damping of modes; they come first."""
+    return problem.model.model.size if problem.records[0].nuisances.damping > 0 else 0
 
 
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:
