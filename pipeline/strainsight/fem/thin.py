@@ -20,7 +20,7 @@ from strainsight.fem.shell_sections import resistance_of, shell_weight
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, meant, shapes, with_value
-from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock
+from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, nodes_along_beams
 
 CHUNK = 2048
 """Elements at a time; of second-order shells fewer, so that they stay in the cache."""
@@ -167,12 +167,13 @@ def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.cs
 
 def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Nodes (e, k) and factor × stiffness (e, 6k, 6k) of the elements in these regions, some at a time."""
+    along = nodes_along_beams(mesh.shells, mesh.beams)
     for part in _parts(mesh, regions):
         x = mesh.position[part.nodes]
         factor = np.array([regions[int(number)] for number in part.region])[:, None, None]
         if isinstance(part, ShellBlock):
             of = resistance_of(mesh, part)
-            own = shell_stiffnesses(x, of.A, of.B, of.D, of.S, part.offset, part.ids)
+            own = shell_stiffnesses(x, of.A, of.B, of.D, of.S, part.offset, part.ids, np.isin(part.nodes, along))
         else:
             nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in part.region])
             properties = properties_of([_beam(mesh, int(number)) for number in part.region], nu)

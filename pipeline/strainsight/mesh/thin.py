@@ -130,3 +130,29 @@ def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) ->
     """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
     own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in own)]))
+
+
+def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
+    """Indices, ascending, of both nodes of every beam that runs along a side of a shell, or along half of one; no rods."""
+    none = [np.zeros((0, 2), dtype=np.int64)]
+    lines = [block.nodes[:, pair] for block in beams for pair in _SPANS[block.kind]]
+    ends = np.sort(np.concatenate(none + lines), axis=1)
+    if not len(ends):
+        return ends.ravel()
+    size = int(max(ends.max(), *(block.nodes.max(initial=0) for block in shells), 0)) + 1
+    sides = np.sort(np.concatenate(none + [_sides(block) for block in shells]), axis=1)
+    there = np.isin(ends @ [size, 1], sides @ [size, 1])
+    return np.unique(ends[there])
+
+
+_SPANS = {"beam": ((0, 1),), "rod": (), "beam3": ((0, 2), (2, 1))}
+"""Local numbers of neighbours in a beam."""
+
+
+def _sides(block: ShellBlock) -> IntArray:
+    """Pairs (s, 2) of neighbours around shells; of those with nodes on their sides, of corners too."""
+    count = CORNERS[block.nodes.shape[1]]
+    rings = [block.corners]
+    if block.nodes.shape[1] > count:
+        rings.append(np.stack([block.corners, block.nodes[:, count:]], axis=2).reshape(len(block.nodes), -1))
+    return np.concatenate([np.stack([ring, np.roll(ring, -1, axis=1)], axis=2).reshape(-1, 2) for ring in rings])

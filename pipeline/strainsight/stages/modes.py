@@ -41,7 +41,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 MODES = Stage(
     "modes",
-    version=4,
+    version=5,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

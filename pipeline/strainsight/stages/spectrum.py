@@ -25,7 +25,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SPECTRUM = Stage(
     "spectrum",
-    version=4,
+    version=5,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.fem.shells.beside_beams import let_go, sprung
 from strainsight.fem.shells.curved import curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
 from strainsight.fem.shells.laminate import in_shear
 from strainsight.fem.shells.plane import plane_of, rows_to_basic, to_basic
@@ -32,6 +33,7 @@ def shell_stiffnesses(
     S: np.ndarray,
     offset: np.ndarray,
     ids: np.ndarray,
+    beside: np.ndarray | None = None,
 ) -> np.ndarray:
     """Stiffness of shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
 
@@ -45,10 +47,10 @@ def shell_stiffnesses(
     position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
     a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite
     (a shell that does not shear: a thousand times that of one that does; nothing locks); offset (e,) [m] of the middle surface
-    from the nodes along the normal, by rigid arms; ids (e,) for the error message. Returns (e, 6k, 6k), rows 6·node + component,
-    three translations [m] and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four
-    are linked to its mean plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is
-    folded."""
+    from the nodes along the normal, by rigid arms; ids (e,) for the error message; beside (e, k), the nodes that beams run along,
+    whose rotation about the normal is let go (`let_go`). Returns (e, 6k, 6k), rows 6·node + component, three translations [m]
+    and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four are linked to its mean
+    plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is folded."""
     e, k = position.shape[:2]
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
@@ -60,15 +62,21 @@ def shell_stiffnesses(
         C[:, 8, 8] = _drilling(A, D, weight)
         if ties.held:
             C = _with_held(C, np.where(in_shear(D) > 0, C[:, 8, 8] - LEAST_DRILLING * in_shear(A), in_shear(A)))
-        return to_nodes(_condensed(_integral(G, C, weight), 6 * k), own)
+        K = to_nodes(_condensed(_integral(G, C, weight), 6 * k), own)
+        return K if beside is None else let_go(K, own.normal, beside, _least(A, weight))
     plane = plane_of(position, offset, ids)
     if k == 4:
         G, weight = quad_strains(plane.xy, GAUSS[None])
         C[:, 8, 8] = _drilling(A, D, weight)
     else:
-        G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S))
+        G, area = tria_strains(plane.xy, POINTS[None], _poisson(A), _twist(plane.xy, D, S), beside)
         C, weight = C[:, :8, :8], area[:, None] * WEIGHTS
-    return to_basic(_condensed(_integral(G, C, weight), 6 * k), plane)
+    K = _condensed(_integral(G, C, weight), 6 * k)
+    if beside is None:
+        return to_basic(K, plane)
+    if k == 3:
+        return to_basic(sprung(K, plane.xy, beside, _least(A, weight)), plane)
+    return let_go(to_basic(K, plane), np.repeat(plane.axes[:, None, :, 2], k, axis=1), beside, _least(A, weight))
 
 
 def shell_masses(
@@ -133,6 +141,11 @@ def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """c (e,) of θ_z − ω; weight (e, q) [m²]."""
     inside = in_shear(A)
     return _lesser(DRILLING * in_shear(D) / weight.sum(axis=1), MOST_DRILLING * inside) + LEAST_DRILLING * inside
+
+
+def _least(A: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """The spring (e,) [N m] that is left between the rotation of a node that beams run along and that of an element."""
+    return np.asarray(LEAST_DRILLING * in_shear(A) * weight.sum(axis=1))
 
 
 def _with_held(C: np.ndarray, c: np.ndarray) -> np.ndarray:

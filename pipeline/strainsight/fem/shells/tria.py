@@ -16,15 +16,17 @@ LEAST_BETA0 = 0.01
 """Of ν near 1/2, where (1 − 4ν²)/2 vanishes and with it what holds the rotations of the nodes (Felippa 2003)."""
 
 
-def tria_strains(xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def tria_strains(
+    xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarray, beside: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The eight rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz) of motions of three nodes and two inner rotations.
 
     xy (e, 3, 2) [m] anticlockwise; at (e or 1, q, 2) area coordinates r, s of the second and third node; nu (e,) Poisson's
-    ratio; twist d (e,), see `_shear`. Returns (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area
-    (e,) [m²].
+    ratio; twist d (e,), see `_shear`; beside (e, 3), nodes whose rotation about the normal is without effect. Returns
+    (e, q, 8, 18 + 2), columns 6·node + component and the inner ones, and the area (e,) [m²].
     """
     e, q = len(xy), at.shape[1]
-    area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0))
+    area, mean, varying = _membrane(xy, np.maximum((1 - 4 * nu**2) / 2, LEAST_BETA0), beside)
     J = xy[:, 1:] - xy[:, :1]
     inverse = np.stack([J[:, 1, 1], -J[:, 0, 1], -J[:, 1, 0], J[:, 0, 0]], axis=-1).reshape(e, 2, 2)
     inverse /= 2 * area[:, None, None]
@@ -45,14 +47,17 @@ def tria_strains(xy: np.ndarray, at: np.ndarray, nu: np.ndarray, twist: np.ndarr
     return G, area
 
 
-def _membrane(xy: np.ndarray, beta0: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _membrane(
+    xy: np.ndarray, beta0: np.ndarray, beside: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """ε_xx, ε_yy and γ_xy in triangles that move by u, v and a rotation θ about the normal at each node:
 
         ε(ζ) = ε̄ + Σᵢ ζᵢ εᵢ,     ε̄ = Lᵀq/area,     εᵢ = (3/2) √β₀ T_e Q_i θ̃,     Σᵢ εᵢ = 0
 
     ε̄ is what lumps constant stress into forces on the nodes, sides moved along a cubic by θ (α_b = 3/2), and θ̃ the rotations
     of the nodes less that of the triangle with linear u, v. ∫ εᵀAε has a rank of 9 − 3; a rectangle of two bends in its plane
-    as a beam does at any slenderness if β₀ = (1 − 4ν²)/2.
+    as a beam does at any slenderness if β₀ = (1 − 4ν²)/2. Sides of a node whose θ is without effect stay straight, so that
+    constant stress passes next to other triangles, and its θ̃ is zero.
 
     Returns area (e,) [m²], ε̄ (e, 3, 9) and εᵢ (e, 3, 3, 9) with i second, columns u₁ v₁ θ₁ u₂ …. Source: C. A. Felippa,
     A study of optimal membrane triangles with drilling freedoms, Comput. Methods Appl. Mech. Engrg. 192 (2003) 2125-2168.
@@ -65,20 +70,31 @@ def _membrane(xy: np.ndarray, beta0: np.ndarray) -> tuple[np.ndarray, np.ndarray
     mean = np.zeros((e, 3, 3, 3))
     mean[:, 0, :, 0] = mean[:, 2, :, 1] = Y
     mean[:, 1, :, 1] = mean[:, 2, :, 0] = -X
-    mean[:, 0, :, 2] = Y * (Ya - Yb) / 4
-    mean[:, 1, :, 2] = X * (Xa - Xb) / 4
-    mean[:, 2, :, 2] = (Xa * Ya - Xb * Yb) / 2
+    bows = np.ones((e, 3)) if beside is None else 1.0 * ~(np.roll(beside, -1, axis=1) | np.roll(beside, -2, axis=1))
+    bb, ba = (np.roll(bows, by, axis=1) for by in (-1, -2))
+    mean[:, 0, :, 2] = (bb * Yb**2 - ba * Ya**2) / 4
+    mean[:, 1, :, 2] = (bb * Xb**2 - ba * Xa**2) / 4
+    mean[:, 2, :, 2] = (ba * Xa * Ya - bb * Xb * Yb) / 2
     mean /= (2 * area)[:, None, None, None]
 
     turned = np.zeros((e, 3, 3, 3))
-    turned[..., :2] = -side[:, None] / (4 * area)[:, None, None, None]
+    turned[..., :2] = -linear_turn(xy)[:, None]
     turned[:, range(3), range(3), 2] = 1.0
+    if beside is not None:
+        turned[beside] = 0.0
 
     # T_e diag(l²): strains along the sides 12, 23, 31; 1/l² stands in Q
     natural = np.stack([-Y * Yb, -X * Xb, Y * Xb + X * Yb], axis=1) * (np.sqrt(beta0) / (4 * area))[:, None, None]
     Q = np.stack([np.roll(BETA, i, axis=(0, 1)) for i in range(3)])
     varying = np.matmul(np.matmul(natural[:, None], Q).reshape(e, 9, 3), turned.reshape(e, 3, 9))
     return area, mean.reshape(e, 3, 9), varying.reshape(e, 3, 3, 9)
+
+
+def linear_turn(xy: np.ndarray) -> np.ndarray:
+    """½(v,x − u,y) (e, 3, 2) [1/m] of linear u and v, of those of each node."""
+    side = np.roll(xy, -1, axis=1) - np.roll(xy, -2, axis=1)
+    area = np.linalg.det(xy[:, 1:] - xy[:, :1]) / 2
+    return np.asarray(side / (4 * area)[:, None, None])
 
 
 def _curve(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
