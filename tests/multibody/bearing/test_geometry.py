@@ -71,6 +71,8 @@ def test_a_ball_that_outgrows_its_grooves_is_refused():
         ({"contact_angle": 1.6}, "contact angle of 91.67°"),
         ({"ball_diameter": -0.06}, "ball_diameter is -0.06"),
         ({"pitch_diameter": 0.05}, "pitch circle"),
+        ({"ball_diameter": 1e-170}, r"times as wide as the ball"),
+        ({"ball_diameter": 0.0636 * (1 - 1e-12)}, "does not pass"),
         ({"preload": float("nan")}, "preload is nan"),
         ({"poisson_ratio": 0.5}, "ratio 0.5"),
         ({"groove_centres": "float"}, "groove centres 'float'"),

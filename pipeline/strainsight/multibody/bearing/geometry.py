@@ -29,6 +29,10 @@ AXIAL = np.array([1.0, -1.0, 1.0, -1.0])
 RADIAL = np.array([1.0, 1.0, -1.0, -1.0])
 """Signs of the direction from the ball to the groove centre, (± sin α, ± cos α): also that of the force on the ball."""
 
+LEAST_GAP, WIDEST = 1e-9, 1e6
+"""Share of the ball's radius by which a groove's must be larger, and how many times it may be as large: beyond, rounding
+leaves no contact ellipse."""
+
 
 @dataclass(frozen=True)
 class Bearing:
@@ -167,9 +171,14 @@ def _check(bearing: Bearing) -> None:
 
 def _check_grooves(ball: float, radii: list[float], oversize: float, which: str) -> None:
     for name, radius in zip(CONTACTS, radii, strict=True):
-        if radius <= ball / 2 + oversize:
+        if radius <= (1 + LEAST_GAP) * ball / 2 + oversize:
             raise UserError(
                 f"the {which}{name} groove of radius {1e3 * radius:.6f} mm does not pass a ball of radius"
                 f" {1e3 * ball / 2:.6f} mm" + (f" with {1e6 * oversize:.4g} µm of preload" if oversize else ""),
                 remedy="make the groove radius larger than the ball's, usually by 2 to 8 %",
+            )
+        if radius > WIDEST * ball / 2:
+            raise UserError(
+                f"the {which}{name} groove of radius {1e3 * radius:.6g} mm is {2 * radius / ball:.3g} times as wide as the ball",
+                remedy="check the units of the ball diameter; grooves are usually 2 to 8 % larger than the ball",
             )
