@@ -41,7 +41,7 @@ help:
 	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
 	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'
 	@echo 'make fuzz           20 000 damaged configs, decks and measurements each, and more; what fails is put into build/fuzz'
-	@echo 'make soak           10 million steps of the filter and 1000 placements, each in one process, and the squeezer to 0.03 s; takes an hour'
+	@echo 'make soak           10 million steps of the filter and 1000 placements, each in one process; takes an hour'
 	@echo 'make history        ratios of processor times to other packages, kept in benchmarks/history'
 	@echo 'make manual         the manual as a site: site/index.html'
 	@echo 'make lock           renew requirements-dev.lock and .ci/lowest.lock from pyproject.toml'
@@ -110,8 +110,8 @@ fuzz: $(READY)
 	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.guided
 
 soak: $(READY)
-	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 STRAINSIGHT_SQUEEZER=1 $(ONE_THREAD) \
-		$(VENV)/$(BIN)/pytest -q tests/robustness/test_soak.py tests/multibody/test_squeezer.py $(ARGS)
+	@STRAINSIGHT_STEPS=10_000_000 STRAINSIGHT_PLACEMENTS=1000 $(ONE_THREAD) \
+		$(VENV)/$(BIN)/pytest -q tests/robustness/test_soak.py $(ARGS)
 
 history: $(READY)
 	@$(VENV)/$(BIN)/python -m benchmarks.history

@@ -87,7 +87,7 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
     q = project_position(system, state(system, bench.poses)[0])
     q, _ = static_equilibrium(system, q, u[0], theta)
     v = np.zeros(n)
-    truth = simulate(system, q, v, u[1:], h, theta)
+    truth = simulate(system, q, v, u, h, theta)
     y = np.array([sensors.read(*now)[0] for now in zip(truth.q[1:], truth.v[1:], strict=True)])
 
     inputs = np.arange(0 if free else len(system.inputs))
@@ -98,17 +98,17 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
     increment = np.abs(np.diff(u, axis=0)).max(axis=0)[inputs]
     channels = len(sensors.channels)
     model = AugmentedStep(
-        system, sensors, np.zeros(channels), h, u[1:], inputs, coordinates, white_force(system, 1e-7),
-        increment**2, np.zeros(len(free)), np.full(channels, NOISE**2),
+        system, sensors, np.zeros(channels), h, "second_order", u, inputs, coordinates, white_force(system, 0.0),
+        increment**2, np.zeros(len(free)), np.full(channels, NOISE**2), rest=True,
     )  # fmt: skip
     std_xi = coordinates.std(guess, 0.01 * guess[coordinates.free])
-    P = start_covariance(system, start, u[0], guess, coordinates, inputs, increment, std_xi)
+    P = model.spread(start_covariance(system, start, u[0], guess, coordinates, inputs, increment, std_xi))
     x = model.pack(start, v, u[0, inputs], guess)
     ways: dict[str, dict[str, Any]] = {
         "one-shot": {"form": "square_root", "project": model.projected},
         "iterated": {"form": "square_root", "iterations": 8, "through_step": True},
     }
-    work: dict[str, Callable[[], Any]] = {"simulation": lambda: simulate(system, q, v, u[1:], h, theta)}
+    work: dict[str, Callable[[], Any]] = {"simulation": lambda: simulate(system, q, v, u, h, theta)}
     for way, how in ways.items():
         filter_runs(model, x, P, y[:3], **how)
         work[way] = partial(filter_runs, model, x, P, y, **how)

@@ -29,15 +29,14 @@ import numpy as np
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 
+from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.bodies import FlexibleBody, RigidBody
 from strainsight.multibody.forces import Gravity
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, project_position, state
 from strainsight.multibody.joints import revolute, spherical
-from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
-from strainsight.multibody.step import step
 from strainsight.multibody.system import System, assemble
 from strainsight.rom.inertia import InertiaInvariants
 
@@ -169,7 +168,7 @@ def run_ours(case: Case, steps: int) -> tuple[float, np.ndarray]:
     """Seconds a step, and the rotation matrix (3, 3) at the end."""
 
     def work(count: int = steps) -> np.ndarray:
-        return simulate(case.system, case.q, case.v, np.zeros((count, 0)), DURATION / steps, np.zeros(0)).q[-1]
+        return simulate(case.system, case.q, case.v, np.zeros((count + 1, 0)), DURATION / steps, np.zeros(0)).q[-1]
 
     end = work(2)
     seconds = shortest(lambda: end.__setitem__(slice(None), work())) / steps
@@ -243,14 +242,15 @@ def full_bench(steps: int) -> None:
     q = project_position(system, state(system, bench.poses)[0])
     q, _ = static_equilibrium(system, q, u[0], theta)
     v = np.zeros_like(q)
-    whole = shortest(lambda: simulate(system, q, v, u[1:], h, theta)) / steps
+    whole = shortest(lambda: simulate(system, q, v, u, h, theta)) / steps
     last, iterations = None, 0
     for k in range(steps):
-        last = step(system, *((q, v) if last is None else (last.q, last.v)), u[k + 1], h, theta, guess=last)
-        iterations += last.iterations
+        at = (q, v) if last is None else (last.q, last.v)
+        last = advance(system, *at, (u[k], u[k + 1]), h, theta, "second_order", last=last)
+        iterations += sum(stage.iterations for stage in last.stages)
     assert last is not None
     end = last
-    derivatives = shortest(lambda: [sensitivities(system, end) for _ in range(50)]) / 50
+    derivatives = shortest(lambda: [slopes(system, end) for _ in range(50)]) / 50
     element = system.elements[0].force
     rho = readings(system, [RelationSensor("bearing", element.relations)]).read(end.q, end.v)[0]
     bearing = shortest(lambda: [element.law.load(rho, np.zeros(5), np.zeros(0)) for _ in range(50)]) / 50

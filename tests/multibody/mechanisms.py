@@ -8,10 +8,10 @@ from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.frames import Frame
 
 
-def extrapolated(values):
-    """The limit for h → 0 of values at h, h/2, h/4, …, their error a power series in h."""
+def extrapolated(values, order):
+    """The limit for h → 0 of values at h, h/2, h/4, …, their error a power series in h that begins with hᵒʳᵈᵉʳ."""
     table = list(values)
-    for k in range(1, len(table)):
+    for k in range(order, order + len(table) - 1):
         table = [(2**k * fine - coarse) / (2**k - 1) for coarse, fine in pairwise(table)]
     return table[0]
 

@@ -71,7 +71,7 @@ def test_spinning_body_stretches_by_its_centrifugal_force(particles):
     stretch = 0.5 * omega**2 * 2.0 / (k - 0.5 * omega**2)
     pose = Pose(spin=np.array([0, 0, omega]), modal=np.array([stretch]))
     for h, error in ((2e-3, 0.02), (1e-3, 0.01)):
-        run = simulate(system, *state(system, {"rotor": pose}), np.zeros((int(1 / h), 0)), h, np.zeros(0))
+        run = simulate(system, *state(system, {"rotor": pose}), np.zeros((int(1 / h) + 1, 0)), h, np.zeros(0))
         assert np.abs(run.q[:, 12] - stretch).max() < error * stretch
     about_z = sum(5.0 * (r[0] ** 2 + r[1] ** 2) for r in ring) + 2 * 0.5 * (2.0 + run.q[-1, 12]) ** 2
     spin = run.v[-1, 3:12] @ np.cross([0, 0, 1], run.q[-1, 3:12].reshape(3, 3)).ravel() / 2
@@ -95,7 +95,7 @@ def test_free_flexible_body_keeps_its_momentum_as_the_step_shrinks(random_partic
     q, v = state(system, {"potato": pose})
     drifts = []
     for steps in (250, 500, 1000):
-        run = simulate(system, q, v, np.zeros((steps, 0)), 1.0 / steps, np.zeros(0))
+        run = simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
         drifts.append(momentum(cloud, run.q[-1], run.v[-1]) - momentum(cloud, q, v))
     scale = np.abs(momentum(cloud, q, v)).max()
     limit = (8 * drifts[2] - 6 * drifts[1] + drifts[0]) / 3
@@ -113,7 +113,7 @@ def test_energy_of_a_clamped_mode_decays_as_implicit_euler_must(particles):
     rng = np.random.default_rng(0)
     q, v = rng.normal(size=n), rng.normal(size=n)
     h = 0.02
-    run = simulate(system, q, v, np.zeros((50, 0)), h, np.zeros(0))
+    run = simulate(system, q, v, np.zeros((51, 0)), h, np.zeros(0), "thesis")
     energy = run.v**2 + omega2 * run.q**2
     np.testing.assert_allclose(energy[1:], energy[:-1] / (1 + h**2 * omega2), rtol=1e-12)
 

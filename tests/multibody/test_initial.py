@@ -50,7 +50,7 @@ def test_run_from_an_inconsistent_state_is_refused_by_name():
         (Pose(rotation=np.diag([1.0, 1.0, 1.2])), "body ball: Rz·Rz of its frame is 0.44"),
     ):
         with pytest.raises(InfeasibleError, match=told):
-            simulate(system, *state(system, {"ball": pose}), np.zeros((1, 0)), 0.01, np.zeros(0))
+            simulate(system, *state(system, {"ball": pose}), np.zeros((2, 0)), 0.01, np.zeros(0))
 
 
 def test_spin_turns_the_body_about_the_global_axis():

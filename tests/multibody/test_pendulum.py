@@ -1,7 +1,5 @@
 """A pendulum: the order of the step, its constraints, its energy, its units."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -12,6 +10,8 @@ from strainsight.multibody.initial import Pose, constraints_at, state
 from strainsight.multibody.joints import revolute
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
+
+from .mechanisms import extrapolated
 
 
 def pendulum(metre=1.0, kilogram=1.0):
@@ -24,39 +24,37 @@ def pendulum(metre=1.0, kilogram=1.0):
     return system, *state(system, {"bob": Pose(rotation=np.diag([-1.0, -1.0, 1.0]))})
 
 
-def swing(steps, duration=1.0, **units):
+def swing(steps, method="second_order", **units):
     system, q, v = pendulum(**units)
-    return system, simulate(system, q, v, np.zeros((steps, 0)), duration / steps, np.zeros(0))
+    return system, simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0), method)
 
 
-def extrapolated(values):
-    """The limit for h → 0 of values at h, h/2, h/4, …, their error a power series in h."""
-    table = list(values)
-    for k in range(1, len(table)):
-        table = [(2**k * fine - coarse) / (2**k - 1) for coarse, fine in pairwise(table)]
-    return table[0]
-
-
-def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_order_one():
+@pytest.mark.parametrize(("method", "order"), [("second_order", 2), ("thesis", 1)])
+def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_the_order_of_the_method(method, order):
     exact = np.array([0.98629175, -0.16501085])
-    ends = [swing(n)[1].q[-1, 3:5] for n in (100, 200, 400, 800)]
+    ends = [swing(n, method)[1].q[-1, 3:5] for n in (100, 200, 400, 800)]
     errors = [np.linalg.norm(end - exact) for end in ends]
-    assert errors[2] / errors[3] == pytest.approx(2.0, abs=0.08)
-    np.testing.assert_allclose(extrapolated(ends), exact, atol=2e-6)
+    assert np.log2(errors[2] / errors[3]) == pytest.approx(order, abs=0.06)
+    np.testing.assert_allclose(extrapolated(ends, order), exact, atol=2e-6)
 
 
-def test_constraints_hold_to_rounding_in_position_and_velocity():
-    system, run = swing(200)
+def test_bob_is_right_to_a_tenth_of_a_millimetre_with_steps_of_2_5_ms():
+    assert np.linalg.norm(swing(400)[1].q[-1, 3:5] - [0.98629175, -0.16501085]) < 1e-4
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_constraints_hold_to_rounding_in_position_and_velocity(method):
+    system, run = swing(200, method)
     for q, v in zip(run.q, run.v, strict=True):
         phi, B = constraints_at(system, q)
         assert np.abs(phi).max() < 1e-14
         assert np.abs(B @ v).max() < 1e-13 * max(1.0, np.abs(v).max())
 
 
-def test_energy_falls_at_every_step_and_not_at_all_as_the_step_shrinks():
+def test_energy_falls_at_every_step_of_implicit_euler_and_not_at_all_as_the_step_shrinks():
     lost = []
     for steps in (200, 400):
-        _, run = swing(steps)
+        _, run = swing(steps, "thesis")
         energy = 0.5 * np.sum(run.v[:, 3:6] ** 2, axis=1) + 9.81 * run.q[:, 4]
         assert np.all(np.diff(energy) < 0)
         lost.append(energy[0] - energy[-1])
@@ -73,6 +71,6 @@ def test_nothing_depends_on_the_units():
 def test_multiplier_of_the_pivot_is_the_reaction():
     system, q, v = pendulum()
     q, v = state(system, {"bob": Pose(rotation=np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]))})
-    run = simulate(system, q, v, np.zeros((1, 0)), 0.01, np.zeros(0))
+    run = simulate(system, q, v, np.zeros((2, 0)), 0.01, np.zeros(0))
     assert system.constraints[7] == "pivot: y of end on wall"
     np.testing.assert_allclose(run.lam[0, 6:9], [0.0, 9.81, 0.0], atol=1e-12)

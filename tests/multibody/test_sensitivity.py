@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.step import step
@@ -39,6 +40,29 @@ def test_sensitivities_of_a_step_are_its_differences(everything, h):
     ):
         for half in (slice(0, n), slice(n, None)):
             np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * np.abs(exact[half]).max())
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize("h", [1e-3, 0.05])
+def test_slopes_of_an_advance_are_its_differences(everything, h, method):
+    """By the state, the loads at both ends, the parameters and a force, through all stages."""
+    e, rng = everything, np.random.default_rng(3)
+    n, w, u = e.system.size, rng.normal(size=e.system.size), (e.u, e.u + rng.normal(size=len(e.u)))
+    x = np.concatenate([e.q, e.v])
+
+    def after(x, start, end, theta, w):
+        new = advance(e.system, x[:n], x[n:], (start, end), h, theta, method, w)
+        return np.concatenate([new.q, new.v])
+
+    at = [x, *u, e.theta, w]
+    found = slopes(e.system, advance(e.system, e.q, e.v, u, h, e.theta, method, w))
+    named = (found.A, found.B_start, found.B_end, found.B_theta, found.B_w)
+    for place, (exact, size) in enumerate(zip(named, (1e-4, 1e-1, 1e-1, 1e-3, 1e-1), strict=True)):
+        difference = differences(lambda z, i=place: after(*at[:i], z, *at[i + 1 :]), at[place], size)
+        for half in (slice(0, n), slice(n, None)):
+            # of a load before the step Euler knows nothing
+            scale = max(np.abs(exact[half]).max(), 1e-3 * np.abs(found.B_end[half]).max())
+            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * scale)
 
 
 def test_names_of_inputs_and_parameters_are_in_the_order_of_the_columns(everything):

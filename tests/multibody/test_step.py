@@ -37,7 +37,7 @@ def test_stone_falls_onto_a_hertz_contact_and_rests_on_it():
     system = assemble([STONE], [], [RelativeElement("floor", HEIGHT, one_sided(k)), Gravity()])
     q, v = state(system, {})
     q[2] = 0.05
-    run = simulate(system, q, v, np.zeros((400, 0)), 0.01, np.zeros(0))
+    run = simulate(system, q, v, np.zeros((401, 0)), 0.01, np.zeros(0))
     assert run.q[-1, 2] == pytest.approx(-((2 * 9.81 / k) ** (2 / 3)), rel=1e-6)
 
 
@@ -93,7 +93,7 @@ def test_trial_state_where_a_force_does_not_exist_is_approached_by_half():
     def load(rho, rho_dot, theta):
         if rho[0] >= 1:
             raise NumericalError("beyond the end")
-        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((1, 0)))
+        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((2, 0)))
 
     lift = PointForce("lift", Frame("centre", "stone"), np.array([0, 0, 1.0]), ["F"])
     system = assemble([STONE], [], [RelativeElement("end", HEIGHT, SimpleNamespace(load=load)), lift])
@@ -110,7 +110,7 @@ def test_run_says_when_it_fails():
     brittle = law(lambda r: np.where(r > -1, 0.0, np.nan), lambda r: np.zeros(1))
     system = assemble([STONE], [], [RelativeElement("brittle", HEIGHT, brittle), Gravity()])
     with pytest.raises(NumericalError, match=r"at t = 0\.4[3-5]\d* s: .* force brittle is not finite"):
-        simulate(system, *state(system, {}), np.zeros((100, 0)), 0.01, np.zeros(0))
+        simulate(system, *state(system, {}), np.zeros((101, 0)), 0.01, np.zeros(0))
 
 
 def test_points_of_a_spring_that_coincide_are_refused():

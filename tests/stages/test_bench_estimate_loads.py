@@ -98,6 +98,7 @@ def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
     found = estimate(
         DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
         "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
+        "estimate.parameters.diameter.guess=0.0612", "estimate.parameters.diameter.std=1.2e-3",
     )  # fmt: skip
     assert not (found.path.parent / "loads.csv").exists()
     assert np.isnan(found["/inputs/Fx/std"][-1])

@@ -58,7 +58,8 @@ def test_ball_diameter_is_found_from_one_per_cent_off(estimate, convention, gues
 def test_undamped_updates_lose_a_diameter_that_damped_ones_find(estimate):
     wrong = (
         "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
-        "estimate.duration=2.0", "estimate.time_step=0.2",
+        "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.parameters.diameter.guess=0.0612",
+        "estimate.parameters.diameter.std=1.2e-3",
     )  # fmt: skip
     undamped = estimate(DIAMETER, *wrong, "estimate.method.update=undamped")
     assert undamped.summary["lost"] == 1

@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import block_diag, eig
 
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
+from strainsight.multibody.advance import Method
 from strainsight.multibody.inverse.linear import LinearBench, in_modes
 
 R_STATES, NU = 4, 2
@@ -26,10 +27,11 @@ class Chain:
     increment: np.ndarray
     force: np.ndarray
     h: float = 0.02
+    method: Method = "second_order"
 
     @property
     def bench(self) -> LinearBench:
-        return in_modes(self.T, self.M, self.C, self.K, self.B, self.increment, self.force, self.h)
+        return in_modes(self.T, self.M, self.C, self.K, self.B, self.increment, self.force, self.h, self.method)
 
 
 @pytest.fixture(scope="module")
@@ -46,21 +48,28 @@ def chain() -> Chain:
 
 
 def kalman(chain, rows, noise, acceleration, steps):
-    """x' = A x after (M/h + C + hK)v' = Mv/h − Ky + B(u + δ) + w, one step after the other from a wide start, in plain textbook
-    form, a gauge at a time, with 19 digits where the machine has them."""
+    """The Butcher tableau of the method on ż = F z + G(Bu + w), u straight in a step, one step after the other from a wide start,
+    in plain textbook form, a gauge at a time, with 19 digits where the machine has them."""
     h, r, nu = chain.h, len(chain.M), chain.B.shape[1]
-    inverse = np.linalg.inv(chain.M / h + chain.C + h * chain.K)
-    v = np.hstack([-inverse @ chain.K, inverse @ chain.M / h, inverse @ chain.B])
-    y = h * v
-    y[:, :r] += np.eye(r)
-    A = np.vstack([y, v, np.hstack([np.zeros((nu, 2 * r)), np.eye(nu)])]).astype(np.longdouble)
-    G = np.vstack([h * inverse, inverse, np.zeros((nu, r))])
-    W = G @ (acceleration**2 * chain.T.T @ np.diag(chain.force) @ chain.T) @ G.T
-    U = np.zeros(A.shape, dtype=np.longdouble)
-    U[range(2 * r, 2 * r + nu), range(2 * r, 2 * r + nu)] = chain.increment**2
-    P = 1e6 * U
+    inverse, none, g = np.linalg.inv(chain.M), np.zeros((r, r)), 1 - 0.5**0.5
+    F, G = np.block([[none, np.eye(r)], [-inverse @ chain.K, -inverse @ chain.C]]), np.vstack([none, inverse])
+    table = np.array([[1.0]]) if chain.method == "thesis" else np.array([[g, 0.0], [1 - g, g]])
+    instants = table.sum(axis=1)
+    # slopes of all stages: (1 − h a ⊗ F) k = 1 ⊗ F z + G B (u + c δ) + G w;  z' = z + h Σ bᵢkᵢ, b the last row
+    k = np.linalg.inv(np.eye(2 * r * len(table)) - h * np.kron(table, F))
+    weigh = h * np.kron(table[-1:], np.eye(2 * r)) @ k
+    ones = np.ones((len(table), 1))
+    by_z, by_f = np.eye(2 * r) + weigh @ np.kron(ones, F), weigh @ np.kron(ones, G)
+    by_d = weigh @ np.kron(instants[:, None], G @ chain.B)
+    zero = np.zeros((nu, 2 * r))
+    A = np.block([[by_z, by_f @ chain.B], [zero, np.eye(nu)]]).astype(np.longdouble)
+    D = np.vstack([by_d, np.eye(nu)]) * chain.increment
+    W = np.zeros_like(A)
+    W[: 2 * r, : 2 * r] = by_f @ (acceleration**2 * chain.T.T @ np.diag(chain.force) @ chain.T) @ by_f.T
+    W += D @ D.T
+    P = np.diag(np.concatenate([np.zeros(2 * r), 1e6 * chain.increment**2])).astype(np.longdouble)
     for _ in range(steps):
-        P = A @ (P + U) @ A.T + W
+        P = A @ P @ A.T + W
         for row in rows @ chain.T:
             Ph = P[:, :r] @ row
             P = P - np.outer(Ph, Ph) / (row @ Ph[:r] + noise**2)
@@ -68,9 +77,11 @@ def kalman(chain, rows, noise, acceleration, steps):
     return np.sqrt(np.diag(P)[2 * r :])
 
 
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
 @pytest.mark.parametrize("acceleration", [0.0, 0.3])
 @pytest.mark.parametrize("noise", [1e-3, 1e-5, 1e-7])
-def test_the_expected_std_is_that_of_a_filter_after_many_steps(chain, noise, acceleration):
+def test_the_expected_std_is_that_of_a_filter_after_many_steps(chain, noise, acceleration, method):
+    chain = replace(chain, method=method)
     rows = np.random.default_rng(0).standard_normal((3, 6))
     found = expected_std(chain.bench, rows, noise, acceleration)
     np.testing.assert_allclose(found, kalman(chain, rows, noise, acceleration, 1000).astype(float), rtol=1e-9)

@@ -37,7 +37,7 @@ class BenchLayout:
         "/std",
         "N or N m",
         "/inputs",
-        "σ of every input that a filter on implicit Euler comes to claim; inf where it is lost, NaN where that is not solved",
+        "σ of every input that the filter comes to claim; inf where it is lost, NaN where that is not solved",
     )
     without: np.ndarray = dataset("/without", "N or N m", "gauge × /inputs", "that σ without each gauge")
 

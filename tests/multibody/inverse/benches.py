@@ -39,16 +39,16 @@ class Bench:
     q: np.ndarray
     theta: np.ndarray
 
-    def truth(self, u, h, theta=None):
-        """States and readings (T, m) of a run from the equilibrium under u (T, nu)."""
+    def truth(self, u, h, theta=None, method="second_order"):
+        """States and readings (T, m) of a run from the equilibrium, no load, to u (T, nu) at h, 2h, …"""
         theta = self.theta if theta is None else theta
         q, _ = static_equilibrium(self.system, self.q, np.zeros(u.shape[1]), theta)
-        run = simulate(self.system, q, np.zeros_like(q), u, h, theta)
+        run = simulate(self.system, q, np.zeros_like(q), from_none(u), h, theta, method)
         return run, np.array([self.sensors.read(q, v)[0] for q, v in zip(run.q[1:], run.v[1:], strict=True)])
 
     def model(self, h, steps, known=None, free=(), noise=(1e-9, 1e-9), load=0.0, **more):
         """The step as the filter wants it, and where it starts: all three loads unknown (increment `load` [N] a step) unless
-        they are known (T, 3); free parameters of the bearing; noise of strain and displacement."""
+        they are known (T, 3) at h, 2h, …; free parameters of the bearing; noise of strain and displacement."""
         inputs = np.arange(3) if known is None else np.array([], dtype=int)
         coordinates = parameter_coordinates(
             self.system.parameters, free, more.pop("theta", self.theta), {"b": self.bearing.parameters}
@@ -59,13 +59,15 @@ class Bench:
             self.sensors,
             more.pop("offset", np.zeros(9)),
             h,
-            np.zeros((steps, 3)) if known is None else known,
+            more.pop("method", "second_order"),
+            from_none(np.zeros((steps, 3)) if known is None else known),
             inputs,
             coordinates,
             more.pop("Q_w", white_force(self.system, more.pop("white", 1e-8))),
             np.full(len(inputs), float(load) ** 2),
             np.zeros(len(free)),
             R,
+            rest=more.pop("rest", True),
         )
 
     def start(self, model, std_u=0.0, std_xi=0.0, spread=0.0, theta=None):
@@ -84,7 +86,12 @@ class Bench:
             np.full(p, std_xi),
             spread,
         )
-        return model.pack(q, np.zeros_like(q), np.zeros(nu), theta), P
+        return model.pack(q, np.zeros_like(q), np.zeros(nu), theta), model.spread(P)
+
+
+def from_none(u):
+    """Loads u (T, nu) at h, 2h, … after none at the start (T + 1, nu)."""
+    return np.concatenate([0 * u[:1], u])
 
 
 def inertia_of(modal, mass):
@@ -132,7 +139,7 @@ def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False, d
 
 
 def loads(h, steps, frequency=0.5):
-    """Three slow loads [N] (T, 3): u[k] acts at (k + 1) h."""
+    """Three slow loads [N] (T, 3) at h, 2h, …"""
     t = h * np.arange(1, steps + 1)
     turn = 2 * np.pi * frequency * t
     return np.stack(

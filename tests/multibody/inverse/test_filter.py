@@ -6,6 +6,7 @@ import pytest
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.verdict import chi_square_band
+from strainsight.multibody.advance import advance
 from strainsight.multibody.bodies import FlexibleBody
 from strainsight.multibody.forces import PointForce
 from strainsight.multibody.frames import Frame
@@ -13,7 +14,6 @@ from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.sensors import StrainSensor, readings
-from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 
 from .benches import bench, inertia_of, loads
@@ -35,7 +35,8 @@ def off_constraints(model, x):
 
 @pytest.mark.parametrize("h", [0.02, 0.1, 0.3])
 def test_loads_without_noise_on_the_filters_own_step(h):
-    """Iterated below 1e-7 of the amplitude after the first steps; the update in one shot is off by what it leaves out."""
+    """Iterated below 1e-7 of the amplitude once the start, of badly known loads, has rung out; the update in one shot is off by
+    what it leaves out."""
     b, steps = bench(), 60
     u = loads(h, steps, frequency=min(0.5, 0.05 / h))
     _, y = b.truth(u, h)
@@ -45,7 +46,7 @@ def test_loads_without_noise_on_the_filters_own_step(h):
     worst = {}
     for name, how in {"iterated": ITERATED, "one shot": one_shot(model)}.items():
         run = filter_runs(model, x, P, y, **how)
-        worst[name] = (np.abs(run.mean[1:, 0, model.u] - u) / amplitude)[3:].max()
+        worst[name] = (np.abs(run.mean[1:, 0, model.u] - u) / amplitude)[20:].max()
         for state in run.mean[1:, 0]:
             position, rate = off_constraints(model, state)
             assert position < 1e-14
@@ -71,18 +72,19 @@ def test_a_bearing_parameter_from_one_percent_off_on_either_side(convention, par
 
 @pytest.mark.parametrize("h", [0.11, 0.3])
 def test_taking_every_increment_loses_the_ball_that_damping_finds(h):
-    """1 % too large under `fixed` is 300 µm of interference: the first increment has no step."""
+    """2 % too large under `fixed` is 600 µm of interference: the first increment has no step, or leads astray."""
     b, steps = bench(["ball_diameter"], "fixed", balls=112), 8
     u = loads(h, steps, 0.1)
     _, y = b.truth(u, h)
-    guess = 1.01 * b.theta
+    guess = 1.02 * b.theta
     model = b.model(h, steps, known=u, free=["b.ball_diameter"], theta=guess, noise=(1e-10, 1e-10))
-    x, P = b.start(model, std_xi=model.coordinates.std(guess, 0.01 * guess)[0], theta=guess)
+    x, P = b.start(model, std_xi=model.coordinates.std(guess, 0.02 * guess)[0], theta=guess)
     run = filter_runs(model, x, P, y, **ITERATED)
     assert model.coordinates.theta(run.mean[-1, 0, model.xi])[0][0] == pytest.approx(b.theta[0], rel=1e-6)
-    for undamped in ({**ITERATED, "damped": False}, one_shot(model)):
-        with pytest.raises(NumericalError, match="the filter diverged: a time step could not be solved"):
-            filter_runs(model, x, P, y, **undamped)
+    with pytest.raises(NumericalError, match="the filter diverged: a time step could not be solved"):
+        filter_runs(model, x, P, y, **ITERATED, damped=False)
+    once = filter_runs(model, x, P, y, **one_shot(model), refuse=False)
+    assert once.lost[0] >= 0 or abs(model.coordinates.theta(once.mean[-1, 0, model.xi])[0][0] / b.theta[0] - 1) > 0.02
 
 
 def test_increments_are_not_halved_for_the_rounding_of_the_cost(monkeypatch):
@@ -100,9 +102,9 @@ def test_increments_are_not_halved_for_the_rounding_of_the_cost(monkeypatch):
 
     def counted(*arguments):
         calls.append(1)
-        return step(*arguments)
+        return advance(*arguments)
 
-    monkeypatch.setattr(module, "step", counted)
+    monkeypatch.setattr(module, "advance", counted)
     filter_runs(model, x, P, y, form="square_root", **ITERATED)
     assert len(calls) < 3.5 * steps
 
@@ -111,10 +113,10 @@ def test_a_run_that_diverges_leaves_the_others_as_they_are():
     b, h, steps = bench(["ball_diameter"], "fixed", balls=112), 0.3, 6
     u = loads(h, steps, 0.1)
     _, y = b.truth(u, h)
-    guess = 1.01 * b.theta
+    guess = 1.02 * b.theta
     model = b.model(h, steps, known=u, free=["b.ball_diameter"], theta=guess, noise=(1e-10, 1e-10))
     how = {**ITERATED, "damped": False}
-    far = b.start(model, std_xi=model.coordinates.std(guess, 0.01 * guess)[0], theta=guess)
+    far = b.start(model, std_xi=model.coordinates.std(guess, 0.02 * guess)[0], theta=guess)
     near = b.start(model, std_xi=1e-4, theta=b.theta)
     alone = filter_runs(model, *near, y, **how)
     both = filter_runs(model, *(np.stack(pair) for pair in zip(near, far, strict=True)), y, **how)
@@ -229,11 +231,28 @@ def test_covariance_is_semidefinite_and_stays_in_the_tangent_space(noise):
     assert not run.covariance[-1, 0][model.w].any()
 
 
+def step_matrices(M, C, K, shape, h, method):
+    """(q', v') of (q, v), loads at start and end, a force on q: F, E₀, E₁, G of M v̇ + C v + K q = Φᵀu + w. With Z = (1 − zA)⁻¹,
+    z = γh, x' = Z (x + (1 − γ)/γ (k − x) + z b(1)), k = Z (x + z b(γ)), b straight in between."""
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    G = np.concatenate([np.zeros((n, n)), np.linalg.inv(M)])
+    gamma = 1 - 0.5**0.5 if method == "second_order" else 1.0
+    Z = np.linalg.inv(np.eye(2 * n) - gamma * h * A)
+    b = gamma * h * Z @ G
+    if method == "thesis":
+        return Z, 0 * b @ shape.T, b @ shape.T, b
+    c = 1 / gamma - 1
+    between = c * Z @ b
+    return (1 - c) * Z + c * Z @ Z, (1 - gamma) * between @ shape.T, (b + gamma * between) @ shape.T, b + between
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
 @pytest.mark.parametrize(
     "how", [{}, ITERATED, {"iterations": 5}], ids=["one shot", "through the step", "behind the step"]
 )
-def test_springs_alone_are_a_textbook_kalman_filter(how):
-    """A body on the ground is linear, and its implicit Euler step is a matrix: the filter is Kalman's, coded here by hand."""
+def test_springs_alone_are_a_textbook_kalman_filter(how, method):
+    """A body on the ground is linear, and its step is a matrix: the filter is Kalman's, coded here by hand."""
     rng = np.random.default_rng(8)
     n, h, steps = 3, 0.02, 80
     X = rng.normal(size=(n, n))
@@ -242,37 +261,28 @@ def test_springs_alone_are_a_textbook_kalman_filter(how):
     body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
     force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
     system = assemble([body], [], [force])
-    known = rng.normal(size=(steps, 3))
+    known = rng.normal(size=(steps + 1, 3))
     inputs, Q_w, Q_u, R = np.array([1]), np.array([0.2, 0.1, 0.3]), np.array([0.5]), np.array([1e-6, 4e-6])
     model = AugmentedStep(
-        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), h, known, inputs,
+        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), h, method, known, inputs,
         parameter_coordinates([], [], np.zeros(0), {}), Q_w, Q_u, np.zeros(0), R,
     )  # fmt: skip
     y = 1e-2 * rng.normal(size=(steps, 2))
-    P0 = np.zeros((10, 10))
-    P0[:6, :6], P0[9, 9] = 1e-4 * np.eye(6), 2.0
-    run = filter_runs(model, np.zeros(10), P0, y, keep="all", **how)
+    P0 = np.diag([1e-4] * 6 + [2.0])
+    run = filter_runs(model, np.zeros(model.size), model.spread(P0), y, keep="all", **how)
 
-    # M (v' − v)/h + C v' + K (q + h v') = Φᵀu + w
-    S = np.linalg.inv(M / h + C + h * K)
-    by_q, by_v, by_f = -S @ K, S @ M / h, S
-    F = np.zeros((7, 7))
-    F[3:6, :3], F[3:6, 3:6], F[3:6, 6] = by_q, by_v, by_f @ shape[1]
-    F[:3] = h * F[3:6]
-    F[:3, :3] += np.eye(3)
-    F[6, 6] = 1
-    G = np.concatenate([h * by_f, by_f, np.zeros((1, 3))])
-    E = np.concatenate([h * by_f @ shape.T, by_f @ shape.T, np.zeros((1, 3))])
+    own, before, after, by_w = step_matrices(M, C, K, shape, h, method)
+    F, drawn, G = np.eye(7), np.ones((7, 1)), np.zeros((7, 3))
+    F[:6, :6], F[:6, 6], drawn[:6, 0], G[:6] = own, before[:, 1] + after[:, 1], after[:, 1], by_w
     H = np.concatenate([rows, np.zeros((2, 4))], axis=1)
-    mine = [0, 1, 2, 3, 4, 5, 9]
-    x, P = np.zeros(7), P0[np.ix_(mine, mine)]
+    mine = [*range(6), model.u.start]
+    x, P = np.zeros(7), P0
     for k in range(steps):
-        told = known[k].copy()
-        told[1] = 0.0
-        walk = np.zeros((7, 7))
-        walk[6, 6] = Q_u[0]
-        x = F @ x + E @ told
-        P = F @ (P + walk) @ F.T + G @ np.diag(Q_w) @ G.T
+        told = known[k : k + 2].copy()
+        told[:, 1] = 0.0
+        x = F @ x
+        x[:6] += before @ told[0] + after @ told[1]
+        P = F @ P @ F.T + Q_u[0] * drawn @ drawn.T + G @ np.diag(Q_w) @ G.T
         gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(R))
         x, P = x + gain @ (y[k] - H @ x), (np.eye(7) - gain @ H) @ P
         std = np.sqrt(np.diag(P))

@@ -56,9 +56,10 @@ def simulation(
             bench.system,
             q0,
             v0,
-            u[1:],
+            u,
             h,
             bench.theta,
+            config.simulate.method,
             lambda k: using.progress("simulation", k / steps) if k % 50 == 0 else None,
         )
     sensors = sensors_of(config, bench, reduced, meshes, placed)

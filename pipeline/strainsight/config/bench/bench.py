@@ -55,7 +55,12 @@ class Simulate(Section):
     """The simulation in time."""
 
     duration: Positive = Field(description="Length of the simulation [s].")
-    time_step: Positive = Field(description="Time step [s]; implicit Euler is of first order in it.")
+    time_step: Positive = Field(description="Time step [s].")
+    method: Literal["second_order", "thesis"] = Field(
+        "second_order",
+        description="second_order: two implicit stages a step, errors shrink with its square; thesis: implicit Euler, with the "
+        "step itself.",
+    )
     start: Literal["equilibrium", "as_given"] = Field(
         "equilibrium",
         description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.fem.modes import signs, turned
+from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.equations import input_slopes
 from strainsight.multibody.inverse.start import white_force
 from strainsight.multibody.spectrum import tangent_space
@@ -21,7 +22,7 @@ class LinearBench:
 
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
-    variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration.
+    variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration; method of the step.
     """
 
     T: np.ndarray
@@ -31,6 +32,7 @@ class LinearBench:
     increment: np.ndarray
     force: np.ndarray
     h: float
+    method: Method = "second_order"
 
     @property
     def static(self) -> np.ndarray:
@@ -50,10 +52,11 @@ def linear_bench(
     inputs: Sequence[int],
     increment: np.ndarray,
     h: float,
+    method: Method,
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones."""
     T, M, C, K, B = linearised(system, q, u, theta)
-    return in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h)
+    return in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h, method)
 
 
 def in_modes(
@@ -65,6 +68,7 @@ def in_modes(
     increment: np.ndarray,
     force: np.ndarray,
     h: float,
+    method: Method = "second_order",
 ) -> LinearBench:
     """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ; M, C, K (r, r), B (r, nu), the others of `LinearBench`.
 
@@ -74,7 +78,7 @@ def in_modes(
     felt = np.sqrt(force)[:, None] * T
     modes = modes @ turned(stiffness, felt @ modes)
     modes *= signs(felt @ modes)
-    return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h)
+    return LinearBench(T @ modes, modes.T @ C @ modes, stiffness, modes.T @ B, increment, force, h, method)
 
 
 def linearised(
@@ -110,24 +114,38 @@ def in_time(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nda
 
 
 def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A (n*, n*) and N (n*, nu + n) of the filter's own step x' = A x + N · (white, σ = 1), implicit Euler:
+    """A (n*, n*) and N (n*, nu + n) of the filter's own step x' = A x + N · (white, σ = 1), with the stages of `advance`:
 
-        η̇' = S⁻¹(η̇/h − diag(λ) η + B(u + δ) + w),   η' = η + h η̇',   u' = u + δ,     S = 1/h + C + h diag λ
+        thesis        z' = X z + b(u + δ) + b w,                      X, b of one stage of h
+        second_order  z' = X (z + c (k − z)) + b(u + δ) + b w,        k = X z + b(u + γδ) + b w,   of stages of γh,  c = (1 − γ)/γ
 
-    with scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in what stores the energy that the largest increment
-    does at rest. There no motion grows in a step, whatever the units, and one that no input moves has no unit of rounding.
+    z = (η, η̇), u' = u + δ, with scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in what stores the energy that the
+    largest increment does at rest. There no motion grows in a step, whatever the units, and one that no input moves has no unit
+    of rounding.
     """
-    (r, nu), h = bench.B.shape, bench.h
+    r, nu = bench.B.shape
     frequency = np.sqrt(np.abs(bench.stiffness))
     energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max() or 1.0
     scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
-    S = np.eye(r) / h + bench.C + h * np.diag(bench.stiffness)
     drawn = bench.T.T * (acceleration * np.sqrt(bench.force))
-    velocity = np.linalg.solve(S, np.hstack([-np.diag(bench.stiffness), np.eye(r) / h, bench.B, drawn]))
+    X, b = _stage(bench, bench.h * INSTANTS[bench.method][0])
+    through, start, end, force = X, np.zeros((2 * r, nu)), b @ bench.B, b @ drawn
+    if bench.method == "second_order":
+        carried = CARRIED * X
+        through = carried @ X + (1 - CARRIED) * X
+        start, end = (1 - GAMMA) * carried @ b @ bench.B, end + GAMMA * carried @ b @ bench.B
+        force = force + carried @ force
     A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + drawn.shape[1]))
-    A[r : 2 * r] = velocity[:, : 2 * r + nu]
-    N[r : 2 * r, nu:] = velocity[:, 2 * r + nu :]
-    A[:r] += h * A[r : 2 * r]
-    N[:r] = h * N[r : 2 * r]
-    N[:, :nu] = A[:, 2 * r :] * bench.increment
+    A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, start + end
+    N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = end * bench.increment, np.diag(bench.increment), force
     return A / scale[:, None] * scale, N / scale[:, None], scale
+
+
+def _stage(bench: LinearBench, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """X (2r, 2r), b (2r, r) of implicit Euler:  η̇' = S⁻¹(η̇/h − diag(λ) η + f),   η' = η + h η̇',   S = 1/h + C + h diag λ."""
+    r = len(bench.stiffness)
+    S = np.eye(r) / h + bench.C + h * np.diag(bench.stiffness)
+    velocity = np.linalg.solve(S, np.hstack([-np.diag(bench.stiffness), np.eye(r) / h, np.eye(r)]))
+    whole = np.vstack([h * velocity, velocity])
+    whole[:r, :r] += np.eye(r)
+    return whole[:, : 2 * r], whole[:, 2 * r :]

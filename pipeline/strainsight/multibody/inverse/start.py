@@ -25,13 +25,13 @@ def start_covariance(
     std_xi: np.ndarray,
     spread: float | tuple[float, float] = 0.0,
 ) -> np.ndarray:
-    """P (3n + nu + p square) of x = (q, v, w, u, ξ) for a start in equilibrium under loads and parameters badly known:
+    """P (2n + nu + p square) of (q, v, u, ξ) for a start in equilibrium under loads and parameters badly known:
 
-        P = J diag(std²) Jᵀ + T_q σ_q² T_qᵀ + T_v σ_v² T_vᵀ,     J = ∂(q, 0, 0, u, ξ)/∂(u, ξ),     K ∂q = −∂f on B ∂q = 0
+        P = J diag(std²) Jᵀ + T_q σ_q² T_qᵀ + T_v σ_v² T_vᵀ,     J = ∂(q, 0, u, ξ)/∂(u, ξ),     K ∂q = −∂f on B ∂q = 0
 
     q (n,) in equilibrium under all inputs u and θ (nθ,); inputs (nu,): places of the unknown ones; std_u (nu,) [N, N m];
     std_xi (p,) [-], or the covariance (p, p) of ξ; spread: σ_q [m √kg], σ_v [m √kg/s] of further motions (one number: both)
-    in the metric of the mass, along all that the constraints leave (T). P has its range in the tangent space; w = 0.
+    in the metric of the mass, along all that the constraints leave (T). P has its range in the tangent space.
     Raises InfeasibleError for deviations of the wrong number, and where nothing holds a motion of the system.
     """
     n, inputs = system.size, np.asarray(inputs, dtype=int)
@@ -42,7 +42,7 @@ def start_covariance(
         )
     by_u, by_theta = static_response(system, q, u, theta)
     response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)
-    J = np.concatenate([response, np.zeros((2 * n, response.shape[1])), np.eye(response.shape[1])])
+    J = np.concatenate([response, np.zeros((n, response.shape[1])), np.eye(response.shape[1])])
     known = block_diag(np.diag(std_u**2), np.diag(std_xi**2) if std_xi.ndim == 1 else std_xi)
     P = J @ known @ J.T
     along_q, along_v = spread if isinstance(spread, tuple) else (spread, spread)

@@ -23,7 +23,7 @@ def bench_answer(run: BenchRun) -> str:
     band = None if run.motion is None else run.motion.numbers.get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
-        text += f" Good for loads up to {shown}."
+        text += f" The time step follows loads up to {shown}."
     if (stress := run.stress) is None:
         return text
     if stress.share is not None and stress.share > 1:

@@ -32,8 +32,7 @@ from strainsight.report.space.section import STYLE, script
 STYLES = ("bench/bench.css",)
 FOOTER = (
     "σ is one standard deviation. Errors and claimed σ of a bench are relative: of a load to its largest true value, of a "
-    "parameter to its true value. Stabilised implicit Euler in time; bearings quasi-static after Hertz, rings rigid but for the "
-    "contacts."
+    "parameter to its true value. Bearings are quasi-static after Hertz, their rings rigid but for the contacts."
 )
 
 
@@ -150,7 +149,7 @@ NAMES: Sequence[tuple[str, str, str]] = (
     ("violation", "constraints violated by at most", ""),
     ("violation_rate", "their rates by at most", ""),
     ("first_frequency", "first coupled frequency", "Hz"),
-    ("band", "good for loads up to", "Hz"),
+    ("band", "follows loads up to", "Hz"),
     ("turn", "largest turn of a body in a step", "rad"),
 )
 

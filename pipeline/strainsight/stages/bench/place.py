@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=10,
+    version=11,
     reads=(
         "seed",
         "bodies",
@@ -32,6 +32,7 @@ PLACE = Stage(
         "bearings",
         "forces",
         "simulate.time_step",
+        "simulate.method",
         "simulate.snap_tolerance",
         "estimate.time_step",
         "estimate.increments",

@@ -67,9 +67,11 @@ def trial_of(
     """
     channels, guess, runs = used.readings, known[0].copy(), asked(config).runs
     model = AugmentedStep(
-        bench.system, channels, np.zeros(len(largest)), h, known[1:], unknowns.inputs, unknowns.coordinates,
+        bench.system, channels, np.zeros(len(largest)), h, config.simulate.method,
+        known, unknowns.inputs, unknowns.coordinates,
         white_force(bench.system, asked(config).disturbance), unknowns.increment_u**2,
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
+        rest=config.simulate.start == "equilibrium",
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
@@ -173,8 +175,8 @@ def _covariance(
 ) -> np.ndarray:
     spread = unknowns.coordinates.covariance(theta, std)
     if config.simulate.start == "equilibrium":
-        return start_covariance(
-            model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread
+        return model.spread(
+            start_covariance(model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread)
         )
     P = np.zeros((model.size, model.size))
     P[model.u, model.u], P[model.xi, model.xi] = np.diag(unknowns.std_u**2), spread

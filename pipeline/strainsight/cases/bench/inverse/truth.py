@@ -56,7 +56,7 @@ def simulated(
     with blame("estimate.truth"):
         q0, v0 = start_of(bench, settings, u[0])
         found = simulate(
-            bench.system, q0, v0, u[1:], h / substeps, bench.theta,
+            bench.system, q0, v0, u, h / substeps, bench.theta, settings.method,
             lambda k: progress(k / count) if k % 50 == 0 else None,
         )  # fmt: skip
     read = np.array([sensors.read(q, v)[0] for q, v in zip(found.q[::substeps], found.v[::substeps], strict=True)])

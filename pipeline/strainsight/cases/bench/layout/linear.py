@@ -24,7 +24,7 @@ def scenario_of(bench: LinearBench, rows: np.ndarray, noise: float, acceleration
 
 
 def expected_std(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
-    """σ (nu,) [N, N m] of the inputs after an update, that the filter on implicit Euler with these gauges comes to claim,
+    """σ (nu,) [N, N m] of the inputs after an update, that the filter with these gauges comes to claim,
     where the samples begin long ago.
 
     rows (k, n), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.

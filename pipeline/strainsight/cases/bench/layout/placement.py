@@ -125,7 +125,7 @@ def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inp
     share = h if estimate.increments == "second" else 1.0
     increment = share * np.array([estimate.inputs[name].increment for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
-    return linear_bench(bench.system, q, u, bench.theta, places, increment, h)
+    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method)
 
 
 def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
