@@ -65,11 +65,19 @@ def advance(
     guess = None if last is None else last.stages[-1]
     if method == "thesis":
         return Advance((step(system, q, v, u[1], h, theta, w, guess, near),))
-    first = step(system, q, v, (1 - GAMMA) * u[0] + GAMMA * u[1], GAMMA * h, theta, w, guess)
+    own = GAMMA * h
+    before = None if guess is None else (guess.v - guess.start[1]) / guess.h
+    first = step(system, q, v, (1 - GAMMA) * u[0] + GAMMA * u[1], own, theta, w, guess, _ahead(q, v, before, own))
     start = q + CARRIED * (first.q - q), v + CARRIED * (first.v - v)
     if near is None:
-        near = first.q + (1 - GAMMA) * h * first.v, first.v
-    return Advance((first, step(system, *start, u[1], GAMMA * h, theta, w, first, near)))
+        now = (first.v - v) / own
+        near = _ahead(*start, now if before is None else now + CARRIED * (now - before), own)
+    return Advance((first, step(system, *start, u[1], own, theta, w, first, near)))
+
+
+def _ahead(q: np.ndarray, v: np.ndarray, a: np.ndarray | None, h: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where a stage of h leads with the acceleration a (n,): there Newton's iteration starts."""
+    return None if a is None else (q + h * (v + h * a), v + h * a)
 
 
 @dataclass(frozen=True)
