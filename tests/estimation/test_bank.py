@@ -12,6 +12,7 @@ from scipy.linalg import block_diag, expm
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.mixture import removed_of
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, continuous, forces, gathered, start
 from .drawn import prior
@@ -184,3 +185,17 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
     np.testing.assert_allclose(found.run.mean[-1, 0, 5:], fine.run.mean[-1, 0, 5:], atol=0.05 * across.min())
     np.testing.assert_allclose(found.run.std[-1, 0, 5:], across, rtol=0.05)
     assert found.laid < 30
+
+
+def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without_growth():
+    """Between 0 and 1 along every direction, one matrix that grows among many that do not."""
+    rng = np.random.default_rng(4)
+    axes = np.linalg.qr(rng.normal(size=(6, 5, 5)))[0]
+    left = rng.uniform(0, 1, (6, 5))
+    left[:, 0] = 1.0
+    small = axes @ (left[..., None] * axes.swapaxes(1, 2))
+    np.testing.assert_allclose(removed_of(small), np.eye(5) - small, rtol=0, atol=1e-14)
+    left[2, 1] = 1.4
+    grown = axes @ (left[..., None] * axes.swapaxes(1, 2))
+    exact = axes @ ((1 - np.minimum(left, 1.0))[..., None] * axes.swapaxes(1, 2))
+    np.testing.assert_allclose(removed_of(grown), exact, rtol=0, atol=1e-14)

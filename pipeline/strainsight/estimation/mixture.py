@@ -12,6 +12,9 @@ from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.standing import Weights
 from strainsight.estimation.update import standard_deviation
 
+ROUNDING = 1e-12
+"""Of the covariance of ν before the samples, which is 1: growth by less is none."""
+
 
 class Mixture:
     """The arrays of a bank while it runs: T steps of a model with d nuisances."""
@@ -170,5 +173,11 @@ def removed_of(left: np.ndarray) -> np.ndarray:
 
     Zero along a direction in which it is larger than before them: parameters that are all still likely ask for different ν.
     """
-    size, axes = np.linalg.eigh(np.eye(left.shape[-1]) - left)
-    return np.asarray((axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
+    found = np.eye(left.shape[-1]) - left
+    try:
+        # a factor says in a fourth of the time that there is no such direction
+        np.linalg.cholesky(found + ROUNDING * np.eye(left.shape[-1]))
+    except np.linalg.LinAlgError:
+        size, axes = np.linalg.eigh(found)
+        found = (axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return np.asarray(found)
