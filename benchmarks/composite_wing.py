@@ -4,8 +4,9 @@ Three unknown loads at the tip, E1 of all plies free, a known shaker at half spa
 loads enter. Every stage by the command line in a process of its own: processor seconds, those on the clock, peak memory.
 Each has 1 to 2 s of start-up that `strainsight run` has once. --lean: validation without its studies.
 
---mystran PROGRAM: then a record of its own, in time by modes of MYSTRAN on the same deck with E1 5 % lower, goes through
-`strainsight estimate`, each of --seeds with other loads and noise: errors and σ of every unknown (tests/stages/wing_record.py).
+--ccx PROGRAM: then a record of its own, in time by modes of CalculiX on another mesh of quadratic shells with E1 5 % lower, goes
+through `strainsight estimate`, each of --seeds with other loads and noise: errors and σ of every unknown
+(tests/stages/wing_record.py). --diagonal: candidates at ±45° from the principal directions, too.
 """
 
 from __future__ import annotations
@@ -91,15 +92,15 @@ def timed(folder: Path, lean: bool, until: str) -> None:
     print(f"{'sum':10s} {total[0]:12.1f} {total[1]:8.1f}")
 
 
-def estimated(folder: Path, elements: tuple[int, int, int], mystran: Path, seeds: int) -> None:
-    """Records of MYSTRAN through `estimate`: errors RMS over the record and σ, over the RMS of a load."""
+def estimated(folder: Path, config: str, ccx: str, seeds: int) -> None:
+    """Records of CalculiX through `estimate`: errors RMS over the record and σ, over the RMS of a load."""
     with (folder / "results" / "wing" / "gauges.csv").open() as file:
         rows = list(csv.DictReader(file))
     vectors = [[np.array([float(row[f"{name}_{axis}"]) for axis in "xyz"]) for name in PLACE] for row in rows]
     places = [MADE.Place(int(row["element"]), 1e3 * x, n, d) for row, (x, n, d) in zip(rows, vectors, strict=True)]
-    own = MADE.responses(MADE.deck_text(elements), places, mystran)
+    own = MADE.responses(places, ccx)
     channels = "\n".join(f"    - {{channel: {row['gauge']}, gauge: {row['gauge']}, unit: um/m}}" for row in rows)
-    (folder / "wing.yaml").write_text(CONFIG + ESTIMATE.format(channels=channels))
+    (folder / "wing.yaml").write_text(config + ESTIMATE.format(channels=channels))
     for seed in range(1, seeds + 1):
         histories = MADE.loads(seed)
         strain = MADE.record(own, histories)
@@ -137,14 +138,17 @@ if __name__ == "__main__":
     )
     parser.add_argument("--lean", action="store_true", help="validation without its studies")
     parser.add_argument("--until", choices=STAGES, default=STAGES[-1], metavar="STAGE", help="the last stage to run")
-    parser.add_argument("--mystran", type=Path, metavar="PROGRAM")
+    parser.add_argument("--ccx", metavar="PROGRAM")
+    parser.add_argument(
+        "--diagonal", action="store_true", help="candidates at 45 degrees to the principal directions, too"
+    )
     parser.add_argument("--seeds", type=int, default=3, metavar="N")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
-        deck = runpy.run_path(str(ROOT / "meshes" / "make_wing.py"))["deck"](*chosen.elements, composite=True)
-        (place / "wing.bdf").write_text(deck, encoding="ascii")
-        (place / "wing.yaml").write_text(CONFIG, encoding="utf-8")
+        config = CONFIG.replace("angles: [0]", "angles: [0, 45, -45]") if chosen.diagonal else CONFIG
+        (place / "wing.bdf").write_text(MADE.deck_text(tuple(chosen.elements)), encoding="ascii")
+        (place / "wing.yaml").write_text(config, encoding="utf-8")
         timed(place, chosen.lean, chosen.until)
-        if chosen.mystran:
-            estimated(place, tuple(chosen.elements), chosen.mystran.resolve(), chosen.seeds)
+        if chosen.ccx:
+            estimated(place, config, chosen.ccx, chosen.seeds)

@@ -1,6 +1,8 @@
-"""A record that MYSTRAN made of a composite wing, with another modulus of its plies and another damping, through estimate."""
+"""A record that CalculiX made of a composite wing, with another modulus of its plies and another damping, through estimate."""
 
 from __future__ import annotations
+
+import runpy
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from strainsight.mesh.units import to_si
 from strainsight.workflow.artefact import Artefact
 
 from .angle_bracket import invoked
-from .wing_record import CASE, GUESS, LOADS, RATE, SOFTER, deck_text, loads, record, stored
+from .wing_record import CASE, DIVISIONS, GUESS, LOADS, MESHES, RATE, SOFTER, deck_text, loads, record, stored
 
 NOISE = 1e-6
 CONFIG = (
@@ -56,13 +58,28 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_frequencies_are_those_of_mystran_on_the_same_mesh(folder):
+MYSTRAN = [9.871, 24.486, 46.360, 72.793, 78.443, 128.547, 155.727, 236.639, 301.250, 337.368]
+"""Frequencies [Hz] of MYSTRAN 18.0 on the deck as it is, with its store."""
+
+
+def test_frequencies_are_those_of_mystran_on_the_same_mesh(tmp_path):
     """Ten of them within 1 %; with E1 of the truth."""
-    deck = folder / "softer.bdf"
-    deck.write_text(deck_text().replace("MAT8,2,1.3+5,", f"MAT8,2,{SOFTER * GUESS:.1f},"))
-    model = build_model(to_si(read_mesh(deck), "mm", "t"))
-    own = modes(model.stiffness.constant, model.mass.constant, 10)[0]
-    np.testing.assert_allclose(own, stored()[1].frequency[:10], rtol=0.01)
+    found = frequencies(runpy.run_path(str(MESHES / "make_wing.py"))["deck"](*DIVISIONS, composite=True), tmp_path)
+    np.testing.assert_allclose(found, MYSTRAN, rtol=0.01)
+
+
+def test_frequencies_are_those_of_quadratic_shells_of_calculix(tmp_path):
+    """CalculiX 2.20 on a finer mesh, stringers as blades: the first six within 0.35 %, ten within 1.1 %."""
+    found = frequencies(deck_text(), tmp_path)
+    np.testing.assert_allclose(found, stored()[1].frequency[:10], rtol=0.011)
+    np.testing.assert_allclose(found[:6], stored()[1].frequency[:6], rtol=0.0035)
+
+
+def frequencies(deck, folder):
+    path = folder / "softer.bdf"
+    path.write_text(deck.replace("MAT8,2,1.3+5,", f"MAT8,2,{SOFTER * GUESS:.1f},"))
+    model = build_model(to_si(read_mesh(path), "mm", "t"))
+    return modes(model.stiffness.constant, model.mass.constant, 10)[0]
 
 
 def estimated(folder, seed):
@@ -93,16 +110,16 @@ def estimated(folder, seed):
 
 @pytest.mark.slow
 def test_three_loads_and_the_modulus_along_the_fibres_are_found_beside_a_known_shaker(folder):
-    """Under the default tolerances. σ of E1 holds no difference of elements: frequencies up to 0.09 % apart are 0.2 % of E1."""
+    """Under the default tolerances. σ of E1 holds no error of the mesh: frequencies 0.1 % too high are 0.2 % of E1."""
     found, histories = estimated(folder, seed=1)
-    for name, off in (("lift", 0.01), ("drag", 0.03), ("twist", 0.04)):
+    for name, off in (("lift", 0.01), ("drag", 0.03), ("twist", 0.02)):
         true = histories[name] * (1e-3 if LOADS[name][1] == "MOMENT" else 1)
         error, std = found[f"/smoothed/{name}"] - true, found[f"/smoothed_std/{name}"]
-        assert np.mean(np.abs(error) < 2 * std) > 0.85
+        assert np.mean(np.abs(error) < 2 * std) > 0.98
         assert np.sqrt(np.mean(error**2)) < off * true.std()
     E, std = (float(found[f"/{what}/E1"][-1]) / (1e6 * SOFTER * GUESS) for what in ("estimate", "std"))
     assert std < 0.002
-    assert abs(E - 1) < 3 * std
+    assert abs(E - 1) < 0.002
 
 
 def _numbers(values):
