@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.equations import Balance, balance, element_load
 from strainsight.multibody.initial import check_regular
-from strainsight.multibody.newton import StepMatrix, step_matrix
+from strainsight.multibody.newton import TINY, StepMatrix, step_matrix
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import System
 
@@ -133,15 +134,16 @@ def _newton(problem: _Problem, h: float, start: tuple[np.ndarray, ...]) -> Step:
                 raise
             q, v, mu, lam = (z + share * dz for z, dz in zip(last[:4], last[4:], strict=True))
             continue
-        residual = _residual(problem, h, at, q, v, mu, lam)
-        failed = not all(np.all(np.isfinite(r)) for r in residual)
+        load = at.load if problem.w is None else at.load - problem.w
+        r1, r2, r3, finite = _residual(d, h, problem.q, q, v, mu, lam, at.B, at.phi, load)
+        residual, failed = (r1, r2, r3, at.phi), not finite
         if not failed:
             try:
                 factor = step_matrix(at, d, h)
             except NumericalError as error:
                 raise _refusal(problem, h, (q, v), residual, at, iteration, error.what) from error
             dq, dv, dmu, dlam = (z[:, 0] for z in factor.solve(*(-r[:, None] for r in residual)))
-            size = _size(system, q, v, dq, dv, h)
+            size = _size(system.starts, d, q, v, dq, dv, h)
             failed = not np.isfinite(size)
         if last is not None and (failed or (size > 2 * before and size > 1e-3)):
             share *= 0.5
@@ -164,28 +166,53 @@ def _balance(problem: _Problem, h: float, q: np.ndarray, v: np.ndarray, mu: np.n
     return balance(problem.system, q, v, (v - problem.v) / h, mu, lam, problem.u, problem.theta, problem.elastic)
 
 
+@njit(cache=True)
 def _residual(
-    problem: _Problem, h: float, at: Balance, q: np.ndarray, v: np.ndarray, mu: np.ndarray, lam: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    d = problem.system.metric
-    r1 = d * d * ((q - problem.q) / h - v) + at.B.T @ mu
-    r2 = at.load - at.B.T @ lam
-    if problem.w is not None:
-        r2 -= problem.w
-    return r1, r2, at.B @ v, at.phi
+    d: np.ndarray,
+    h: float,
+    start: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    B: np.ndarray,
+    phi: np.ndarray,
+    load: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """The first three equations of `step` at a trial state, and whether all four are finite."""
+    n, m = len(d), len(phi)
+    r1, r2, r3 = np.empty(n), load.copy(), np.zeros(m)
+    for i in range(n):
+        r1[i] = d[i] * d[i] * ((q[i] - start[i]) / h - v[i])
+    for k in range(m):
+        for i in range(n):
+            r1[i] += B[k, i] * mu[k]
+            r2[i] -= B[k, i] * lam[k]
+            r3[k] += B[k, i] * v[i]
+    return r1, r2, r3, bool(np.isfinite(r1.sum() + r2.sum() + r3.sum() + phi.sum()))
 
 
-def _size(system: System, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, h: float) -> float:
+@njit(cache=True)
+def _size(
+    starts: np.ndarray, d: np.ndarray, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, h: float
+) -> float:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
-    d = system.metric
-    hd = h * d
-    parts = np.array([d * dq, hd * dv, d * (q + dq), hd * (v + dv)])
-    change_q, change_v, whole_q, whole_v = np.add.reduceat(parts * parts, system.starts, 1)
-    tiny = np.finfo(float).tiny
-    whole_q = np.maximum(whole_q, STILL**2 * whole_q.sum())
-    by_q = change_q / np.maximum(whole_q, tiny)
-    by_v = change_v / np.maximum(np.maximum(whole_v, SLOW**2 * whole_q), tiny)
-    return float(np.sqrt(max(by_q.max(), by_v.max())))
+    ends = np.append(starts[1:], len(d))
+    squares = np.zeros((len(starts), 4))
+    for body in range(len(starts)):
+        for i in range(starts[body], ends[body]):
+            squares[body, 0] += (d[i] * dq[i]) ** 2
+            squares[body, 1] += (h * d[i] * dv[i]) ** 2
+            squares[body, 2] += (d[i] * (q[i] + dq[i])) ** 2
+            squares[body, 3] += (h * d[i] * (v[i] + dv[i])) ** 2
+    whole, largest = squares[:, 2].sum(), 0.0
+    if not np.isfinite(squares.sum()):
+        return np.inf
+    for body in range(len(starts)):
+        own = max(squares[body, 2], STILL**2 * whole)
+        largest = max(largest, squares[body, 0] / max(own, TINY))
+        largest = max(largest, squares[body, 1] / max(squares[body, 3], SLOW**2 * own, TINY))
+    return float(np.sqrt(largest))
 
 
 def _refusal(
