@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from strainsight.multibody.band import SHARE, followed, relative_error
+from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.forces import PointForce
 from strainsight.multibody.frames import Frame
@@ -57,3 +57,23 @@ def test_the_band_of_second_order_grows_with_the_step_refined_and_ends_at_the_fi
     assert np.all(np.diff(edges) > 0)
     assert edges[-1] < 2.1
     assert followed(modes, 0.02, "thesis") < 0.5 * followed(modes, 0.02, "second_order")
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_of_a_sine_the_step_misses_what_it_is_off_by_and_of_a_constant_nothing(method):
+    modes, h = np.array([2.1, 40.0]), 0.02
+    time = h * np.arange(2001)
+    loads = np.stack([5.0 + np.sin(2 * np.pi * 0.75 * time), 0 * time + 3.0, np.sin(2 * np.pi * 11.0 * time)], axis=1)
+    slow, none, quick = missed(loads, modes, h, method)
+    assert slow == pytest.approx(max(relative_error(np.array([0.75]), f, h, method)[0] for f in modes), rel=0.02)
+    assert none == 0.0
+    assert quick > 0.1
+
+
+def test_two_loads_in_one_miss_as_their_energies_say():
+    modes, h = np.array([2.1]), 0.05
+    time = h * np.arange(4001)
+    parts = [np.sin(2 * np.pi * f * time) for f in (0.3, 1.7)]
+    one, other = (missed(part[:, None], modes, h, "second_order")[0] for part in parts)
+    both = missed((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
+    assert both == pytest.approx(np.sqrt((9 * one**2 + other**2) / 10), rel=1e-3)

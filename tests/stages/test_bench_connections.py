@@ -155,6 +155,19 @@ def test_a_mass_on_spring_and_damper_moves_as_implicit_euler_has_it(tmp_path, la
     np.testing.assert_allclose(found["/sensors/bob"][:, 0], np.array(exact)[:, 0], rtol=0, atol=1e-12)
 
 
+def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much(tmp_path):
+    """1.6 Hz of its own; a push of 0.2 Hz and one of 12 Hz, which has eight steps a period."""
+    push = "slow: {{type: force, frame: centre, direction: [1, 0, 0], signal: {{type: sine, frequency: 0.2, amplitude: 1.0}}}}"
+    quick = push.replace("slow", "quick").replace("0.2", "12.0")
+    law = "mount: {type: bushing, frames: [origin, centre], stiffness: [200, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}"
+    text = OSCILLATOR.replace("LAW", ", ".join([law, push.format(), quick.format()]))
+    done = run(tmp_path, text.replace("duration: 0.5", "duration: 10.0"))
+    assert done.exit_code == 0, done.output
+    said = " ".join(done.output.split())
+    assert "of quick the step gets" in said
+    assert "of slow" not in said
+
+
 @pytest.mark.parametrize(
     ("old", "new", "key", "says"),
     [

@@ -22,6 +22,25 @@ def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
     return float(tried[-1] if not len(beyond) else tried[max(beyond[0] - 1, 0)])
 
 
+def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
+    """Share (nu,) of the RMS of each load about its mean that the step gets wrong, 0 of a constant one:
+
+        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum in Hann's window
+
+    loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes.
+    """
+    count = len(loads)
+    about = loads - loads.mean(axis=0)
+    energy = np.abs(np.fft.rfft(about * np.hanning(count)[:, None], axis=0)[1:]) ** 2
+    tried = np.fft.rfftfreq(count, h)[1:]
+    # a load that a mode follows at its own frequency has no displacement to compare with
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.max([relative_error(tried, float(own), h, method) for own in frequencies], axis=0)
+    off = np.minimum(np.nan_to_num(off, nan=1.0, posinf=1.0), 1.0)
+    whole = energy.sum(axis=0)
+    return np.sqrt(np.divide(off**2 @ energy, whole, out=np.zeros(loads.shape[1]), where=whole > 0))
+
+
 def relative_error(load: np.ndarray, frequency: float, h: float, method: Method) -> np.ndarray:
     """|X_h(Ω)/X(Ω) − 1| of the displacement X = 1/(ω² − Ω²) of an undamped mode ω under a load of Ω, both in Hz:
 

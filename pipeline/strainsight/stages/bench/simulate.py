@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.bench.simulation import Simulation, simulation
 from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.multibody.advance import GAIN, LAG
-from strainsight.multibody.band import SHARE, followed
+from strainsight.multibody.band import SHARE, followed, missed
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
 from strainsight.workflow.output import Output, Scalar, Table
@@ -15,6 +17,9 @@ from strainsight.workflow.stage import Context, Stage
 
 TURN = {"second_order": 0.1, "thesis": 0.01}
 """[rad] a step above which it shows in what turns freely."""
+
+MISSED = 0.05
+"""Share of a load that the step may get wrong before a warning says so."""
 
 
 def run(context: Context[BenchConfig]) -> Output:
@@ -35,12 +40,14 @@ def run(context: Context[BenchConfig]) -> Output:
     if len(found.frequency) and (first := float(found.frequency[0])) > 0:
         summary |= {"first_frequency": first, "band": followed(found.frequency, h, config.simulate.method)}
         text += f"; follows loads up to {summary['band']:.3g} Hz to {100 * SHARE:g} %"
+        for name, load in found.inputs.items():
+            summary[f"missed.{name}"] = float(missed(load[:, None], found.frequency, h, config.simulate.method)[0])
     summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in found.bearings.items()}
     return Output(
         datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=tuple(table for table in (_moved(own), _rings(own), _warnings(own, config.simulate)) if table.rows),
+        tables=tuple(t for t in (_moved(own), _rings(own), _warnings(own, config.simulate, summary)) if t.rows),
     )
 
 
@@ -62,19 +69,27 @@ def _rings(own: Simulation) -> Table:
     return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
 
 
-def _warnings(own: Simulation, settings: Simulate) -> Table:
-    turn, h = own.turn, settings.time_step
-    if turn <= TURN[settings.method]:
-        return Table("warnings", ("",), ())
+def _warnings(own: Simulation, settings: Simulate, summary: Mapping[str, Scalar]) -> Table:
+    said = [
+        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
+        "simulate.time_step, or leave out what is so quick"
+        for name in own.found.inputs
+        if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
+    ]
+    if own.turn > TURN[settings.method]:
+        said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
+    return Table("warnings", ("",), tuple((text,) for text in said))
+
+
+def _turning(turn: float, settings: Simulate) -> str:
+    h = settings.time_step
     if settings.method == "thesis":
         loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
         what = f"implicit Euler brakes what turns freely, by {100 * loss:.2g} % in the first second"
     else:
         lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
         what = f"what turns freely lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its spin in a second"
-    return Table(
-        "warnings", ("",), ((f"a body turns by {turn:.3g} rad a step: {what}; take a smaller simulate.time_step",),)
-    )
+    return f"{what}; take a smaller simulate.time_step"
 
 
 SIMULATE = Stage(
