@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from strainsight.fem.affine import AffineOperator, Coefficient, Newton, sum_of
 
@@ -83,3 +84,8 @@ def test_sums_and_maps_go_term_by_term():
     np.testing.assert_allclose(
         symmetric.project(Psi).at(theta), Psi.T @ symmetric.at(theta) @ Psi, rtol=1e-12, atol=1e-13
     )
+
+
+def test_a_constant_of_zero_stands_beside_sparse_terms():
+    term = sparse.csr_array(np.diag([1.0, 2.0]))
+    np.testing.assert_array_equal(AffineOperator(0.0, {"a": term}).at({"a": 2.0}).toarray(), np.diag([2.0, 4.0]))

@@ -8,6 +8,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from strainsight.fem import modes as own
+from strainsight.fem.krylov import _beside as beside
 from strainsight.fem.krylov import largest
 from strainsight.fem.modes import modes
 
@@ -92,3 +93,22 @@ def test_block_iterations_find_what_the_dense_solution_has(massive, most):
     assert np.abs(mu[count] - exact[count]) <= left[count] + 1e-12
     assert np.allclose(phi.T @ M @ phi, np.eye(count + 1), rtol=0, atol=1e-12)
     assert np.all(np.linalg.norm(M @ (inverse @ (M @ phi) - mu * phi), axis=0)[:count] <= 2e-11)
+
+
+def test_vectors_that_depend_on_each_other_are_no_start_and_do_no_harm():
+    exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
+    for near in (np.hstack([shapes, shapes[:, :1]]), np.hstack([shapes, np.zeros((N, 1))])):
+        frequency, _ = modes(chain(N), sparse.eye_array(N, format="csr"), COUNT, near=near)
+        assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
+
+
+def test_what_is_left_beside_a_span_is_found_under_a_hundred_times_as_much_within_it():
+    rng = np.random.default_rng(2)
+    Q = np.linalg.qr(rng.standard_normal((50, 6)))[0]
+    W = rng.standard_normal((50, 3)) + 100 * Q @ rng.standard_normal((6, 3))
+    M = sparse.eye_array(50, format="csr")
+    q, Mq, R = beside(Q, M, W, W)
+    assert q.shape == (50, 3)
+    assert np.allclose(q.T @ Mq, np.eye(3), atol=1e-12)
+    assert np.allclose(Q.T @ Mq, 0, atol=1e-12)
+    assert np.allclose(q @ R, W - Q @ (Q.T @ W), atol=1e-11)

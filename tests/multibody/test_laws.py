@@ -163,7 +163,7 @@ def test_a_stone_in_a_quadratic_drag_falls_as_its_closed_form():
     """v = v∞ tanh(g t / v∞), v∞ = √(mg/c): a law of ρ̇ alone, which no spring stands beside."""
 
     def load(rho, rho_dot, theta):
-        return Load(C * rho_dot * np.abs(rho_dot), np.zeros((1, 1)), np.diag(2 * C * np.abs(rho_dot)), np.zeros((2, 0)))
+        return Load(C * rho_dot * np.abs(rho_dot), np.zeros((1, 1)), np.diag(2 * C * np.abs(rho_dot)), np.zeros((1, 0)))
 
     stone = RigidBody("stone", M, np.zeros(3), np.eye(3))
     drag = type("Drag", (), {"load": staticmethod(load)})()

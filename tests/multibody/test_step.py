@@ -93,7 +93,7 @@ def test_trial_state_where_a_force_does_not_exist_is_approached_by_half():
     def load(rho, rho_dot, theta):
         if rho[0] >= 1:
             raise NumericalError("beyond the end")
-        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((2, 0)))
+        return Load(1.0 / (1 - rho), np.diag(1.0 / (1 - rho) ** 2), None, np.zeros((1, 0)))
 
     lift = PointForce("lift", Frame("centre", "stone"), np.array([0, 0, 1.0]), ["F"])
     system = assemble([STONE], [], [RelativeElement("end", HEIGHT, SimpleNamespace(load=load)), lift])

@@ -138,7 +138,7 @@ def test_modes_are_turned_and_signed_by_what_they_do(chain):
     """Two equal masses on equal springs: any combination is a mode; coordinates that begin in another place choose none."""
     turn = np.linalg.qr(np.random.default_rng(5).standard_normal((2, 2)))[0]
     T, one, C, B = np.array([[1.0, 0.3], [0.2, 1.0], [0.5, 0.5]]), np.eye(2), np.diag([0.1, 0.2]), np.eye(2)
-    whole = (np.ones(2), np.ones(3), 0.02)
+    whole = (np.ones(2), np.ones(3), 0.02, "second_order")
     first = in_modes(T, one, C, 4.0 * one, B, *whole)
     second = in_modes(T @ turn, one, turn.T @ C @ turn, 4.0 * one, turn.T @ B, *whole)
     for name in ("T", "C", "stiffness", "B"):

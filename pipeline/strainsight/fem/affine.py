@@ -155,7 +155,8 @@ class AffineOperator:
         values = self._values(theta)
         for label, term in self.terms.items():
             value = values[label] if label in values else theta[label]
-            if isinstance(term, sparse.csr_array) and same_places(total, term):
+            both = isinstance(term, sparse.csr_array) and isinstance(total, sparse.csr_array)
+            if both and same_places(total, term):
                 data = total.data if own else total.data.copy()
                 data += value * term.data
                 total = sparse.csr_array((data, total.indices, total.indptr), shape=total.shape)

@@ -79,10 +79,10 @@ def _beside(
     `least`. Twice: the first Gram matrix knows what is 1e-8 of the longest by its order only."""
     R, floor = np.eye(W.shape[1]), least
     for first in (True, False):
-        share = Q.T @ MW
-        W = W - Q @ share
+        W = W - Q @ (Q.T @ MW)
+        # QᵀMW = 0 now, so that the old MW gives the products of the new W
         G = W.T @ MW
-        size, V = eigh(0.5 * (G + G.T) - share.T @ share)
+        size, V = eigh(0.5 * (G + G.T))
         longest = float(size[-1]) if len(size) else 0.0
         if not longest > floor**2:
             return W[:, :0], MW[:, :0], R[:0]

@@ -11,7 +11,8 @@ from scipy import sparse
 
 def same_places(X: sparse.csr_array, Y: sparse.csr_array) -> bool:
     """Whether the entries of two CSR matrices stand in the same places."""
-    return X.nnz == Y.nnz and np.array_equal(X.indptr, Y.indptr) and np.array_equal(X.indices, Y.indices)
+    alike = X.shape == Y.shape and X.nnz == Y.nnz
+    return alike and np.array_equal(X.indptr, Y.indptr) and np.array_equal(X.indices, Y.indices)
 
 
 def on_one(matrices: Sequence[sparse.csr_array]) -> list[sparse.csr_array]:

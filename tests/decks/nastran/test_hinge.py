@@ -83,11 +83,13 @@ def test_it_weighs_the_sum_of_its_parts(mesh):
     assert mass_properties(mesh)[0] == pytest.approx(1000 * (web + stiffeners + gussets + fitting), rel=2e-4)
 
 
-def test_ten_frequencies_are_within_one_per_cent_of_mystran_on_the_same_mesh(model):
+def test_ten_frequencies_are_within_0_85_per_cent_of_mystran_on_the_same_mesh(model):
     """MYSTRAN 18.0, solids of reduced integration, RBE3 of rotations as MPC, mass and inertia of bars as CONM2."""
     mystran = [584.17, 618.12, 1041.87, 1063.38, 1491.65, 1712.67, 1754.53, 1899.09, 1906.33, 2046.19]
     frequency, _ = modes(model.stiffness.constant, model.mass.constant, 10)
-    np.testing.assert_allclose(frequency, mystran, rtol=0.01)
+    np.testing.assert_allclose(frequency, mystran, rtol=0.0085)
+    # as its README states
+    np.testing.assert_allclose(frequency[:3], [584.4, 618.6, 1045.3], rtol=2e-3)
 
 
 def test_the_bolts_carry_all_of_the_force_at_the_pin_and_its_moment(mesh, static):

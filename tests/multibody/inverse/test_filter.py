@@ -46,7 +46,9 @@ def test_loads_without_noise_on_the_filters_own_step(h):
     worst = {}
     for name, how in {"iterated": ITERATED, "one shot": one_shot(model)}.items():
         run = filter_runs(model, x, P, y, **how)
-        worst[name] = (np.abs(run.mean[1:, 0, model.u] - u) / amplitude)[20:].max()
+        off = np.abs(run.mean[1:, 0, model.u] - u) / amplitude
+        worst[name], early = off[20:].max(), off[3:].max()
+        assert name != "iterated" or early < 1e-5
         for state in run.mean[1:, 0]:
             position, rate = off_constraints(model, state)
             assert position < 1e-14
@@ -84,7 +86,7 @@ def test_taking_every_increment_loses_the_ball_that_damping_finds(h):
     with pytest.raises(NumericalError, match="the filter diverged: a time step could not be solved"):
         filter_runs(model, x, P, y, **ITERATED, damped=False)
     once = filter_runs(model, x, P, y, **one_shot(model), refuse=False)
-    assert once.lost[0] >= 0 or abs(model.coordinates.theta(once.mean[-1, 0, model.xi])[0][0] / b.theta[0] - 1) > 0.02
+    assert once.lost[0] >= 0 or abs(model.coordinates.theta(once.mean[-1, 0, model.xi])[0][0] / b.theta[0] - 1) > 0.04
 
 
 def test_increments_are_not_halved_for_the_rounding_of_the_cost(monkeypatch):

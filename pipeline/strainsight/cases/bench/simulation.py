@@ -1,4 +1,4 @@
-"""A bench in time by stabilised implicit Euler: its start, its run, what its sensors and bearings do (thesis 1.5-1.7)."""
+"""A bench in time: its start, its run, what its sensors and bearings do (thesis 1.5-1.7)."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class LinearBench:
     increment: np.ndarray
     force: np.ndarray
     h: float
-    method: Method = "second_order"
+    method: Method
 
     @property
     def static(self) -> np.ndarray:
@@ -68,7 +68,7 @@ def in_modes(
     increment: np.ndarray,
     force: np.ndarray,
     h: float,
-    method: Method = "second_order",
+    method: Method,
 ) -> LinearBench:
     """M ÿ + C ẏ + K y = B u, q + T y, in its modes K φ = λ M φ; M, C, K (r, r), B (r, nu), the others of `LinearBench`.
 
@@ -125,7 +125,7 @@ def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nd
     """
     r, nu = bench.B.shape
     frequency = np.sqrt(np.abs(bench.stiffness))
-    energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max() or 1.0
+    energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max(initial=0.0) or 1.0
     scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
     drawn = bench.T.T * (acceleration * np.sqrt(bench.force))
     X, b = _stage(bench, bench.h * INSTANTS[bench.method][0])

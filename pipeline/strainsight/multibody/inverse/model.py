@@ -66,8 +66,8 @@ class AugmentedStep:
     R: np.ndarray
     zero: Zero | None = None
     rest: bool = False
-    _last: dict[int, Advance] = field(default_factory=dict, repr=False)
-    _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, repr=False)
+    _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
+    _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def q(self) -> slice:
@@ -244,8 +244,8 @@ class AugmentedStep:
     def _near(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray] | None:
         """Where the step taken last in this run says that x leads, to first order."""
         before = self._taken.get(run)
-        if not before or not np.isfinite(before[0].ahead.sum()):
-            return None
+        if not before or not np.isfinite(before[0].ahead.sum()) or (self.rest and before[0].k == 0):
+            return None  # the slopes of a step from rest know nothing of its q and v
         last, moved = before[0], self.w.start
         ahead = last.ahead[:moved] + last.A[:moved] @ (x - last.x)
         for later, own in enumerate(last.drive):

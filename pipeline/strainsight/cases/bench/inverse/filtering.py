@@ -100,7 +100,7 @@ def _filter(
 
 def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
     """With the offsets of one run alone, and nothing that was remembered."""
-    return replace(model, offset=model.offset[run : run + 1], _last={}, _taken={})
+    return replace(model, offset=model.offset[run : run + 1])
 
 
 def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
