@@ -123,6 +123,20 @@ def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
     assert simulate.summary["first_frequency"] == pytest.approx(np.sqrt(10.0 * np.cos(angle)) / (2 * np.pi), rel=2e-3)
 
 
+def test_a_pendulum_in_long_steps_is_right_to_its_tolerance(tmp_path):
+    """Steps of a fifth of a second, 1.6 rad at first; and the same beside steps of 1 ms."""
+    path = pendulum(tmp_path, 1.5)
+    ends = []
+    for name, keys in (("long", ("time_step=0.2", "tolerance=1e-5")), ("short", ("time_step=1e-3",))):
+        sets = [word for key in (*keys, "duration=2.0") for word in ("--set", f"simulate.{key}")]
+        done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / name), *sets])
+        assert done.exit_code == 0, done.output
+        found = Artefact(tmp_path / name / "pendulum" / "simulate.h5")
+        ends.append(found["/q"][-1, :3])
+        assert found.summary["parts"] == 1 or "the motion is right to 1e-05" in done.output
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
+
+
 def test_a_second_run_is_up_to_date_and_a_longer_simulation_reruns_nothing_else(tmp_path):
     path = pendulum(tmp_path, 0.3)
     options = ["--results", str(tmp_path / "r")]

@@ -191,7 +191,9 @@ def _from_near(
     try:
         Y = eigh(near.T @ (M @ near), near.T @ (A @ near), subset_by_index=(r - count - EXTRA, r - 1))[1]
         start = _by_fours(factor, M @ (near @ Y))
-        inverse, shapes, left = largest(lambda X: _by_fours(factor, X), M, count, start, _blocks(count), CLOSELY, beside=1)
+        inverse, shapes, left = largest(
+            lambda X: _by_fours(factor, X), M, count, start, _blocks(count), CLOSELY, beside=1
+        )
     except (np.linalg.LinAlgError, NumericalError):
         return None  # they depend on each other, or lead nowhere
     if len(inverse) <= count or inverse[-1] + left[-1] >= (1 - REPEATED) * inverse[count - 1]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,9 +13,10 @@ from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import Sensors, sensors_of
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.resources import Resources
-from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.errors import ConfigError, blame
 from strainsight.mesh.model import Mesh
+from strainsight.multibody.controlled import simulate_controlled
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
@@ -30,12 +31,13 @@ TILT = 0.1
 
 @dataclass(frozen=True)
 class Simulation:
-    """turn [rad]: the largest angle that any body turns in a step."""
+    """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
 
     found: Simulated
     bench: Bench
     sensors: Sensors
     turn: float
+    parts: int
 
 
 def simulation(
@@ -48,19 +50,13 @@ def simulation(
     """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
     bench = bench_of(config, reduced, meshes)
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
-    u = loads_of(config, bench, using.files)(h * np.arange(steps + 1))
+    loads = loads_of(config, bench, using.files)
+    u = loads(h * np.arange(steps + 1))
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
-        found = simulate(
-            bench.system,
-            q0,
-            v0,
-            u,
-            h,
-            bench.theta,
-            config.simulate.method,
-            lambda k: using.progress("simulation", k / steps) if k % 50 == 0 else None,
+        found, parts = _moved(
+            config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
         )
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
@@ -77,7 +73,29 @@ def simulation(
         sensors={name: measured[:, own] for name, own in sensors.channels.items()},
         bearings=rings_in_time(config, bench, found),
     )
-    return Simulation(record, bench, sensors, _turn(bench, found, h))
+    return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
+
+
+def _moved(
+    settings: Simulate,
+    bench: Bench,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    loads: Callable[[np.ndarray], np.ndarray],
+    u: np.ndarray,
+    progress: Callable[[float], None],
+) -> tuple[Trajectory, int]:
+    """The run, by steps as they are or divided by their error, and the most parts of a step."""
+    h, steps, system, theta = settings.time_step, len(u) - 1, bench.system, bench.theta
+
+    def tell(k: int) -> None:
+        if k % 50 == 0:
+            progress(k / steps)
+
+    if settings.tolerance is None:
+        return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
+    found = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
+    return found.run, int(found.parts.max())
 
 
 def _violation(bench: Bench, found: Trajectory) -> Violation:

@@ -61,6 +61,12 @@ class Simulate(Section):
         description="second_order: two implicit stages a step, errors shrink with its square; thesis: implicit Euler, with the "
         "step itself.",
     )
+    tolerance: Positive | None = Field(
+        None,
+        description="Largest error of the motion that all steps together may make, beside the coordinates of each body (a turn "
+        "counts as 1): steps are divided until halving them again changes less, and see the loads at every instant of their "
+        "own; null: every step is one.",
+    )
     start: Literal["equilibrium", "as_given"] = Field(
         "equilibrium",
         description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "

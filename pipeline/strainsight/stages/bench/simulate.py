@@ -35,10 +35,15 @@ def run(context: Context[BenchConfig]) -> Output:
         "violation": worst,
         "violation_rate": float(found.violation.velocity.max()),
         "turn": own.turn,
+        "parts": own.parts,
     }
     text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
+    if config.simulate.tolerance is not None:
+        text += f", in up to {own.parts} parts each: the motion is right to {config.simulate.tolerance:g} of the coordinates"
     if len(found.frequency) and (first := float(found.frequency[0])) > 0:
-        summary |= {"first_frequency": first, "band": followed(found.frequency, h, config.simulate.method)}
+        summary["first_frequency"] = first
+    if "first_frequency" in summary and config.simulate.tolerance is None:
+        summary["band"] = followed(found.frequency, h, config.simulate.method)
         text += f"; follows loads up to {summary['band']:.3g} Hz to {100 * SHARE:g} %"
         for name, load in found.inputs.items():
             summary[f"missed.{name}"] = float(missed(load[:, None], found.frequency, h, config.simulate.method)[0])
@@ -76,7 +81,7 @@ def _warnings(own: Simulation, settings: Simulate, summary: Mapping[str, Scalar]
         for name in own.found.inputs
         if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
     ]
-    if own.turn > TURN[settings.method]:
+    if settings.tolerance is None and own.turn > TURN[settings.method]:
         said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
     return Table("warnings", ("",), tuple((text,) for text in said))
 
