@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk, line_energy
-from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.bank import filter_bank, filter_records
+from strainsight.estimation.bank_filters import bank_record
+from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
 from strainsight.estimation.draws import draw_truth
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, start
@@ -94,6 +95,25 @@ def test_gains_beside_them_are_integrated_out():
     expected = w @ np.array(point)
     assert abs(mean - expected) < 0.1 * std
     assert std == pytest.approx(np.sqrt(w @ (np.array(point) - expected) ** 2), rel=0.05)
+
+
+def test_offsets_of_several_records_are_found():
+    """Of each of two records its own, 1.5 and −1.2 σ, beside a gain of 1 % that both share, −0.5 σ: they add to the readings
+    whatever the motion is, and stay what they are where the readings are linear about all else."""
+    model, P = replace(chain(), free_loads=True), start()
+    gain, offset, true = 0.01, 6e-3, np.array([-0.5, 1.5, -1.2])
+    D, o = np.zeros((2, 2, 5)), np.zeros((2, 2))
+    D[0, :, :2], o[1] = gain * ROWS, offset
+    one = Nuisances(("gain", "offset"), D, np.zeros((2, 2, 1)), o)
+    own, records = each_its_own(one, 2, ("offset",)), []
+    for r in range(2):
+        truth, _ = draw_truth(model, np.zeros(7), P, forces(), [7 + r])
+        y = (1 + gain * true[0]) * (truth[1:, 0, :2] @ ROWS.T) + offset * true[1 + r]
+        y += NOISE * np.random.default_rng(r).standard_normal(y.shape)
+        records.append(bank_record(model, forces(), y, own[r], None))
+    mean, covariance = filter_records(records, np.zeros(7), P)[0].nuisances
+    assert np.all(np.abs(mean - true) < 3 * np.sqrt(np.diag(covariance))), (mean, true)
+    assert np.sqrt(np.diag(covariance))[1:].max() < 0.3
 
 
 LOADS = [RandomWalk(), IntegratedRandomWalk(3.0), Matern(3.0, 1.5), Oscillator(3.0, 0.05)]

@@ -234,8 +234,9 @@ def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
     about = np.clip(nu, -FARTHEST, FARTHEST)
     if not problem.beside_loads:
         return np.asarray(about[: _modes(problem)])
-    offset = problem.records[0].nuisances.offset
-    about[len(nu) - len(offset) :][(offset != 0).any(axis=1)] = 0.0
+    # of several records, what adds to readings of one does nothing in the others
+    offset = np.any([(own.nuisances.offset != 0).any(axis=1) for own in problem.records], axis=0)
+    about[len(nu) - len(offset) :][offset] = 0.0
     return np.asarray(about)
 
 
