@@ -31,7 +31,7 @@ MASSES = ReducedModel(
 
 def chain(noise=NOISE):
     """Two masses of one on two springs, a known force on the second and an unknown one, a random walk, on the first."""
-    unknowns = Unknowns(("unknown",), ("k1", "k2"), {"unknown": 1.0}, REFERENCE)
+    unknowns = Unknowns(("unknown",), ("k1", "k2"), {"unknown": 1.0}, REFERENCE, frequency={"unknown": KAPPA})
     H_star = np.hstack([ROWS, np.zeros((2, 5))])
     Q = np.diag([0, 0, 1e-4, 1e-4, KAPPA, 0, 0])
     return FilterModel(MASSES, unknowns, ("known",), {}, H_star, Q, np.full(2, noise**2 * H), H)

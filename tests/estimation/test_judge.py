@@ -7,17 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk, line_energy
+from strainsight.augmentation.input_models import (
+    WALK,
+    IntegratedRandomWalk,
+    Matern,
+    Oscillator,
+    RandomWalk,
+    line_intensity,
+)
+from strainsight.errors import ConfigError
 from strainsight.estimation.bank import filter_bank, filter_records
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
 from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.judge import with_free_loads
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, start
 from .test_bank import joint, log_normal
 
 FREE = KAPPA * 2 * np.pi**2 * KAPPA * STEPS * H
-"""Intensity of the free walk: of default κ its frequency is its intensity."""
+"""Intensity of the free walk, ω²T/2: its frequency is KAPPA [Hz], so that κ of the chain's walk is the default."""
 
 
 def densities(p, P, steps, white=(0, 0, 1e-4, 1e-4)):
@@ -116,23 +125,39 @@ def test_offsets_of_several_records_are_found():
     assert np.sqrt(np.diag(covariance))[1:].max() < 0.3
 
 
-LOADS = [RandomWalk(), IntegratedRandomWalk(3.0), Matern(3.0, 1.5), Oscillator(3.0, 0.05)]
+LOADS = [
+    RandomWalk(),
+    *(IntegratedRandomWalk(3.0, kappa) for kappa in (0.02, WALK, 3.0)),
+    Matern(3.0, 1.5),
+    Oscillator(3.0, 0.05),
+]
 
 
-@pytest.mark.parametrize("model", LOADS, ids=lambda own: type(own).__name__)
+def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
+    """κ of a walk, rule and tuning scale its intensity: below that of a line it is that of the line, above it is as stated."""
+    model, at = chain(), 4
+    for factor in (1e-3, 1.0, 30.0):
+        Q = with_free_loads(replace(model, Q=model.Q * factor), STEPS).Q
+        assert Q[at, at] == pytest.approx(FREE, rel=1e-12)
+        np.testing.assert_array_equal(np.delete(np.diag(Q), at), factor * np.delete(np.diag(model.Q), at))
+    sets = model.Q * np.array([1.0, 1e6])[:, None, None]
+    np.testing.assert_allclose(with_free_loads(replace(model, Q=sets), STEPS).Q[:, at, at], [FREE, 1e6 * KAPPA])
+    with pytest.raises(ConfigError, match="frequency of unknown is None"):
+        with_free_loads(replace(model, unknowns=replace(model.unknowns, frequency={})), STEPS)
+
+
+@pytest.mark.parametrize("model", LOADS, ids=str)
 def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
-    """Of a sine of amplitude 1 and 3 Hz, 40 periods of it: its noise ẇ by derivatives of the sine, ∫ẇ²dt over the intensity."""
+    """Of a sine of amplitude 1 and 3 Hz, 40 periods of it: its noise by derivatives of the sine, and ∫w²dt; whatever κ."""
     duration, omega = 40 / 3.0, 2 * np.pi * 3.0
-    walk = omega / (2 * np.pi)
     t = np.linspace(0, duration, 40 * 400, endpoint=False)
     zero, one, two = np.sin(omega * t), omega * np.cos(omega * t), -(omega**2) * np.sin(omega * t)
     lam = omega / np.sqrt(np.sqrt(2) - 1)
-    noise, intensity = {
-        "RandomWalk": (one, walk),
-        "IntegratedRandomWalk": (two / omega, omega / (2 * np.pi)),
+    noise = {
+        "RandomWalk": one,
+        "IntegratedRandomWalk": two / omega,
         # (d/dt + λ)² u = λ w
-        "Matern": (two / lam + 2 * one + lam * zero, 4 * lam),
-        "Oscillator": (two / omega + 0.1 * one + omega * zero, 0.2 * omega),
+        "Matern": two / lam + 2 * one + lam * zero,
+        "Oscillator": two / omega + 0.1 * one + omega * zero,
     }[type(model).__name__]
-    expected = np.mean(noise**2) * duration / intensity
-    assert line_energy(model, walk, duration) == pytest.approx(expected, rel=1e-6)
+    assert line_intensity(model, 3.0, duration) == pytest.approx(np.mean(noise**2) * duration, rel=1e-6)

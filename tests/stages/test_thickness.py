@@ -11,10 +11,12 @@ from scipy.linalg import eigh, solve_continuous_are
 
 from strainsight import api
 from strainsight.cases.structure.channels import training_units
+from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.scenarios import placed_instants
 from strainsight.damage.curve import Curve
 from strainsight.damage.sums import damage_of
 from strainsight.errors import UserError
+from strainsight.estimation.judge import with_free_loads
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.records.record import written
 from strainsight.signals.histories import instant_values
@@ -152,6 +154,19 @@ def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(tra
     blind = H.copy()
     blind[:, -1] = 0.0
     assert variances(blind, chosen)[1] < 0.75 * variances(H, chosen)[1]
+
+
+def test_how_free_an_unknown_load_is_depends_on_its_frequency_alone(trained, tmp_path):
+    """ω²T/2 of a sine of 3 Hz and 0.2 s, whatever κ and the rule of process noise."""
+    _, _, *made = trained
+    for changes in ({}, {"loads.tip.process_noise": {"kappa": 0.02}}, {"process_noise.rule": "thesis"}):
+        case = case_in(tmp_path, CHANGES | changes)
+        p = problem_of(case.config, case.files, *made)
+        model = filter_model(p, np.array([0, 1]), p.h)
+        load = model.input_states.start
+        free = with_free_loads(model, 50).Q[load, load]
+        assert free == pytest.approx((2 * np.pi * 3.0) ** 2 * 0.2 / 2, rel=1e-12), changes
+        assert free > 2 * model.Q[load, load]
 
 
 @pytest.mark.slow

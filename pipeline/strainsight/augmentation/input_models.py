@@ -119,27 +119,20 @@ def input_intensity(model: InputModel, walk: float) -> np.ndarray:
     return Q
 
 
-def line_energy(model: InputModel, walk: float, duration: float) -> float:
-    """Energy [-] of a sine of amplitude 1 at the frequency of the model, as long as a record, in the white noise that would
-    have driven the model along it:
+def line_intensity(model: InputModel, frequency: float, duration: float) -> float:
+    """Intensity [1/s] of the noise on the last component of ζ under which a sine of amplitude 1, as long as a record, lies within
+    one σ:
 
-        T/(2 S(ω)),     S(ω) = |C (iω − A_u)⁻¹ B|² Q_u
+        T/(2 |C (iω − A_u)⁻¹ B|²)
 
-    Independent of each other, the steps of a load add to the score of a parameter as the square root of their energy; those of a
-    line all go the same way, and add up. So a walk whose intensity is this many times larger allows for a line by one σ, whatever
-    it goes along with. Of both walks it is ωT/(2κ), of default κ 2π² f T.
-    walk [1/s]: κω of a random walk, of default κ; duration T [s].
+    It is the energy of the noise that drives the model along that sine. Independent of each other, the steps of a load add to
+    the score of a parameter as the square root of their energy; those of a line all go the same way, and add up. So an intensity
+    that is the energy of the line allows for it, whatever it goes along with. Of both walks it is ω²T/2 and ωT/2.
+    frequency [Hz], ω = 2π·frequency: that of the load; duration T [s].
     """
-    Q = input_intensity(model, walk)
-    match model:
-        case RandomWalk():
-            omega = walk / WALK
-        case Matern():
-            omega = _omega(model.bandwidth)
-        case _:
-            omega = _omega(model.frequency)
-    response = np.linalg.inv(1j * omega * np.eye(len(Q)) - rate_matrix(model))[0, -1]
-    return float(duration / (2 * np.abs(response) ** 2 * Q[-1, -1]))
+    A = rate_matrix(model)
+    response = np.linalg.inv(1j * _omega(frequency) * np.eye(len(A)) - A)[0, -1]
+    return float(duration / (2 * np.abs(response) ** 2))
 
 
 def component_names(model: InputModel, name: str) -> tuple[str, ...]:

@@ -25,7 +25,8 @@ class Unknowns:
     and θᵢ = guessᵢ exp(pᵢ).
 
     inputs, parameters: names in the order of x*; amplitude: input → [N]; guess: parameter → [SI], positive;
-    models: input → its model in time, a random walk where none is given, so that ζ = ũ.
+    models: input → its model in time, a random walk where none is given, so that ζ = ũ; frequency: input → that of the load [Hz],
+    which parameters that are judged beside free loads ask for.
     All may hold more names than are unknown. Raises ConfigError where a scale is missing or not positive.
     """
 
@@ -34,6 +35,7 @@ class Unknowns:
     amplitude: Mapping[str, float]
     guess: Mapping[str, float]
     models: Mapping[str, InputModel] = field(default_factory=dict)
+    frequency: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for names, scales, word in (
@@ -80,6 +82,13 @@ class Unknowns:
     def model_of(self, name: str) -> InputModel:
         """The model of one input."""
         return self.models.get(name, RANDOM_WALK)
+
+    def frequency_of(self, name: str) -> float:
+        """Typical frequency [Hz] of one input. Raises ConfigError where none is given."""
+        value = self.frequency.get(name)
+        if value is None or not 0 < value < np.inf:
+            raise ConfigError(f"frequency of {name} is {value}", remedy=f"give {name} a positive frequency")
+        return value
 
     def rate_matrix(self) -> np.ndarray:
         """A_u of all inputs (Σk, Σk) [1/s], block by block."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.augmentation.input_models import line_energy
+from strainsight.augmentation.input_models import line_intensity
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
@@ -25,7 +25,7 @@ from strainsight.estimation.settled import beginning
 @dataclass(frozen=True)
 class Judge:
     """Filters of free loads at the points of a bank, and those of what these loads alone read, of which the samples are nothing:
-    their likelihood is that of the size of the loads."""
+    their likelihood is that of the size of the loads. `alone` knows neither ν nor offsets of channels."""
 
     models: LinearModels
     filters: Filters
@@ -34,13 +34,12 @@ class Judge:
 
 
 def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
-    """Of a record of so many steps: no unknown load is stiffer than a line of its amplitude asks for (`line_energy`)."""
-    Q, states, unknowns = model.Q.copy(), model.input_states, model.unknowns
-    first = np.cumsum([0, *unknowns.lengths])
-    for i, name in enumerate(unknowns.inputs):
-        own = slice(states.start + int(first[i]), states.start + int(first[i + 1]))
-        of, walk = unknowns.model_of(name), float(Q[..., own.start, own.start].max())
-        Q[..., own, own] *= max(1.0, line_energy(of, walk, steps * model.h))
+    """Of a record of so many steps: no unknown load is stiffer than a line of its amplitude and frequency asks for
+    (`line_intensity`), however it was stated to move."""
+    Q, unknowns = model.Q.copy(), model.unknowns
+    for name, end in zip(unknowns.inputs, model.input_states.start + np.cumsum(unknowns.lengths), strict=True):
+        line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * model.h)
+        Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
     return replace(model, Q=Q)
 
 
@@ -59,7 +58,7 @@ def judge_of(
         return None
     free = with_free_loads(model, steps)
     models = linear_models(free, point, nuisances, biased)
-    loads = np.zeros(len(model.Q), dtype=bool)
+    loads = np.zeros(model.size, dtype=bool)
     loads[model.input_states] = True
     alone = linear_models(
         replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)), point, no_nuisances(model), biased

@@ -295,6 +295,7 @@ def unknowns_of(
         amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
         guess={name: reference[name] for name in estimate if name not in loads},
         models={name: input_model(loads[name].process_noise, typical[name][0]) for name in inputs},
+        frequency={name: frequency for name, (frequency, _) in typical.items()},
     )
 
 
