@@ -95,9 +95,7 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
         ends = [[error(np.ones(2), np.exp(s * size * 0.1)) for s in (1, -1)]]
     slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
     y, _ = readings(np.ones(2), 1.0)
-    found, plain = (
-        filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None)
-    )
+    found, plain = (filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
     added = np.sum(slope**2, axis=1)
     np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
 
@@ -150,9 +148,7 @@ def test_whether_the_motion_is_corrected_is_nothing_to_the_parameters():
 
 
 def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged(make_beam, make_filter, sine):
-    model = make_filter(
-        make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4
-    )
+    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)
     _, y = draw_truth(model, mean, P, u, [2])
@@ -198,9 +194,7 @@ def test_sigma_holds_where_a_load_acts_otherwise(what):
     """Over draws of chains whose load acts otherwise by a constant: σ of the parameters, and of an unknown load by all samples,
     holds it integrated out, and does not hold without."""
     load, column = LOADS[what]
-    model, P, n = (
-        (chain(noise=5e-4), start(), 5) if load == "unknown" else (driven_chain(noise=5e-5), driven_start(), 4)
-    )
+    model, P, n = (chain(noise=5e-4), start(), 5) if load == "unknown" else (driven_chain(noise=5e-5), driven_start(), 4)
     nuisances, draws = acting_otherwise(model, load, column), 60
     rng, mean = np.random.default_rng(4), np.zeros(model.size)
     with_it, without, of_load = [], [], []

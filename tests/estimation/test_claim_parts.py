@@ -157,9 +157,7 @@ def test_nothing_tolerated_adds_nothing():
 
 
 @pytest.mark.parametrize("parameters", [(), ("E",)])
-def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(
-    make_beam, make_filter, sine, parameters
-):
+def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(make_beam, make_filter, sine, parameters):
     """Readings of a beam under a constant unknown load and a known sine, each channel in turn scaled a little."""
     beam, h, steps, gain, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 160, 0.03, 1e-3
     model = make_filter(beam, ("tip",), parameters, ("middle",), h, accelerometers=2, q_velocity=0.1)
@@ -215,9 +213,7 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(make_beam, make_fi
     shape = beam.model.input_shape
     changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])
     channels, moving = len(model.H), model.accelerometers
-    strain = (
-        1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
-    )
+    strain = 1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
 
     def estimate(change, at_once):
         inner = replace(beam.model, input_shape=shape + change)
@@ -239,7 +235,5 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(make_beam, make_fi
     x = simulate(beam.model, beam.model.reference, u, h)
     found = covariance_recursion(model, x, u, P, nuisances).budget
     for name, change, at_once in zip(source, changes, strain, strict=True):
-        total = (
-            (estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)
-        ) ** 2
+        total = ((estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)) ** 2
         np.testing.assert_allclose(found[name] / total.max(axis=0), total / total.max(axis=0), atol=1e-4, err_msg=name)

@@ -73,8 +73,7 @@ def test_what_a_load_moves_while_it_drifts_is_in_the_noise_of_a_step(h):
     pieces = max(4, int(2000 * h))
     nodes = np.concatenate([h / pieces * (i + 0.5 + 0.5 * x) for i in range(pieces)])
     expected = sum(
-        weight * expm(F * s) @ Q @ expm(F * s).T
-        for s, weight in zip(nodes, np.tile(0.5 * h / pieces * w, pieces), strict=True)
+        weight * expm(F * s) @ Q @ expm(F * s).T for s, weight in zip(nodes, np.tile(0.5 * h / pieces * w, pieces), strict=True)
     )
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-9)

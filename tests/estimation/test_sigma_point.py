@@ -242,9 +242,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel(make_beam, make_filter,
         x = run.mean[k, 0] + gain @ (x - predicted)
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
-        np.testing.assert_allclose(
-            found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5
-        )
+        np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
 
 
 def test_joseph_and_square_root_agree_and_stay_positive(make_beam, make_filter, sine):
@@ -265,7 +263,9 @@ def test_joseph_and_square_root_agree_and_stay_positive(make_beam, make_filter, 
 def test_is_the_bank_where_a_parameter_is_strongly_seen(make_beam, make_filter, sine, wide, far):
     """A modulus known to 0.03 % in the end has a normal posterior: the same σ, and a mean that is off by less of it the narrower
     the prior, in which the filter takes the motion as normal that is not."""
-    model = make_filter(make_beam(modes=3, graded=True), (), ("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-3)
+    model = make_filter(
+        make_beam(modes=3, graded=True), (), ("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-3
+    )
     u = sine(model.h * np.arange(300), model.h, 1e4, 20.0)
     P = np.diag(np.concatenate([np.full(3, 1e-10), np.full(3, 1e-6), [wide**2]]))
     _, y = draw_truth(model, np.zeros(7), P, u, range(3))

@@ -38,9 +38,7 @@ def test_the_band_of_a_mean_square_is_that_of_tables():
     means = np.mean(rng.standard_normal((20000, 10, 4)) ** 2, axis=(1, 2))
     low, high = chi_square_band(4, 10, 0.95)
     assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.01)
-    assert chi_square_band(1, level=0.95) == pytest.approx(
-        (0.000982, 5.0239), rel=1e-3
-    )  # Abramowitz and Stegun, table 26.8
+    assert chi_square_band(1, level=0.95) == pytest.approx((0.000982, 5.0239), rel=1e-3)  # Abramowitz and Stegun, table 26.8
 
 
 @pytest.mark.parametrize("draws", [1, 2, 5, 20, 100])
@@ -53,9 +51,7 @@ def test_of_sigmas_that_hold_27_in_ten_thousand_are_called_wrong(draws):
         assert binom.ppf(1e-4, 100_000, 0.00135) <= count <= binom.ppf(1 - 1e-4, 100_000, 0.00135)
 
 
-@pytest.mark.parametrize(
-    ("draws", "off", "found"), [(1, 10.0, 0.7), (20, 2.0, 0.9), (20, 0.4, 0.97), (500, 1.3, 0.999)]
-)
+@pytest.mark.parametrize(("draws", "off", "found"), [(1, 10.0, 0.7), (20, 2.0, 0.9), (20, 0.4, 0.97), (500, 1.3, 0.999)])
 def test_a_sigma_that_is_wrong_is_found_the_surer_the_more_draws(draws, off, found):
     """Power by χ² itself: P(off² χ²_n / n outside the band)."""
     e = off * np.random.default_rng(7).standard_normal((2000, draws))
@@ -179,9 +175,7 @@ def test_starts_must_agree_within_what_one_draw_may_be_off():
     np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True, True])
     np.testing.assert_array_equal(not_identified(estimate, 2 * std), [False, True, True, False])
     edge = band_of(1)[1]
-    np.testing.assert_array_equal(
-        not_identified(np.array([[0.0, 0.0], [0.99 * edge, 1.01 * edge]]), np.ones((2, 2))), [0, 1]
-    )
+    np.testing.assert_array_equal(not_identified(np.array([[0.0, 0.0], [0.99 * edge, 1.01 * edge]]), np.ones((2, 2))), [0, 1])
 
 
 def test_a_layout_that_is_like_random_ones_is_rarely_called_better():
