@@ -53,7 +53,7 @@ SHORTEST, SHARE = 8, 8
 narrows as the record grows."""
 
 LOOK = 0.2
-"""Share of the steps after which it shows whether the damping has to be looked for."""
+"""Share of the steps after which it shows whether the ν have to be looked for about which readings are linear."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class BankEnd:
     """What the bank found at the end.
 
     point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
-    point; about (d,): where the motion is linear in ν; laid: how often the lattice was; step (k,): its steps along every
+    point; about (d,): the ν about which readings are linear; laid: how often the lattice was; step (k,): its steps along every
     parameter, infinite of columns.
     """
 
@@ -121,7 +121,8 @@ def filter_bank(
     of every instant; progress: called with the share of the steps that are done.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Where all samples speak for
-    a damping that a slope does not reach, all of this is done again, linear about that (`about_samples`). Raises NumericalError
+    ν that slopes do not reach, of a damping or beside free loads of any tolerance, all of this is done again, linear about these
+    (`about_samples`). Raises NumericalError
     where a lattice would need more than MOST_POINTS points, where no columns follow the posterior, and where that leaves the
     guess by a factor of exp(LOST).
     """
@@ -168,21 +169,23 @@ def filter_records(
     if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)
-    again = problem
-    if (end := _end_of(replace(problem, along=False, progress=lambda share: tell(0.4 * share)))) is not None:
+    if (end := _end_of(replace(problem, along=False, progress=lambda share: tell(0.5 * share)))) is not None:
         again = replace(about_samples(end[0], end[1].posterior[0], end[1].nuisances[0]), along=True)
-    found = _covered(replace(again, progress=lambda share: tell(0.4 + 0.5 * share)))
-    if end is None:
+        found = _covered(replace(again, progress=lambda share: tell(0.5 + 0.5 * share)))
+    else:
+        # the look ended at half of LOOK
+        found = _covered(replace(problem, progress=lambda share: tell(0.1 + 0.45 * share)))
         again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
         if again is not problem:
-            found = _covered(replace(again, progress=lambda share: tell(0.9 + 0.1 * share)))
+            found = _covered(replace(again, progress=lambda share: tell(0.55 + 0.45 * share)))
     tell(1.0)
     return found
 
 
 def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
     """The posterior at the end alone, without states along the samples and filters that serve these only: in less than half of
-    the time. None where the first LOOK of the steps say nothing of the damping, and so all of them hardly will."""
+    the time. None where the first LOOK of the steps do not ask for another ν about which readings are linear, and so all of them
+    hardly will."""
     now, laid, _ = _passed_through(problem)
     return (problem, _ended(now, laid)) if now.step == problem.first[-1] else None
 
@@ -212,7 +215,7 @@ def _filtered(
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
     end, where what they say is the better, the nearer they are. Returns where the filters stand then, how often points were laid,
     and of every record, where they are asked for, the states along it; where they are not, it ends after LOOK of the steps if
-    these have not moved the damping."""
+    these do not ask for another ν about which readings are linear."""
     steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)] if problem.along else []
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:

@@ -28,9 +28,9 @@ from strainsight.estimation.standing import C, Standing, log_normal
 MOVED = 0.05
 """Of ln c of a mode: half its square is what a slope in it leaves out, a thousandth of the damping."""
 FARTHEST = 4.0
-"""Of ν of the damping, in σ: beyond it samples contradict the model."""
+"""Of ν, in σ: beyond it samples contradict the model."""
 TURNS, NOTICED = 8, 0.1
-"""Most dampings about which samples are taken to be linear, one after the other; and the change of their log-likelihood below
+"""Most ν about which readings are taken to be linear, one after the other; and the change of their log-likelihood below
 which it is nothing to them."""
 
 
@@ -128,7 +128,8 @@ class LinearStanding(Standing[C]):
 
     @property
     def states(self) -> States:
-        """At one instant, with what the samples that weigh the points say of ν."""
+        """At one instant, of the loads as stated, and with a judge ν by that; on purpose: loads are followed as they are stated,
+        and ν is judged as the parameters are."""
         return self.filters.states if self.judge is None else of_judge(self.filters.states, self.judge.filters.states)
 
 
