@@ -9,7 +9,7 @@ import pytest
 
 import strainsight.estimation.verdict as kernel
 import strainsight.report.placement.verdicts as words
-from strainsight.cases.structure.problem import rests_on_loads_in_words
+from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
 from strainsight.stages.pages.claims import claims_of
 
 
@@ -72,3 +72,21 @@ def test_parameters_rest_on_unknown_loads_only_where_no_load_is_known(known, inp
     both = SimpleNamespace(inputs=("x", "y"), parameters=("E", "rho"))
     said = rests_on_loads_in_words(SimpleNamespace(known=(), unknowns=both))
     assert "E, rho rests on what process_noise states of x, y" in said
+
+
+@pytest.mark.parametrize(
+    ("known", "inputs", "parameters", "said"),
+    [
+        (("tip",), ("x", "y"), ("E", "zeta"), "E is sought together with the damping factor zeta: its σ rests on"),
+        (("tip",), ("x",), ("E",), ""),
+        (("tip",), ("x",), ("zeta",), ""),
+        (("tip",), (), ("E", "zeta"), ""),
+        ((), ("x",), ("E", "zeta"), ""),
+    ],
+)
+def test_parameters_beside_a_damping_factor_are_said_to_rest_on_loads_as_stated(known, inputs, parameters, said):
+    unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
+    model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
+    found = judged_as_stated_in_words(SimpleNamespace(known=known, unknowns=unknowns, model=model))
+    assert found.startswith(said)
+    assert bool(found) == bool(said)

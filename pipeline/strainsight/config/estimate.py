@@ -204,8 +204,9 @@ class Estimate(RecordedFile):
     tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
     loads_as_stated: bool = Field(
         False,
-        description="Of parameters beside unknown loads: true: the loads move as process_noise states of them; false: parameters "
-        "are judged by what no load could cause, and where no load is known σ is withheld.",
+        description="true: the unknown loads are taken to move as process_noise states; false: parameters are judged by what "
+        "no unknown load could cause, and σ is withheld where no load is known. place and validate judge by free loads all the "
+        "same.",
     )
     accept: bool = Field(
         False,

@@ -17,7 +17,7 @@ from strainsight.cases.structure.filtered_test import (
     budget_in,
 )
 from strainsight.cases.structure.posterior import posteriors_of
-from strainsight.cases.structure.problem import rests_on_loads_in_words, scheme_in_words
+from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import unknown_units
@@ -189,7 +189,15 @@ def _words(
         others = "filter.compare: other filters are not compared where σ is withheld"
     elif not withheld and given.long and config.filter.compare is None and comparable:
         others = f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true"
-    words = clock_in_words(test, config.train.time_step), scheme_in_words(problem, test.h), *not_held, rests, others
+    stated = "" if config.estimate is None or config.estimate.loads_as_stated else judged_as_stated_in_words(problem)
+    words = (
+        clock_in_words(test, config.train.time_step),
+        scheme_in_words(problem, test.h),
+        *not_held,
+        rests,
+        stated,
+        others,
+    )
     return tuple(filter(None, words))
 
 

@@ -259,6 +259,19 @@ def rests_on_loads_in_words(problem: Problem) -> str:
     )
 
 
+def judged_as_stated_in_words(problem: Problem) -> str:
+    """That parameters are judged by loads as stated although a load is known, because a damping is sought with them
+    (`filter_model`); empty where they are not, or where there is the damping alone."""
+    unknowns, damping = problem.unknowns, problem.model.damping.parameter
+    others = [name for name in unknowns.parameters if name != damping]
+    if not problem.known or not unknowns.inputs or not others or damping not in unknowns.parameters:
+        return ""
+    return (
+        f"{', '.join(others)} is sought together with the damping factor {damping}: its σ rests on what process_noise states of "
+        f"{', '.join(unknowns.inputs)}; leave out {damping} to have it judged by what no load could cause"
+    )
+
+
 def withheld_in_words(problem: Problem) -> str:
     """That a test has no σ, and why; empty where it has one."""
     rests = rests_on_loads_in_words(problem)

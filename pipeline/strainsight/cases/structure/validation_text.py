@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.cases.filters_compared import disagreements_in_words, ratios
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
-from strainsight.cases.structure.problem import rests_on_loads_in_words, scheme_in_words
+from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table
 
@@ -47,8 +47,8 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
 
 def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
     """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much."""
-    trial, rests = found.trial, rests_on_loads_in_words(found.trial.problem)
-    words = [rests] if rests else []
+    trial, problem = found.trial, found.trial.problem
+    words = [*filter(None, (rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
     for name in found.accuracy:
         words += [f"{name} is {doubts[name]}"] if name in doubts else []
     words += posterior_doubts(found.validated.posterior, trial.units)
