@@ -84,7 +84,7 @@ def test_parameters_rest_on_unknown_loads_only_where_no_load_is_known(known, inp
         ((), ("x",), ("E", "zeta"), ""),
     ],
 )
-def test_parameters_beside_a_damping_factor_are_said_to_rest_on_loads_as_stated(known, inputs, parameters, said):
+def test_parameters_beside_a_damping_factor_rest_on_loads_as_stated(known, inputs, parameters, said):
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
     found = judged_as_stated_in_words(SimpleNamespace(known=known, unknowns=unknowns, model=model))
