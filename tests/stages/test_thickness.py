@@ -187,12 +187,12 @@ def test_thickness_beside_an_unknown_load_is_found_within_its_sigma(tmp_path):
 
 @pytest.mark.slow
 def test_thickness_beside_an_unknown_load_is_found_within_its_sigma_under_the_default_tolerances(tmp_path):
-    """Gauges, loads and damping drawn anew ten times: RMS error over σ lies within 0.57 and 1.43 at 95 %. Under a load that is
+    """Gauges, loads and damping drawn anew 24 times: RMS error over σ lies within 0.72 and 1.28 at 95 %. Under a load that is
     to walk as stated it was 1.8."""
-    found = finished(tmp_path, "validate", deck(), CHANGES | {"validate": {**CHANGES["validate"], "repeats": 10}})["validate"]
+    found = finished(tmp_path, "validate", deck(), CHANGES | {"validate": {**CHANGES["validate"], "repeats": 24}})["validate"]
     ratio = found["/repeats/error/t"] / found["/repeats/std/t"]
-    assert len(ratio) == 10
-    assert 0.57 < np.sqrt(np.mean(ratio**2)) < 1.43
+    assert len(ratio) == 24
+    assert 0.72 < np.sqrt(np.mean(ratio**2)) < 1.28
 
 
 @pytest.mark.slow
