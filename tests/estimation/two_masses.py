@@ -23,7 +23,7 @@ def chain(parameters=(), kappa=0.3):
     fixed = {name: value for name, value in REFERENCE.items() if name not in parameters}
     rows = np.hstack([ROWS, np.zeros((2, 3 + len(parameters)))])
     Q = np.diag([0, 0, 1e-6, 1e-6, kappa, *[0.0] * len(parameters)])
-    unknowns = Unknowns(("unknown",), parameters, {"unknown": LOAD}, REFERENCE)
+    unknowns = Unknowns(("unknown",), parameters, {"unknown": LOAD}, REFERENCE, frequency={"unknown": kappa})
     return FilterModel(MASSES, unknowns, ("known",), fixed, rows, Q, np.full(2, NOISE**2 * H), H)
 
 
