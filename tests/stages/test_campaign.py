@@ -67,7 +67,7 @@ def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found
         np.testing.assert_allclose(arrays[f"/record/{name}/smoothed/E"], numbers["estimate.E"], rtol=1e-9)
         size = np.sqrt(np.mean(arrays[f"/record/{name}/smoothed/side"] ** 2))
         assert numbers[f"estimate.side.{name}"] == pytest.approx(size)
-    assert f"E {numbers['estimate.E']:.4g} ± {numbers['std.E']:.1g} Pa" in said
+    assert f"E {numbers['estimate.E']:.4g} ± {numbers['std.E']:.2g} Pa" in said
 
 
 def test_the_table_over_records_says_what_the_histories_say(found):

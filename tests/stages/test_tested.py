@@ -24,7 +24,7 @@ from strainsight_cli.main import app
 
 from ..shared import strains
 from .conftest import ROOT, job_of
-from .tested_beam import COMPARED, CONFIG, estimated
+from .tested_beam import COMPARED, CONFIG, PLAIN, estimated
 
 NOISE = 0.5e-6
 DATED = "estimate.date=2025-03-14 10:20"
@@ -152,7 +152,7 @@ def test_the_page_is_written_again_without_the_file(project):
 
 
 def test_status_lists_the_estimate_its_file_and_whether_it_is_up_to_date(project):
-    options = [f"--set={text}" for text in options_of(project)]
+    options = [f"--set={text}" for text in (*options_of(project), COMPARED)]
     lines = {line.split()[0]: line for line in call(project, "status", *options).stdout.splitlines() if line.split()}
     assert "up to date" in lines["estimate"]
     assert "in shaken.csv" in lines["estimate"]
@@ -211,7 +211,7 @@ def test_without_a_surface_in_time_the_field_is_that_of_the_moment(project):
     with pytest.raises(UserError, match="no time"):
         view_of(job.model, ("import", "place"), job.folder, "own.yaml", "field", at=0.1)
     # the option that let it pass is taken from the artefact, too
-    lines = call(project, "status", *(f"--set={text}" for text in options)).stdout.splitlines()
+    lines = call(project, "status", *(f"--set={text}" for text in (*options, PLAIN))).stdout.splitlines()
     assert all("up to date" in line for line in lines if line.startswith(("estimate", "test ")))
 
 

