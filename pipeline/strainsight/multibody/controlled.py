@@ -18,6 +18,8 @@ FINEST = 1024
 SAMPLED, STRAIGHT = 64, 1e-3
 """Instants of a step at which loads are looked at beforehand, and how far off their largest value they may be from straight
 lines between the parts: otherwise a load that passes between them would not be seen."""
+TINY = 1e-10
+"""Motion of a body beside the largest of any that is none."""
 EASY = 16.0
 """Times that a step has to be better than asked for before the next one is divided into half as many parts."""
 
@@ -49,8 +51,8 @@ def simulate_controlled(
     D² the metric of the mass, in which a turn counts as much as the body is wide; loads: time (k,) → (k, nu) [N, N m], of any
     time, so that a finer step sees more of them.
     The difference is three times the error of 2n parts to leading order, so that errors of all steps add up to a third of the
-    tolerance. Raises InfeasibleError where the start breaks a
-    constraint, NumericalError with the time where FINEST parts are not enough.
+    tolerance. Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where FINEST parts are not
+    enough.
     """
     check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float))
     q, v = np.empty((steps + 1, system.size)), np.empty((steps + 1, system.size))
@@ -69,8 +71,9 @@ def simulate_controlled(
             try:
                 coarse = through(n) if coarse is None else coarse
                 fine = through(2 * n)
-                largest = np.maximum(largest, _sizes(system, fine.q))
-                off = float(np.max(_sizes(system, fine.q - coarse.q) / np.maximum(largest, TINY * largest.max())))
+                # of this trial alone: one that is far off may not make later ones look small
+                whole = np.maximum(largest, _sizes(system, fine.q))
+                off = float(np.max(_sizes(system, fine.q - coarse.q) / np.maximum(whole, TINY * whole.max())))
                 unsolved: NumericalError | None = None
             except NumericalError as error:
                 coarse, fine, off, unsolved = None, None, np.inf, error
@@ -80,6 +83,7 @@ def simulate_controlled(
                 raise _refused(k * h, h, 2 * n, off, unsolved)
             coarse, n = fine, 2 * n
         assert fine is not None
+        largest = whole
         q[k + 1], v[k + 1], lam[k], parts[k], last = fine.q, fine.v, fine.stages[-1].lam, 2 * n, fine
         if EASY * steps * off < tolerance:
             n = max(1, n // 2)
@@ -87,10 +91,6 @@ def simulate_controlled(
             progress(k + 1)
     u = loads(h * np.arange(steps + 1))
     return Controlled(Trajectory(h * np.arange(steps + 1), q, v, u, lam), parts)
-
-
-TINY = 1e-10
-"""Motion of a body beside the largest of any that is none."""
 
 
 def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
