@@ -24,6 +24,9 @@ GYRATION = (1e-7, 1e7)
 MASSES_APART = 1e12
 """Ratio of two masses up to which the joints between them hold to rounding."""
 
+FARTHEST = 1e8
+"""[m] from the origin, beyond which a place is known to less than 10 nm: to no more than a bearing moves."""
+
 
 def bearing_problems(config: BearingConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of bearings."""
@@ -202,6 +205,13 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _pose(key: str, pose: Pose) -> Iterator[Problem]:
+    farthest = float(np.max(np.abs(pose.origin)))
+    if farthest > FARTHEST:
+        yield Problem(
+            f"{key}.origin",
+            f"{farthest:g} m from the origin, where a number has steps of {np.spacing(farthest):.1g} m",
+            f"give places in metres, about an origin near the bench (within {FARTHEST:g} m)",
+        )
     for axis in ("x_axis", "y_axis"):
         if not any(getattr(pose, axis)):
             yield Problem(f"{key}.{axis}", "has no length", "give three numbers, not all zero")

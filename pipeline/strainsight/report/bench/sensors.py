@@ -23,6 +23,8 @@ from strainsight.report.text import number, ratio, reading_unit, short
 
 PANELS = 8
 """Most components of a sensor in one figure."""
+NONE = 1e-20
+"""A violation of constraints below this, a millionth of rounding, is none: no logarithmic axis reaches down to it."""
 
 
 def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[str, BenchSensor]]) -> Drawing:
@@ -113,8 +115,8 @@ def consistency_figure(estimate: BenchEstimate) -> Drawing:
         plain_axis(axes)
         index = visible_instants(estimate.violation[:, None], 240)
         violation = drawable(estimate.violation[index])
-        if (violation > 0).any():
-            violation = np.where(violation > 0, violation, np.nan)
+        if (violation > NONE).any():
+            violation = np.where(violation > NONE, violation, np.nan)
             below.set_yscale("log")
         dots(below, estimate.time[index], violation, "")
         log_ticks(below)

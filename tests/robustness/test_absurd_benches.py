@@ -1,0 +1,172 @@
+"""Benches that no one means: each is refused at its place with what to do, or computed and right; none crashes or hangs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+COIL = "coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 100.0}"
+
+
+def bob(mass="2.0", moment="0.3", about_z=None, **more):
+    """The bodies: a bob 1 m below the hinge, standing or moving as `more` says."""
+    inertia = f"{{xx: {moment}, yy: {moment}, zz: {about_z or moment}}}"
+    own = {"pose": "{origin: [0, 0, -1]}", **more}
+    return f"{{bob: {{type: rigid, mass: {mass}, inertia: {inertia}, " + ", ".join(f"{k}: {v}" for k, v in own.items()) + "}}"
+
+
+def moving(x, spin):
+    return bob(velocity=f"[{x}, 0, 0]", spin=f"[0, {spin}, 0]")
+
+
+def two(first, second, other="pin"):
+    """Two joints of the bob."""
+    return f"{{a: {{type: {first}, frames: [pin, eye]}}, b: {{type: {second}, frames: [{other}, eye]}}}}"
+
+
+def pinned(axes):
+    """The frames, with these axes of the pin."""
+    return f"{{pin: {{body: ground, pose: {{{axes}}}}}, eye: {{body: bob}}}}"
+
+
+PARTS = {
+    "bodies": bob(),
+    "frames": "{pin: {body: ground}, side: {body: ground, pose: {origin: [1, 0, 0]}}, "
+    "eye: {body: bob, pose: {origin: [0, 0, 1]}}, tip: {body: bob}, low: {body: bob, pose: {origin: [0, 0, -1]}}}",
+    "joints": "{hinge: {type: revolute, frames: [pin, eye], axis: y}}",
+    "forces": "{weight: {type: gravity}}",
+    "simulate": "{duration: 0.1, time_step: 0.01}",
+}
+"""A bob of 2 kg, 1 m below a hinge about y."""
+
+
+def bench(**parts):
+    return "kind: bench\nname: own\n" + "".join(f"{name}: {part}\n" for name, part in {**PARTS, **parts}.items())
+
+
+def forces(*own):
+    return "{weight: {type: gravity}, " + ", ".join(own) + "}"
+
+
+def load(name="F", frame="tip", direction="[1, 0, 0]", signal="{type: sine, frequency: 1.0, amplitude: 10.0}"):
+    return f"{name}: {{type: force, frame: {frame}, direction: {direction}, signal: {signal}}}"
+
+
+def constant(value):
+    return f"{{type: constant, value: {value}}}"
+
+
+LOAD = load()
+
+
+def sought(inputs="{F: {std: 10, increment: 1}}", noise="1.0e-5", load=None, more=""):
+    """The load is sought by a sensor of the bob's place."""
+    return {
+        "forces": forces(COIL, LOAD if load is None else load),
+        "sensors": "{m: {type: motion, frame: tip}}",
+        "estimate": f"{{sensors: {{m: {{noise: {noise}}}}}, inputs: {inputs}{more}}}",
+    }
+
+
+AS_GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given%s}"
+GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given}"
+FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
+WEAK = "{coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 1.0}}"
+SHORT = "s: {type: spring, frames: [pin, eye], stiffness: 1}"
+STIFF = "s: {type: spring, frames: [side, tip], stiffness: 1.0e+300}"
+ABSENT = "{type: csv, file: none.csv, time_column: t, value_column: F}"
+HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+30]}}"
+UNFELT = "estimate.inputs.F: no sensor feels it"
+REFUSED = {
+    "a step longer than the run": (2, "simulate.time_step", {"simulate": "{duration: 0.1, time_step: 10}"}),
+    "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
+    "a run of ten steps and a half": (2, "take 0.0105 s", {"simulate": "{duration: 0.105, time_step: 0.01}"}),
+    "a tolerance beyond rounding": (1, "a larger simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
+    "nothing holds it, gravity": (1, "simulate.start: no static equilibrium", {"joints": "{}"}),
+    "nothing holds it": (2, "nothing holds body bob", {"joints": "{}", "forces": "{}"}),
+    "a joint twice": (2, "5 of 16 constraints are redundant", {"joints": two("revolute", "revolute")}),
+    "joints that contradict": (2, "cannot all be satisfied", {"joints": two("spherical", "spherical", "side")}),
+    "a joint within a body": (2, "joints.a.frames", {"joints": "{a: {type: spherical, frames: [eye, tip]}}"}),
+    "a start far from the joints": (2, "bodies.bob.pose", {"bodies": bob(pose="{origin: [0, 0, 5]}")}),
+    "a place beyond the moon": (2, "pose.origin: 1e+12 m", {"bodies": bob(pose="{origin: [1.0e+12, 0, -1]}")}),
+    "a spin against the joint": (2, "bodies.bob.velocity", {"bodies": moving(0, 600), "simulate": GIVEN}),
+    "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
+    "a mass that is no number": (2, "bodies.bob.mass", {"bodies": bob(mass=".nan")}),
+    "a rod free about itself": (
+        2,
+        "without moving any mass",
+        {"bodies": bob(about_z="1.0e-300"), "joints": "{a: {type: spherical, frames: [pin, eye]}}"},
+    ),
+    "axes without length": (2, "frames.pin.pose.x_axis", {"frames": pinned("x_axis: [0, 0, 0]")}),
+    "axes that are one": (2, "frames.pin.pose.y_axis", {"frames": pinned("y_axis: [2, 0, 0]")}),
+    "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
+    "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
+    "a torsion spring past half a turn": (
+        1,
+        "coil: it is turned by",
+        {"bodies": moving(-60, 60), "forces": WEAK, "simulate": GIVEN},
+    ),
+    "a load of 1e30 N": (1, "simulate", {"forces": forces(load(signal=constant("1.0e+30")))}),
+    "a gravity of 1e30 m/s²": (1, "simulate", {"forces": HEAVY}),
+    "a load without direction": (2, "forces.F.direction", {"forces": forces(load(direction="[0, 0, 0]"))}),
+    "a load from no file": (2, "forces.F.signal.file", {"forces": forces(load(signal=ABSENT))}),
+    "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
+    "an unknown load through the hinge": (2, UNFELT, sought(load=load(direction="[0, 0, 1]"))),
+    "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
+    "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),
+    "an unknown that is no load": (2, "estimate.inputs.weight", sought("{weight: {std: 10, increment: 1}}")),
+    "an estimate of nothing": (2, "estimate: nothing is unknown", sought("{}")),
+    "an estimate in steps longer than the run": (2, "estimate.time_step", sought(more=", time_step: 5.0")),
+}
+
+
+def simulated(folder, **parts):
+    path = folder / "own.yaml"
+    path.write_text(bench(**parts), encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(folder / "r")], env={"COLUMNS": "400"})
+    return done.exit_code, done.output + (done.stderr or "")
+
+
+@pytest.mark.parametrize(("code", "says", "parts"), REFUSED.values(), ids=REFUSED)
+def test_it_is_refused_at_its_place_with_a_remedy(tmp_path, code, says, parts):
+    found, said = simulated(tmp_path, **parts)
+    assert found == code, said
+    assert says in said
+    place, remedy = said.rstrip().splitlines()[-2:]
+    assert "own.yaml:" in place
+    assert remedy.startswith("    ")
+    assert "internal error" not in said
+
+
+def test_a_load_that_no_step_follows_is_reported_and_its_page_is_written(tmp_path):
+    """45 Hz in steps of 10 ms, where constraints hold to 1e-110 at some instants and to rounding at others."""
+    parts = sought(load=load(signal="{type: sine, frequency: 45.0, amplitude: 10.0}"))
+    code, said = simulated(tmp_path, **parts, simulate="{duration: 1.0, time_step: 0.01}")
+    assert "of F the step gets" in said
+    assert (code == 0 and "F is overconfident" in said) or (code == 2 and "estimate" in said), said
+
+
+def test_a_body_of_no_weight_to_speak_of_hangs_as_any_other(tmp_path):
+    code, said = simulated(
+        tmp_path,
+        bodies=bob(mass="2.0e-30", moment="3.0e-31"),
+    )
+    assert code == 0, said
+    found = Artefact(tmp_path / "r" / "own" / "simulate.h5")
+    np.testing.assert_allclose(found["/frequency"], np.sqrt(2 * 9.81 / (0.3 + 2.0)) / (2 * np.pi), rtol=1e-9)
+
+
+def test_a_spring_beyond_measure_holds_as_a_bar_does(tmp_path):
+    """1e12 N/m from the side: it does not leave its length."""
+    code, said = simulated(
+        tmp_path,
+        forces=forces("s: {type: spring, frames: [side, tip], stiffness: 1.0e+12, length: 1.4142135623730951}"),
+        sensors="{m: {type: motion, frame: tip}}",
+    )
+    assert code == 0, said
+    place = Artefact(tmp_path / "r" / "own" / "simulate.h5")["/sensors/m"]
+    np.testing.assert_allclose(np.linalg.norm(place - [1, 0, 0], axis=1), np.sqrt(2), rtol=1e-10)
