@@ -43,6 +43,26 @@ def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_
     for name in ("Fx", "Fy", "Fz"):
         assert found.summary[f"ratio_slope.{name}"] == pytest.approx(0.25, abs=1e-5)
     assert found.summary["mismatch.relative"] < 1e-6
+    # gauges are not given to the filter: they are compared, and read the same
+    assert found.summary["mismatch.gauges"] < 1e-5
+    assert [found.summary[f"size.gauges.{i}"] for i in range(1, 5)] == pytest.approx([1.0] * 4, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its_area(estimate):
+    """Figures 4.2 and 4.4 without weight: lateral loads of 0.7 on a hub of half the size strain it by 0.7/0.5² as much."""
+    weightless = "forces.weight.acceleration=[0.0, 0.0, 0.0]"
+    large = estimate(ROOT / "configs" / "bench-full.yaml", weightless, "simulate.duration=1.0", stage="simulate")
+    found = estimate(
+        SMALL, weightless, "estimate.duration=1.0", f"estimate.measured.from={large.path}",
+        "estimate.sensors.relative.noise=[1.0e-9, 1.0e-9, 1.0e-9, 1.0, 1.0]",
+    )  # fmt: skip
+    assert max(found.summary[f"mismatch.relative.{i}"] for i in (1, 2, 3)) < 1e-6
+    lateral = [found.summary[f"ratio_mean.F{k}"] for k in "yz"]
+    assert max(lateral) < 1
+    sizes = [found.summary[f"size.gauges.{i}"] for i in range(1, 5)]
+    assert min(lateral) / 0.25 * 0.8 < min(sizes)
+    assert max(sizes) < max(lateral) / 0.25 * 1.2
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,11 @@ from strainsight.cases.bench.inverse.numbers import (
     mismatch_numbers,
     parameter_numbers,
     ratio_numbers,
+    size_numbers,
 )
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import FromRun
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, not_identified, samples_alike
 from strainsight.records.bench_estimated import (
     BenchEstimated,
@@ -64,6 +66,8 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         match = sensors[name] = _sensor(own, name)
         if match.measured is not None:
             numbers |= mismatch_numbers(name, match.measured, match.expected)
+            if isinstance(asked(config).measured, FromRun) and not match.used:
+                numbers |= size_numbers(name, match.measured, match.expected)
     found = BenchEstimated(
         time=own.time,
         q=own.mean[:, 0, own.trial.model.q],

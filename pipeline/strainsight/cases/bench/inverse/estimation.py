@@ -12,7 +12,7 @@ from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_exte
 from strainsight.cases.bench.inverse.from_file import from_file
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
-from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
+from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
@@ -97,7 +97,13 @@ def estimated(
         else:
             assert there is not None
             units = load_units(config, estimate.inputs)
-            read, elsewhere = from_run(there, estimate.measured, own, units, h, steps)
+            others = {
+                name: (config.sensors[name], part.stop - part.start)
+                for name, part in sensors.channels.items()
+                if name not in own
+            }
+            beside = like_those(there, estimate.measured, others)
+            read, elsewhere = from_run(there, estimate.measured, own | beside, units, h, steps)
         readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
         for name, values in read.items():
             readings[:, 0, sensors.channels[name]] = values[1:]

@@ -99,6 +99,14 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> N
     return numbers
 
 
+def size_numbers(name: str, there: np.ndarray, expected: np.ndarray) -> Numbers:
+    """rms of what each component of a sensor reads here over that of what it reads on the other bench (T, components)."""
+    found = np.isfinite(there) & np.isfinite(expected)
+    here, other = (np.sqrt(np.sum(np.where(found, x, 0.0) ** 2, axis=0)) for x in (expected, there))
+    share = np.divide(here, other, out=np.full_like(here, np.nan), where=other > 0)
+    return {f"size.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
+
+
 def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(history[int(SETTLING * len(history)) :] for history in histories)
 

@@ -18,6 +18,8 @@ from strainsight.multibody.sensors import Readings
 
 FITS, SETTLED = 20, 1e-9
 """Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
+HALVINGS = 12
+"""How often a step of them is halved that explains less, or that no rest carries."""
 
 
 def zero_of(
@@ -50,7 +52,7 @@ def loads_at_rest(
     first: np.ndarray,
     noise: np.ndarray,
 ) -> np.ndarray:
-    """Loads (nu,) under which the bench at rest reads what was measured first, by Gauss-Newton from the guess:
+    """Loads (nu,) under which the bench at rest reads what was measured first, by damped Gauss-Newton from the guess:
 
     min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
 
@@ -58,17 +60,38 @@ def loads_at_rest(
     """
     free = [i for i, entry in enumerate(asked(config).inputs.values()) if entry.guess is None]
     there = np.isfinite(first)
-    columns, u, theta = unknowns.inputs[free], guess.copy(), unknowns.starts[0]
-    for _ in range(FITS if free else 0):
-        with blame("estimate.measured"):
-            q, v = start_of(replace(bench, theta=theta), config.simulate, u)
-            by_u, _ = static_response(bench.system, q, u, theta)
+    columns, theta = unknowns.inputs[free], unknowns.starts[0]
+
+    def misfit(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is to be explained by a change of the loads, and its slopes."""
+        q, v = start_of(replace(bench, theta=theta), config.simulate, u)
+        by_u, _ = static_response(bench.system, q, u, theta)
         read, H, _ = channels.read(q, v)
-        W = np.concatenate([((H @ by_u[:, columns]) / noise[:, None])[there], np.diag(1 / unknowns.std_u[free])])
         r = np.concatenate([((first - read) / noise)[there], (guess - u)[columns] / unknowns.std_u[free]])
-        du = np.linalg.lstsq(W, r, rcond=None)[0]
-        u[columns] += du
+        slopes = np.concatenate([((H @ by_u[:, columns]) / noise[:, None])[there], np.diag(1 / unknowns.std_u[free])])
+        return r, slopes
+
+    u = guess.copy()
+    if not free:
+        return u
+    with blame("estimate.measured"):
+        r, slopes = misfit(u)
+    for _ in range(FITS):
+        du = np.linalg.lstsq(slopes, r, rcond=None)[0]
         if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+            u[columns] += du
+            break
+        for halvings in range(HALVINGS):
+            trial = u.copy()
+            trial[columns] += 0.5**halvings * du
+            try:
+                found = misfit(trial)
+            except (NumericalError, UserError):
+                continue  # no rest under loads that go too far
+            if np.linalg.norm(found[0]) < np.linalg.norm(r):
+                u, (r, slopes) = trial, found
+                break
+        else:
             break
     return u
 

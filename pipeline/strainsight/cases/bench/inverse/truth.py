@@ -168,6 +168,23 @@ def from_run(
     return read, loads
 
 
+def like_those(
+    there: Simulated, settings: FromRun, others: Mapping[str, tuple[Sensor, int]]
+) -> dict[str, tuple[Sensor, int]]:
+    """Of sensors that the filter is not given, with their number of channels, those that the other bench has under the same
+    name, or the one of `sensors`, and of the same kind and size: they are compared with its readings."""
+    found = {}
+    for name, (entry, channels) in others.items():
+        wanted = settings.sensors.get(name, name)
+        values = there.sensors.get(wanted)
+        if values is None and name in settings.sensors:
+            _there(there.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
+        size = None if values is None else values.shape[1]
+        if size == channels and record.unit_of(there, "sensors", wanted) == unit_of(entry):
+            found[name] = entry, channels
+    return found
+
+
 def _there(found: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in found:
         listed = list(found)
