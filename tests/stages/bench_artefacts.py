@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.records.bench_estimated import (
+    BallsThen,
     BenchEstimated,
     LoadHistory,
     ParameterHistory,
     ParameterRuns,
+    RingEstimate,
     SensorMatch,
 )
 from strainsight.records.bench_placed import BenchCandidates, BenchLayout, BenchPlaced
@@ -102,9 +104,24 @@ def estimated(folder: Path, error=0.01, there=None, truth=True, parameter=True, 
         sensors=sensors,
         input_runs={},
         parameter_runs=runs,
+        bearings={"bearing": _ring(time)},
     )
     warnings = Table("warnings", ("",), (("a noise of 0 is <floored>",),))
     return written(folder, "estimate", record, summary, (warnings,))
+
+
+def _ring(time: np.ndarray) -> RingEstimate:
+    """Twelve balls, the third of which carries 40 ± 0.3 kN on one diagonal at 2 ± 0.01 GPa."""
+    z = np.arange(12)
+    force = 4e4 * np.maximum(np.cos(2 * np.pi * (z - 2) / 12), 0)[:, None] * [1.0, 0.5, 1.0, 0.5]
+    balls = BallsThen(
+        time=1.5, station=2 * np.pi * z / 12, force=force, force_std=7.5e-3 * force / 2, pressure=5e4 * force,
+        pressure_std=500 * force,
+    )  # fmt: skip
+    return RingEstimate(
+        displacement=np.zeros((len(time), 5)), std=np.full((len(time), 5), 1e-7), instants=time[::10],
+        pressure=2e9 - 1e8 * (time[::10] - 1.5) ** 2, pressure_std=np.full(len(time[::10]), 5e6), worst=balls,
+    )  # fmt: skip
 
 
 def placed(folder: Path) -> Artefact:

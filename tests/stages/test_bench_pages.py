@@ -204,8 +204,11 @@ def test_the_page_of_one_run_shows_its_estimate_placement_and_motion(results, tm
     # four gauges, the last at 9 10 11, and what random layouts are expected to know
     assert "9.000 10.000 11.000" in words
     assert "Fz 100 N 900 N ∞ N" in words
+    assert "Force on each of the 12 balls of bearing by the estimate at 1.5 s" in words
+    assert "at most 40 kN ± 300 N" in words.replace("\N{NO-BREAK SPACE}", " ")
+    assert "at most 2 GPa ± 10 MPa" in words.replace("\N{NO-BREAK SPACE}", " ")
     assert output.summary["warnings"] == 1
-    assert page.count("<figure") == output.summary["figures"] == 13
+    assert page.count("<figure") == output.summary["figures"] == 15
 
 
 def test_a_bench_without_an_estimate_has_a_page_of_its_motion(results):

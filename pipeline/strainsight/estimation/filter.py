@@ -91,6 +91,7 @@ def filter_runs(
     damped: bool = True,
     project: Callable[[np.ndarray], np.ndarray] | None = None,
     progress: Callable[[int], None] | None = None,
+    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     refuse: bool = True,
 ) -> FilterRun:
     """Predict with the step, update with the measurement, T times, for B runs at once:
@@ -105,7 +106,7 @@ def filter_runs(
     through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
     raises the cost or fails is halved. project: puts x (B, n) back on constraints after every update, its covariance is
     left as it is; a step with the constraints inside and an update through it need none. progress: called with every step
-    that begins.
+    that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
     No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
     that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
     not again once it is steady, as long as no sample is missing and the noise is the same.
@@ -125,6 +126,8 @@ def filter_runs(
     belief = belief_of(form, P)
     record = Record(model, len(y), runs, b, keep, iterating)
     record.state(0, x, P)
+    if watch is not None:
+        watch(0, x, P)
     G, L, calm = P, P, 0
     same: tuple[np.ndarray | None, ...] = (None, None, None)
     for k in range(len(y)):
@@ -183,6 +186,8 @@ def filter_runs(
             record.state(k + 1, x, None)
             record.readings(k, *model.measure(x, k), None)
         record.linearised(k, A, H, adjusted)
+        if watch is not None:
+            watch(k + 1, x, P)
     return record.finished(P, there)
 
 

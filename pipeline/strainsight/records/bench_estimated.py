@@ -43,6 +43,32 @@ class SensorMatch:
 
 
 @record
+class BallsThen:
+    """The balls at the instant of the highest estimated contact pressure."""
+
+    time: float = dataset("/time", "s", "", "instant of the highest pressure")
+    station: np.ndarray = dataset("/station", "rad", "ball", "station of every ball")
+    force: np.ndarray = dataset("/force", "N", "ball × 4", "contact force then (ball × contact)")
+    force_std: np.ndarray = dataset("/force_std", "N", "ball × 4", "its claimed σ")
+    pressure: np.ndarray = dataset("/pressure", "Pa", "ball × 4", "contact pressure then (ball × contact)")
+    pressure_std: np.ndarray = dataset("/pressure_std", "Pa", "ball × 4", "its claimed σ")
+
+
+@record
+class RingEstimate:
+    """What a bearing does by the estimate of the first run; not there where a bank filters."""
+
+    displacement: np.ndarray = dataset(
+        "/displacement", "m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring"
+    )
+    std: np.ndarray = dataset("/std", "m or rad", "/time × 5", "their claimed σ")
+    instants: np.ndarray = dataset("/instants", "s", "picture", "instants at which the balls were looked at")
+    pressure: np.ndarray = dataset("/pressure", "Pa", "picture", "highest contact pressure of all balls")
+    pressure_std: np.ndarray = dataset("/pressure_std", "Pa", "picture", "claimed σ of the pressure there")
+    worst: BallsThen = group("/worst")
+
+
+@record
 class LoadRuns:
     error: np.ndarray = dataset("/error", "<unit>", "run", "rms error of <what> over the second half")
 
@@ -75,4 +101,5 @@ class BenchEstimated:
     parameter_runs: dict[str, ParameterRuns] = group(
         "/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
     )
+    bearings: dict[str, RingEstimate] = group("/bearings/<name>")
     compared: Compared | None = group("/compared", default=None)

@@ -52,6 +52,7 @@ def run(label="a", error=0.01, at=None, group="", study="s", unknowns=None, **mo
         TIME,
         (load(error),) if unknowns is None else unknowns,
         (sensor(off=error),),
+        (),
         np.ones(len(TIME) - 1),
         np.full(len(TIME), 1e-16),
         numbers,

@@ -50,13 +50,29 @@ class BenchSensor:
 
 
 @dataclass(frozen=True)
+class BearingEstimate:
+    """What a bearing carries by the estimate: highest pressure (k,) with its σ [Pa] at time (k,) [s]; at the instant `worst` of
+    the highest one force (z, 4) with its σ [N] of every contact of every ball at station (z,) [rad]."""
+
+    name: str
+    time: FloatArray
+    pressure: FloatArray
+    pressure_std: FloatArray
+    worst: float
+    station: FloatArray
+    force: FloatArray
+    force_std: FloatArray
+
+
+@dataclass(frozen=True)
 class BenchEstimate:
-    """What a filter made of a bench: unknowns, sensors; nis (T,) over the number of channels; violation (T+1,) of the
+    """What a filter made of a bench: unknowns, sensors, bearings; nis (T,) over the number of channels; violation (T+1,) of the
     constraints at time (T+1,) [s]; numbers: its summary."""
 
     time: FloatArray
     unknowns: tuple[BenchUnknown, ...]
     sensors: tuple[BenchSensor, ...]
+    bearings: tuple[BearingEstimate, ...]
     nis: FloatArray
     violation: FloatArray
     numbers: Mapping[str, Scalar]

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from strainsight.report.bench.answer import bench_answer, too_high
+from strainsight.report.bench.balls import balls_figures
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
 from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, stress_figure
@@ -49,6 +50,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
             for i, unknown in enumerate(estimate.unknowns)
             if unknown.there is not None
         )
+        found["unknowns"] += tuple(drawn for bearing in estimate.bearings for drawn in balls_figures(bearing))
         found["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
         found["sensors"] = tuple(
             components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.config.bench.bench import SurfaceField
-from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
+from strainsight.records.bench_estimated import BenchEstimated, RingEstimate, SensorMatch
 from strainsight.records.bench_placed import PLACED, BenchPlaced
 from strainsight.records.record import read, unit_of
 from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.report.arrays import History
 from strainsight.report.bench.data import (
+    BearingEstimate,
     BearingMotion,
     BenchEstimate,
     BenchMotion,
@@ -36,9 +37,17 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
         time=own.time,
         unknowns=(*(_input(own, name) for name in own.inputs), *(_parameter(own, name) for name in own.parameters)),
         sensors=tuple(_compared(name, kinds[name], match, own.time[1:]) for name, match in own.sensors.items()),
+        bearings=tuple(_carried(name, ring) for name, ring in own.bearings.items()),
         nis=own.nis,
         violation=own.violation,
         numbers=artefact.summary,
+    )
+
+
+def _carried(name: str, ring: RingEstimate) -> BearingEstimate:
+    worst = ring.worst
+    return BearingEstimate(
+        name, ring.instants, ring.pressure, ring.pressure_std, worst.time, worst.station, worst.force, worst.force_std
     )
 
 

@@ -79,6 +79,7 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
+        bearings=own.rings,
         compared=own.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}

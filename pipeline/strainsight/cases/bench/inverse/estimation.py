@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
@@ -21,6 +22,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
+from strainsight.records.bench_estimated import RingEstimate
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.estimated import Compared
@@ -34,8 +36,8 @@ class Estimated:
     measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
     (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input;
-    compared: the parameters of the first run by bank and extended filter, where a bank has filtered; done: what was done to
-    measurements from a file; notes: doubts. Sentences.
+    rings: what every bearing does, by the first run of an extended filter; compared: the parameters of the first run by bank
+    and extended filter, where a bank has filtered; done: what was done to measurements from a file; notes: doubts. Sentences.
     """
 
     bench: Bench
@@ -53,6 +55,7 @@ class Estimated:
     lost: np.ndarray
     reading: np.ndarray
     elsewhere: Mapping[str, np.ndarray]
+    rings: dict[str, RingEstimate]
     compared: Compared | None
     done: tuple[str, ...]
     notes: tuple[str, ...]
@@ -129,17 +132,18 @@ def estimated(
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * share)
 
+    watch = ring_watch(config, bench, trial.model, steps)
     found = (
         by_bank(estimate.method, trial, unknowns, y, filtering)
         if has_bank(config)
-        else by_extended(estimate.method, trial, y, filtering)
+        else by_extended(estimate.method, trial, y, filtering, watch)
     )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        elsewhere, found.compared, done, (*trial.notes, *found.notes),
+        elsewhere, rings_estimated(config, bench, watch), found.compared, done, (*trial.notes, *found.notes),
     )  # fmt: skip
 
 

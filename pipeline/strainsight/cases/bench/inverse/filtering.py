@@ -38,10 +38,16 @@ class Filtered:
     notes: tuple[str, ...] = ()
 
 
-def by_extended(method: Method, trial: Trial, y: np.ndarray, progress: Progress) -> Filtered:
-    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too."""
+def by_extended(
+    method: Method,
+    trial: Trial,
+    y: np.ndarray,
+    progress: Progress,
+    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
+) -> Filtered:
+    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
     found = _filter(
-        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
+        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)), watch,
         refuse=method.update == "iterated",
     )  # fmt: skip
     return Filtered(found.time, found.mean, found.std, found.unknown_covariance, found.nis, found.lost)
@@ -79,6 +85,7 @@ def _filter(
     P: np.ndarray,
     y: np.ndarray,
     progress: Callable[[int], None] | None = None,
+    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     *,
     refuse: bool,
 ) -> FilterRun:
@@ -94,6 +101,7 @@ def _filter(
         damped=method.update != "undamped",
         project=model.projected if one_shot else None,
         progress=progress,
+        watch=watch,
         refuse=refuse,
     )
 
