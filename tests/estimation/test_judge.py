@@ -21,7 +21,7 @@ from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.conditional import Nuisances, _linear_about, each_its_own, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.judge import with_free_loads
-from strainsight.estimation.parallel_filters import LinearModels
+from strainsight.estimation.linear import LinearModels, plain_motion
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, start
 from .test_bank import joint, log_normal
@@ -122,7 +122,7 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
     D, E, offset, B = (rng.standard_normal((d, m, *more)) for more in ((n,), (p1,), (), (f,)))
     U, W, about, damping = rng.standard_normal((f, n)), rng.standard_normal((f, p1)), rng.standard_normal(d), 2
     offset[:-1] = about[-1] = 0.0
-    models = LinearModels(A, G, Q, H, F, A_nu, G_nu, D, E, offset, B, U, W, about)
+    models = LinearModels(plain_motion(A, G, A_nu, G_nu), Q, H, F, D, E, offset, B, U, W, about)
     x, w, end = rng.standard_normal(n), rng.standard_normal(p), rng.standard_normal(p1)
 
     def step(nu):

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from strainsight.estimation.parallel_filters import LinearModels, advance, filters_of
+from strainsight.estimation.conditional import known_ends, linear_models
+from strainsight.estimation.linear import LinearModels, plain_motion
+from strainsight.estimation.parallel_filters import advance, filters_of
+
+from .two_masses import REFERENCE, chain, constants
+from .two_masses import forces as both_forces
+from .two_masses import start as start_of
 
 A = np.array([[0.8, 0.1], [-0.1, 0.7]])
 Q, H, R = np.diag([0.5, 0.2]), np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([0.3, 0.4])
@@ -15,9 +23,10 @@ Q, H, R = np.diag([0.5, 0.2]), np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([0.3
 def models() -> LinearModels:
     """One filter of two states and two channels, nothing known and no nuisance."""
     none = np.zeros((0, 0))
+    motion = plain_motion(A[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)))
     return LinearModels(
-        A[None], np.zeros((1, 2, 0)), Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)),
-        np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0),
+        motion, Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)),
+        np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0),
     )  # fmt: skip
 
 
@@ -38,3 +47,26 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
     np.testing.assert_allclose(found.S[0, -1], H @ P @ H.T + np.diag(R), rtol=1e-11)
     if before > 100:
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
+
+
+def test_a_step_of_modes_apart_is_that_of_full_matrices():
+    """With damping, stiffness and gains that nobody estimates, samples missing, and gains that consider ν."""
+    model = chain(tuple(REFERENCE)[:1])
+    own = replace(constants(model), stiffness=0.01)
+    apart = linear_models(model, np.array([[-0.2], [0.0], [0.1]]), own)
+    assert apart.motion.pairs.shape[-1] == model.model.size
+    full = replace(apart, motion=plain_motion(apart.A, apart.G, apart.A_nu, apart.G_nu))
+    n, m = apart.H.shape[2], apart.H.shape[1]
+    known, samples = both_forces()[:60, :, :1], 1e-6 * np.random.default_rng(4).standard_normal((60, m))
+    samples[5, 0], samples[9] = np.nan, np.nan
+    R = np.tile(1e-13 * np.arange(1.0, m + 1), (60, 1))
+    found = []
+    for each in (apart, full):
+        filters = filters_of(each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True)
+        found.append(advance(each, filters, known.reshape(60, -1), known_ends(known, own), samples, R, np.zeros(m), True))
+    for name in ("fit", "expected", "S", "slope"):
+        one, other = (getattr(own, name) for own in found)
+        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max())
+    for name in ("x", "P", "V", "nu", "left"):
+        one, other = (getattr(own.states, name) for own in found)
+        np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max())

@@ -88,7 +88,7 @@ class _Constants:
         own, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
         pushed = np.zeros((len(u), own.nuisances, self.model.size))
         w = u[:, :, self.known].reshape(len(u), -1)
-        moving = own.A_nu.shape[1]
+        moving = own.moving
         pushed[:, :moving, :states] = np.einsum("eij,tj->tei", own.A_nu[0], self._states(start, u[:, 0]), optimize=True)
         pushed[:, :moving, :states] += np.einsum("eij,tj->tei", own.G_nu[0], w, optimize=True)
         read = np.einsum("dmj,tj->tdm", own.D, self._states(end, last), optimize=True) + own.offset

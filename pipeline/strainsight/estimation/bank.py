@@ -224,7 +224,7 @@ def _filtered(
         data, before = problem.records[now.record].data, problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
         ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
-        states = replace(now.filters.states, nu=now.filters.nu[:, None].copy(), left=now.filters.left[:, None].copy())
+        constants = now.filters.nu[:, None].copy(), now.filters.left[:, None].copy()
         passage = passed(problem, now, ahead, keep=problem.along)
         after = (now.log_weight[:, None] + np.cumsum(passage.fit, axis=1)).T
         good = now.cover.holds(after)
@@ -233,7 +233,7 @@ def _filtered(
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
         if mixtures:
-            mixtures[-1].innovations(span, earlier, states, passage.own, data.samples[span])
+            mixtures[-1].innovations(span, earlier, constants, passage.own, data.samples[span])
             mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
             seen = passage.states.first(used)
             mixtures[-1].states(span, now.cover.point, weights, seen, now.models, data.known_end[span])

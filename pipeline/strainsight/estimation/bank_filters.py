@@ -18,8 +18,9 @@ from strainsight.estimation.conditional import (
 )
 from strainsight.estimation.judge import Judge, judge_of, judged
 from strainsight.estimation.lattice import one_point
+from strainsight.estimation.linear import LinearModels, joined_models
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import KEPT, Filters, LinearModels, Passage, States, advance, filters_of
+from strainsight.estimation.parallel_filters import KEPT, Filters, Passage, States, advance, filters_of, joined_filters
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 from strainsight.estimation.settled import Settled, beginning
@@ -176,12 +177,13 @@ def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, F
     """Filters at the beginning of a record, nothing known of ν, and who judges."""
     own, at = problem.records[record], conditional_states(problem.model, len(problem.biased))
     mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
-    models = linear_models(own.model, cover.point, own.nuisances, problem.biased)
+    models, judge = linear_models(own.model, cover.point, own.nuisances, problem.biased), None
+    if problem.beside_loads:
+        judge = judge_of(own.model, models, cover.point, mean, covariance, problem.biased, own.steps)
+        if not problem.along:  # nobody asks for loads as they are stated
+            return judge.models, judge.filters, judge
     start = beginning(own.model, models, mean, covariance, own.settled)
     filters = filters_of(models, *start, consider=problem.along and considers(own.model, own.nuisances))
-    if not problem.beside_loads:
-        return models, filters, None
-    judge = judge_of(own.model, cover.point, mean, covariance, own.nuisances, problem.biased, own.steps)
     return models, filters, judge
 
 
@@ -251,10 +253,13 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     data, before = problem.records[now.record].data, problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
     measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
-    own = advance(now.models, now.filters, *measured, keep, problem.threads)
     if now.judge is None:
+        own = advance(now.models, now.filters, *measured, keep, problem.threads)
         return Passed(own, own.fit, own.states)
     found = judged(now.judge, *measured, keep, problem.threads)
+    if not problem.along:
+        return Passed(found, found.fit, found.states)
+    own = advance(now.models, now.filters, *measured, keep, problem.threads)
     return Passed(own, found.fit, of_judge(own.states, found.states))
 
 
@@ -269,22 +274,16 @@ def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding
     def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
         return np.concatenate(of)
 
-    def models(of: Sequence[LinearModels]) -> LinearModels:
-        return replace(of[0], **{name: all_of([getattr(part, name) for part in of]) for name in OF_POINTS})
-
-    def filters(of: Sequence[Filters]) -> Filters:
-        return Filters(*(all_of([getattr(part, name) for part in of]) for name in Filters.__dataclass_fields__))
-
     prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
     who, judge = [part.judge for part in parts if part.judge is not None], None
     if who:
         judge = Judge(
-            models([own.models for own in who]),
-            filters([own.filters for own in who]),
-            models([own.alone for own in who]),
-            filters([own.size for own in who]),
+            joined_models([own.models for own in who]),
+            joined_filters([own.filters for own in who]),
+            joined_models([own.alone for own in who]),
+            joined_filters([own.size for own in who]),
         )
-    own = models([part.models for part in parts]), filters([part.filters for part in parts])
+    own = joined_models([part.models for part in parts]), joined_filters([part.filters for part in parts])
     return LinearStanding(cover, prior, fit, parts[0].step, *own, parts[0].record, judge)
 
 
@@ -295,7 +294,3 @@ def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:
             f"the measurements ask for parameters that differ from the guess by more than a factor of {np.exp(LOST):.0f}",
             remedy="check which channel is which gauge, their units and signs, and the loads",
         )
-
-
-OF_POINTS = ("A", "G", "Q", "H", "F", "A_nu", "G_nu")
-"""What of the models differs from point to point."""

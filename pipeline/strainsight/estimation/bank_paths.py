@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.estimation.bank import BankRun
-from strainsight.estimation.bank_filters import OF_POINTS
 from strainsight.estimation.bank_smoother import AtPoints, kept_at, points_of, smoothed_at_points
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.consider_smoother import consider_errors
@@ -65,7 +64,7 @@ def bank_paths(
     p, nu = _constants(found, bank, count, rng)
     rng = np.random.default_rng((seed, record)) if record else rng
     beyond = found.beyond
-    steps, sizes = len(known), found.models.A.shape[1] + len(beyond.own)
+    steps, sizes = len(known), found.models.H.shape[-1] + len(beyond.own)
     points, k = len(found.points), len(found.centre)
     part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
@@ -125,7 +124,7 @@ def _errors(
     points = len(found.points)
     if found.considered:
         error = consider_errors(
-            replace(found.models, **{name: getattr(found.models, name)[:points] for name in OF_POINTS}),
+            found.models.of(slice(points)),
             (found.start[0][:points], found.start[1], found.start[2][:points]),
             *found.record,
             each,

@@ -22,9 +22,9 @@ from strainsight.estimation.conditional import (
 from strainsight.estimation.consider_smoother import consider_smoothed, smoothed_pieces
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.mixture import removed_of
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.settled import Settled, beginning
@@ -300,11 +300,11 @@ def _effects(
     """Along a motion (T + 1, n), what one of every nuisance adds to the samples (T, m, d), to the motion (T + 1, d, n), and to
     the error of the smoothed states (T + 1, d, n); beyond the coordinates loads displace what nu (d,) makes of them."""
     one = linear_models(model, point[None], nuisances, biased)
-    steps, d, n = len(known), one.nuisances, one.A.shape[1]
+    steps, d, n = len(known), one.nuisances, one.H.shape[-1]
     if d == 0:
         nothing = np.zeros((steps + 1, 0, n))
         return np.zeros((steps, model.H.shape[-2], 0)), nothing, nothing
-    own, e = np.zeros((steps + 1, d, n)), one.A_nu.shape[1]
+    own, e = np.zeros((steps + 1, d, n)), one.moving
     _, P0, V = beginning(model, one, np.zeros(n), covariance, settled)
     own[0] = -V[0]
     w = known.reshape(steps, known.shape[1] * known.shape[2])

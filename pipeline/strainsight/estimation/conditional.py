@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from strainsight.estimation.linear import LinearModels, Motion
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels
-from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_blocks, modal_step
+from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_step
 from strainsight.rom.model import first_of_equal
 from strainsight.rom.oscillator import HOLD
 from strainsight.rom.schemes import scheme_step
@@ -141,29 +141,25 @@ def linear_models(
     model = damped(model, nuisances)
     states, m = model.parameter_states.start, model.H.shape[-2]
     modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
-    A, G = _step_matrices(model, modal.transition, modal.input)
-    A[:, 2 * model.model.size :, 2 * model.model.size :] = model.transition
     read = model.rows_at(theta)
     H, F = np.array(np.broadcast_to(read[..., :states], (B, m, states))), np.zeros((B, m, len(model.known_inputs)))
     if model.accelerometers is not None:
         moving = model.accelerometers
         H[:, moving], F[:, moving] = acceleration_rows(model, theta, read[..., moving, : model.model.size])
-    motion = _motion_nuisances(model, modal, nuisances, theta)
+    motion = _motion(model, modal, nuisances, theta)
+    e = motion.pairs_nu.shape[1]
     f = len(nuisances.load) if nuisances.B is not None and nuisances.B.any() else 0
     beyond = np.zeros((len(nuisances.D), m, 0)) if nuisances.B is None or f == 0 else nuisances.B
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[nuisances.load[:f]])
     D, E, offset, B_nu = (
-        np.concatenate([np.zeros((motion[0].shape[1] - len(nuisances.shape), *array.shape[1:])), array])
+        np.concatenate([np.zeros((e - len(nuisances.shape), *array.shape[1:])), array])
         for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
     )
     models = LinearModels(
-        A,
-        G,
-        np.broadcast_to(process[:states, :states], A.shape),
+        motion,
+        np.broadcast_to(process[:states, :states], (B, states, states)),
         H,
         np.pad(F, [(0, 0), (0, 0), (0, nuisances.E.shape[-1] - F.shape[-1])]),
-        A_nu=motion[0],
-        G_nu=motion[1],
         D=D,
         E=E,
         offset=offset,
@@ -181,7 +177,7 @@ def _linear_about(models: LinearModels, damping: int) -> LinearModels:
 
     A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
     """
-    e, f = models.A_nu.shape[1], len(models.U)
+    e, f = models.moving, len(models.U)
     a = np.where(np.arange(len(models.about)) < damping, 0.0, models.about)
     if not a.any():
         return models
@@ -191,9 +187,7 @@ def _linear_about(models: LinearModels, damping: int) -> LinearModels:
     H, F = models.H + np.einsum("k,kmn->mn", a, D), models.F + np.einsum("k,kmp->mp", a, E)
     D[loads] += turned * models.U[:, None]
     E[loads] += turned * models.W[:, None]
-    A = models.A + np.einsum("e,beij->bij", a[:e], models.A_nu)
-    G = models.G + np.einsum("e,beip->bip", a[:e], models.G_nu)
-    return replace(models, A=A, G=G, H=H, F=F, D=D, E=E)
+    return replace(models, motion=models.motion.about(a[:e]), H=H, F=F, D=D, E=E)
 
 
 def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
@@ -203,17 +197,13 @@ def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
     def wider(array: np.ndarray, *axes: int) -> np.ndarray:
         return np.pad(array, [(0, b if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
 
-    A, H = wider(models.A, -1, -2), wider(models.H, -1)
-    A[:, range(-b, 0), range(-b, 0)] = 1.0
+    H = wider(models.H, -1)
     H[:, biased, range(-b, 0)] = 1.0
     return replace(
         models,
-        A=A,
+        motion=models.motion.with_constants(b),
         H=H,
         Q=wider(models.Q, -1, -2),
-        G=wider(models.G, -2),
-        A_nu=wider(models.A_nu, -1, -2),
-        G_nu=wider(models.G_nu, -2),
         D=wider(models.D, -1),
         U=wider(models.U, -1),
     )
@@ -275,55 +265,51 @@ def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
     return model.unknowns.input_columns(model.model), [model.model.inputs.index(name) for name in model.known_inputs]
 
 
-def _step_matrices(model: FilterModel, moved: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of a step for [q, q̇], those of ζ left zero: on the states (B, n, n) and on known loads (B, n, p).
+def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> Motion:
+    """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in the logarithm of the
+    stiffness, and in the input shape.
 
-    moved (B, 2n, 2n), pushed (B, 2n, HOLD, n_u): transition and input of a `ModalMap`.
-    """
-    unknown, known = _columns(model)
-    B, moving, held = len(moved), 2 * model.model.size, HOLD
-    states = model.parameter_states.start
-    A, G = np.zeros((B, states, states)), np.zeros((B, states, held * len(known)))
-    A[:, :moving, :moving] = moved
-    zeta = model.hold.reshape(held * len(unknown), states - moving)
-    A[:, :moving, moving:] = pushed[..., unknown].reshape(B, moving, held * len(unknown)) @ zeta
-    G[:, :moving] = pushed[..., known].reshape(B, moving, held * len(known))
-    return A, G
-
-
-def _motion_nuisances(
-    model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """σ times the derivative of a step in ln c of each mode, in the logarithm of the stiffness, and in the input shape:
-    (B, e, n, n), (B, e, n, p).
-
-    Every mode of a step is a function of its own λ and c: of the damping of mode j its row of the step alone depends, and those
+    Every mode of a step is a function of its own λ and c: on the damping of mode j its row of the step alone depends, and those
     of the same frequency.
     """
-    own, n, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
-    slopes: list[tuple[np.ndarray, np.ndarray]] = []
+    own, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
+    unknown, known = _columns(model)
+    B, n, held, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
+    zeta = model.hold.reshape(held * len(unknown), n - moving)
+    Phi_T = np.swapaxes(modal.modes, 1, 2)
+
+    def step(table: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """pairs (B, 4, q), beside (B, s, n) and fed (B, n, p), of a table (2, 2 + HOLD, B, q) and modal forces (B, q, n_u)."""
+        pairs = np.moveaxis(table[:, :2].reshape(4, B, q), 0, 1)
+        # (B, 2q, HOLD, n_u)
+        pushed = (table[:, 2:, ..., None] * forces).transpose(2, 0, 3, 1, 4).reshape(B, moving, held, -1)
+        beside, fed = np.zeros((B, n - moving, n)), np.zeros((B, n, held * len(known)))
+        on_zeta = pushed[..., unknown].reshape(B, moving, held * len(unknown)) @ zeta
+        beside[:, :, :moving] = np.swapaxes(on_zeta, 1, 2)
+        fed[:, :moving] = pushed[..., known].reshape(B, moving, held * len(known))
+        return pairs, beside, fed
+
+    forces = Phi_T @ modal.shape
+    pairs, beside, fed = step(modal.table, forces)
+    beside[:, :, moving:] = model.transition.T
+    slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     if nuisances.damping > 0:
         table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
-        slopes += [
-            _step_matrices(model, *modal_blocks(modal.shape, modal.modes, modal.dual, table * (same == j)))
-            for j in range(n)
-        ]
+        slopes += [step(table * (same == j), forces) for j in range(q)]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
         table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
-        slopes.append(_step_matrices(model, *modal_blocks(modal.shape, modal.modes, modal.dual, table)))
+        slopes.append(step(table, forces))
     for change in nuisances.shape:
-        moved, pushed = modal_blocks(change, modal.modes, modal.dual, modal.table)
-        slopes.append(_step_matrices(model, np.zeros_like(moved), pushed))
-    B, states = len(modal.transition), model.parameter_states.start
-    A, G = (
-        np.zeros((B, len(slopes), states, states)),
-        np.zeros((B, len(slopes), states, HOLD * len(model.known_inputs))),
-    )
-    for k, (on_states, on_known) in enumerate(slopes):
-        A[:, k], G[:, k] = on_states, on_known
-    return A, G
+        _, pushed, loaded = step(modal.table, Phi_T @ change)
+        slopes.append((0 * pairs, pushed, loaded))
+    basis, inverse = np.tile(np.eye(n), (2, B, 1, 1))
+    for own_states in (slice(0, q), slice(q, moving)):
+        basis[:, own_states, own_states], inverse[:, own_states, own_states] = modal.modes, modal.dual
+    none = [(pairs[:, None][:, :0], beside[:, None][:, :0], fed[:, None][:, :0])]
+    by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
+    return Motion(basis, inverse, pairs, beside, fed, *by_nu)
 
 
 def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:

@@ -7,16 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.parallel_filters import (
-    KEPT,
-    Filters,
-    LinearModels,
-    States,
-    advance,
-    agree,
-    filters_of,
-    one_passage,
-)
+from strainsight.estimation.linear import LinearModels, agree
+from strainsight.estimation.parallel_filters import KEPT, Filters, States, advance, filters_of, one_passage
 from strainsight.estimation.update import covariance_factor, symmetric, transposed
 
 SAID = 1e-8
@@ -229,7 +221,7 @@ def _update_at(
     R: np.ndarray,
 ) -> _Update:
     """At the end of a step from x (B, n), P and V of the filter."""
-    AT, e = transposed(models.A), models.A_nu.shape[1]
+    AT, e = transposed(models.A), models.moving
     ahead = (models.A @ own[..., None])[..., 0] + models.G @ known
     slope_ahead = slope @ AT
     slope_ahead[:, :e] -= (models.A_nu @ own[:, None, :, None])[..., 0] + models.G_nu @ known

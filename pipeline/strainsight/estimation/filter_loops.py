@@ -14,19 +14,21 @@ UNMOVED, CALM = 1e-13, 20
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def take_steps(span, system, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
-    AT, G, Q, H, F, A_nu, G_nu, D, E, offset = system
+def take_steps(span, motion, reading, beyond, state, considering, data, keep, out, ahead):  # type: ignore[no-untyped-def]
+    pairs, beside, G, Q, pairs_nu, beside_nu, G_nu, basis = motion
+    H, F, D, E, offset, acts = reading
     B, U, W, about = beyond
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
     known, known_end, y, R, more = data
     fits, nu_kept, left_kept, x_kept, P_kept, V_kept = out
     y_kept, S_kept, slope_kept = ahead
+    keeps, whole = keep
     m, n, d = H.shape[1], H.shape[2], D.shape[0]
     before, work, row, row2 = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n)
-    moved, whitened = np.empty((d, n)), np.empty(m)
-    sensed, slope, gain_nu, likely = np.empty((m, d)), np.empty(d), np.empty(d), np.empty(n)
-    f, ahead_of_loads = len(U), A_nu.shape[1] - len(U)
+    moved, whitened = np.empty(n), np.empty(m)
+    sensed, likely, seen = np.empty((m, d)), np.empty(n), np.empty(n)
+    f, ahead_of_loads = len(U), len(pairs_nu[0]) - len(U)
     z = np.empty(f)
     for i in span:
         x, P, V, K, S = xs[i], Ps[i], Vs[i], gains[i], variances[i]
@@ -36,19 +38,22 @@ def take_steps(span, system, beyond, state, considering, data, keep, out, ahead)
                 calms[i] = 0
             steady = calms[i] >= CALM
             _corrected(x, V, nus[i], about, likely)
-            _moved_nuisances(likely, V, AT[i], A_nu[i], G_nu[i], known[t], moved)
-            _moved_mean(x, AT[i], G[i], known[t], row)
+            _moved_nuisances(likely, V, pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], moved)
+            _moved_mean(x, pairs[i], beside[i], G[i], known[t], row)
             if not steady:
                 before[:] = P
-                _predicted(P, AT[i], Q[i], work)
+                _predicted(P, pairs[i], beside[i], Q[i], work)
             _corrected(x, V, nus[i], about, likely)
-            _sensed(likely, D, E, offset, known_end[t], sensed)
+            _in_states(basis[i], likely, seen)
+            _sensed(seen, D, E, offset, acts, known_end[t], sensed)
             for j in range(f):
-                z[j] = nus[i, ahead_of_loads + j] * (_dot(U[j], likely) + _dot(W[j], known_end[t]))
+                z[j] = nus[i, ahead_of_loads + j] * (_dot(U[j], seen) + _dot(W[j], known_end[t]))
             _sensed_beyond(z, B, sensed)
-            if not steady and (keep or calms[i] == CALM - 1):  # a step that is kept may be the first of a steady filter
+            if not steady and (
+                whole or calms[i] == CALM - 1
+            ):  # a step that is kept may be the first of a steady filter
                 _innovation_covariance(P, H[i], R[t], row, Ss[i])
-            if keep:
+            if whole:
                 S_kept[i, t] = Ss[i]
                 for c in range(m):
                     y_kept[i, t, c] = _dot(H[i, c], x) + _dot(F[i, c], known_end[t])
@@ -65,20 +70,25 @@ def take_steps(span, system, beyond, state, considering, data, keep, out, ahead)
                     x[a] += K[c, a] * innovation
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
-            fits[i, t] += _updated_nuisances(V, H[i], sensed, K, S, y[t], whitened, slope, gain_nu, nus[i], lefts[i])
+            fits[i, t] += _updated_nuisances(V, H[i], sensed, K, S, y[t], whitened, nus[i], lefts[i])
             if not steady:
-                calms[i] = calms[i] + 1 if complete and _unmoved(P, before) else 0
+                _mirrored(P)
+                calms[i] = calms[i] + 1 if complete and _unmoved(P, before, row) else 0
             if len(xcs):
-                _moved_nuisances(xcs[i], Vcs[i], AT[i], A_nu[i], G_nu[i], known[t], moved)
-                _moved_mean(xcs[i], AT[i], G[i], known[t], row)
-                _predicted(Pcs[i], AT[i], Q[i], work)
-                _sensed(xcs[i], D, E, offset, known_end[t], sensed)
+                _moved_nuisances(
+                    xcs[i], Vcs[i], pairs[i], beside[i], pairs_nu[i], beside_nu[i], G_nu[i], known[t], moved
+                )
+                _moved_mean(xcs[i], pairs[i], beside[i], G[i], known[t], row)
+                _predicted(Pcs[i], pairs[i], beside[i], Q[i], work)
+                _in_states(basis[i], xcs[i], seen)
+                _sensed(seen, D, E, offset, acts, known_end[t], sensed)
                 _considered(xcs[i], Pcs[i], Vcs[i], H[i], F[i], known_end[t], y[t], R[t], sensed)
-            if keep:
+            if whole:
                 if len(xcs):
                     x_kept[i, t], P_kept[i, t], V_kept[i, t] = xcs[i], Pcs[i], Vcs[i]
                 else:
                     x_kept[i, t], P_kept[i, t], V_kept[i, t] = x, P, V
+            if keeps:
                 nu_kept[i, t], left_kept[i, t] = nus[i], lefts[i]
 
 
@@ -104,46 +114,79 @@ def _add_rows(h, X, n, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _moved_mean(x, AT, G, w, ahead):  # type: ignore[no-untyped-def]
+def _add_moved(sign, x, pairs, beside, out):  # type: ignore[no-untyped-def]
+    """out ← out ± A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
+    q, n = pairs.shape[1], len(x)
+    for a in range(q):
+        out[a] += sign * (pairs[0, a] * x[a] + pairs[1, a] * x[q + a])
+    for a in range(q):
+        out[q + a] += sign * (pairs[2, a] * x[a] + pairs[3, a] * x[q + a])
+    for b in range(len(beside)):
+        value = sign * x[2 * q + b]
+        for a in range(n):
+            out[a] += value * beside[b, a]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
     """x ← A x + G w."""
     n = len(x)
     for a in range(n):
         ahead[a] = _dot(G[a], w)
-    _add_rows(x, AT, n, ahead)
+    _add_moved(1.0, x, pairs, beside, ahead)
     for a in range(n):
         x[a] = ahead[a]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _moved_nuisances(x, V, AT, A_nu, G_nu, w, moved):  # type: ignore[no-untyped-def]
+def _moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, moved):  # type: ignore[no-untyped-def]
     """V ← A V − (A_ν x + G_ν w), x before it has moved."""
     d, n = V.shape
     for k in range(d):
         for a in range(n):
-            moved[k, a] = 0.0
-        _add_rows(V[k], AT, n, moved[k])
-        if k < len(A_nu):
+            moved[a] = 0.0
+        _add_moved(1.0, V[k], pairs, beside, moved)
+        if k < len(pairs_nu):
+            _add_moved(-1.0, x, pairs_nu[k], beside_nu[k], moved)
             for a in range(n):
-                moved[k, a] -= _dot(A_nu[k, a], x) + _dot(G_nu[k, a], w)
+                moved[a] -= _dot(G_nu[k, a], w)
         for a in range(n):
-            V[k, a] = moved[k, a]
+            V[k, a] = moved[a]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _predicted(P, AT, Q, half):  # type: ignore[no-untyped-def]
+def _predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
     """P ← A P Aᵀ + Q, symmetric; half: P Aᵀ."""
-    n = len(P)
+    n, q = len(P), pairs.shape[1]
     for a in range(n):
         for b in range(n):
             half[a, b] = 0.0
-        _add_rows(P[a], AT, n, half[a])
+        _add_moved(1.0, P[a], pairs, beside, half[a])
     for a in range(n):
         for b in range(a + 1):
             P[a, b] = Q[a, b]
-        _add_rows(AT[:, a], half, a + 1, P[a])
-    for a in range(n):
+        if a < 2 * q:
+            k, first = a % q, 2 * (a // q)
+            own, rate = pairs[first, k], pairs[first + 1, k]
+            for b in range(a + 1):
+                P[a, b] += own * half[k, b] + rate * half[q + k, b]
+        _add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
+    _mirrored(P)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _mirrored(P):  # type: ignore[no-untyped-def]
+    """The lower half of P above its diagonal."""
+    for a in range(len(P)):
         for b in range(a):
             P[b, a] = P[a, b]
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _in_states(basis, z, out):  # type: ignore[no-untyped-def]
+    """x = T z."""
+    for a in range(len(z)):
+        out[a] = _dot(basis[a], z)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
@@ -168,7 +211,8 @@ def _product(P, h, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def _updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
-    """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, with k ← P h/s; returns s = hᵀP h + r."""
+    """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, symmetric but for rounding, with k ← P h/s; returns
+    s = hᵀP h + r."""
     n = len(h)
     _product(P, h, Ph)
     s = r + _dot(h, Ph)
@@ -179,17 +223,20 @@ def _updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
             T[a, b] = P[a, b] - k[a] * Ph[b]
         Th[a] = _dot(T[a], h)
     for a in range(n):
-        for b in range(a + 1):
-            P[a, b] = P[b, a] = T[a, b] - Th[a] * k[b] + r * k[a] * k[b]
+        gone = Th[a] - r * k[a]
+        for b in range(n):
+            P[a, b] = T[a, b] - gone * k[b]
     return s
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _sensed(x, D, E, offset, w, out):  # type: ignore[no-untyped-def]
-    """What one of every ν adds to the readings of the predicted motion."""
+def _sensed(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
+    """What one of every ν adds to the readings of the predicted motion; nothing where it does not act."""
     for k in range(len(D)):
         for c in range(D.shape[1]):
-            out[c, k] = offset[k, c] + _dot(D[k, c], x) + _dot(E[k, c], w)
+            out[c, k] = offset[k, c]
+            if acts[k, c]:
+                out[c, k] += _dot(D[k, c], x) + _dot(E[k, c], w)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
@@ -214,36 +261,68 @@ def _corrected(x, V, nu, about, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _updated_nuisances(V, H, sensed, K, S, y, whitened, slope, gain_nu, nu, left):  # type: ignore[no-untyped-def]
-    """V ← V + K ε, and ν by least squares on the innovations; returns what the squares add to the log-likelihood."""
+def _updated_nuisances(V, H, sensed, K, S, y, whitened, nu, left):  # type: ignore[no-untyped-def]
+    """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
+    squares add to the log-likelihood.
+
+    By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
+    """
     d, n = V.shape
+    there = np.flatnonzero(~np.isnan(y))
+    m = len(there)
+    if d == 0:
+        fit = 0.0
+        for channel in there:
+            fit -= 0.5 * whitened[channel] * whitened[channel]
+        return fit
+    h, g, along, change = np.empty((m, n)), np.empty((m, n)), np.empty((m, m)), np.empty(m)
+    slope, W, L, rest = np.empty((m, d)), np.zeros((m, d)), np.empty((m, m)), np.empty(m)
+    for c in range(m):
+        h[c], g[c] = H[there[c]], K[there[c]]
+        for j in range(c):
+            along[c, j] = _dot(h[c], g[j])
+    for k in range(d):
+        for c in range(m):
+            change[c] = sensed[there[c], k] - _dot(h[c], V[k])
+            for j in range(c):
+                change[c] -= along[c, j] * change[j]
+            slope[c, k] = change[c] / np.sqrt(S[there[c]])
+        _add_rows(change, g, n, V[k])
+    for c in range(m):
+        _add_rows(slope[c], left, d, W[c])
+        for j in range(c + 1):
+            L[c, j] = _dot(W[c], slope[j])
+        L[c, c] += 1.0
+        rest[c] = whitened[there[c]] - _dot(nu, slope[c])
     fit = 0.0
-    for c in range(len(H)):
-        if np.isnan(y[c]):
-            continue
-        one = 1.0 / np.sqrt(S[c])
+    for c in range(m):
+        for j in range(c):
+            for i in range(j):
+                L[c, j] -= L[c, i] * L[j, i]
+            L[c, j] /= L[j, j]
+            L[c, c] -= L[c, j] * L[c, j]
+            rest[c] -= L[c, j] * rest[j]
+            for k in range(d):
+                W[c, k] -= L[c, j] * W[j, k]
+        L[c, c] = np.sqrt(L[c, c])
+        rest[c] /= L[c, c]
         for k in range(d):
-            change = sensed[c, k] - _dot(H[c], V[k])
-            for a in range(n):
-                V[k, a] += K[c, a] * change
-            slope[k] = change * one
-        for k in range(d):
-            gain_nu[k] = _dot(left[k], slope)
-        size, rest = 1.0 + _dot(gain_nu, slope), whitened[c] - _dot(nu, slope)
-        for k in range(d):
-            share = gain_nu[k] / size
-            nu[k] += share * rest
-            for j in range(d):
-                left[k, j] -= share * gain_nu[j]
-        fit -= 0.5 * (rest * rest / size + np.log(size))
+            W[c, k] /= L[c, c]
+        fit -= 0.5 * rest[c] * rest[c] + np.log(L[c, c])
+    _add_rows(rest, W, d, nu)
+    for k in range(d):
+        for c in range(m):
+            change[c] = -W[c, k]
+        _add_rows(change, W, d, left[k])
     return fit
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
-def _unmoved(P, before):  # type: ignore[no-untyped-def]
+def _unmoved(P, before, std):  # type: ignore[no-untyped-def]
     for a in range(len(P)):
-        for b in range(len(P)):
-            if abs(P[a, b] - before[a, b]) > UNMOVED * np.sqrt(before[a, a] * before[b, b]):
+        std[a] = np.sqrt(before[a, a])
+        for b in range(a + 1):
+            if abs(P[a, b] - before[a, b]) > UNMOVED * std[a] * std[b]:
                 return False
     return True
 
@@ -255,37 +334,36 @@ def _considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
     there = np.flatnonzero(~np.isnan(y))
     m = len(there)
     Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
-    innovation = np.empty(m)
+    innovation, less = np.empty(m), np.empty(m)
     for c in range(m):
         h = H[there[c]]
         _product(P, h, Ph[c])
         innovation[c] = y[there[c]] - _dot(F[there[c]], w) - _dot(h, x)
-        K[c] = Ph[c]
         for k in range(d):
-            slope[c, k] = sensed[there[c], k] - _dot(h, V[k])
-            for a in range(n):
-                K[c, a] -= V[k, a] * slope[c, k]
+            slope[c, k] = _dot(h, V[k]) - sensed[there[c], k]
+        K[c] = Ph[c]
+        _add_rows(slope[c], V, n, K[c])
         for g in range(c + 1):
             S[c, g] = _dot(H[there[g]], Ph[c]) + _dot(slope[c], slope[g])
         S[c, c] += R[there[c]]
     _solved(S, K)
-    for c in range(m):
-        for a in range(n):
-            x[a] += K[c, a] * innovation[c]
-        for k in range(d):
-            for a in range(n):
-                V[k, a] += K[c, a] * slope[c, k]
-        for a in range(n):
-            for b in range(n):
-                P[a, b] -= K[c, a] * Ph[c, b]
+    _add_rows(innovation, K, n, x)
+    for k in range(d):
+        for c in range(m):
+            less[c] = -slope[c, k]
+        _add_rows(less, K, n, V[k])
+    for a in range(n):
+        for c in range(m):
+            less[c] = -K[c, a]
+        _add_rows(less, Ph, n, P[a])
     # rows of P Hᵀ after the first factor of Joseph's form
     for c in range(m):
         for a in range(n):
             Ph[c, a] = _dot(P[a], H[there[c]]) - R[there[c]] * K[c, a]
-    for c in range(m):
-        for a in range(n):
-            for b in range(n):
-                P[a, b] -= Ph[c, a] * K[c, b]
+    for a in range(n):
+        for c in range(m):
+            less[c] = -Ph[c, a]
+        _add_rows(less, K, n, P[a])
     for a in range(n):
         for b in range(a):
             P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a])

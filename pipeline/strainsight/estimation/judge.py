@@ -16,9 +16,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.augmentation.input_models import line_intensity
-from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
+from strainsight.estimation.conditional import linear_models, no_nuisances
+from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
+from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
 from strainsight.estimation.settled import beginning
 
 
@@ -45,19 +46,19 @@ def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
 
 def judge_of(
     model: FilterModel,
+    stated: LinearModels,
     point: np.ndarray,
     mean: np.ndarray,
     covariance: np.ndarray,
-    nuisances: Nuisances,
     biased: np.ndarray,
     steps: int,
-) -> Judge | None:
-    """At points (B, k) before any of so many steps; None where no loads are free. mean (n,) and
+) -> Judge:
+    """At points (B, k) before any of so many steps, where the filters of loads as stated have the models `stated`. mean (n,) and
     covariance (n, n) of the states of a filter at t = 0; biased as of `linear_models`."""
-    if not model.beside_free_loads:
-        return None
     free = with_free_loads(model, steps)
-    models = linear_models(free, point, nuisances, biased)
+    Q = free.process[: model.parameter_states.start, : model.parameter_states.start]
+    Q = np.pad(Q, (0, len(biased)))
+    models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
     loads = np.zeros(model.size, dtype=bool)
     loads[model.input_states] = True
     alone = linear_models(
@@ -84,7 +85,8 @@ def judged(
     threads: int,
 ) -> Passage:
     """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`."""
-    found = advance(judge.models, judge.filters, known, known_end, measurement, noise, discrepancy, keep, threads)
+    free = judge.models, judge.filters
+    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, threads, states=False)
     loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
     nothing = np.where(np.isnan(measurement), np.nan, 0.0)
     size = advance(judge.alone, judge.size, 0 * known, loads, nothing, noise, discrepancy, False, threads)

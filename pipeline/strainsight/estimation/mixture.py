@@ -6,8 +6,9 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
+from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, Passage, States
+from strainsight.estimation.parallel_filters import Passage, States
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.standing import Weights
 from strainsight.estimation.update import standard_deviation
@@ -119,14 +120,21 @@ class Mixture:
         covariance[:, :states, :states] += np.swapaxes(V, 1, 2) @ (gone @ V)
         return nu, gone
 
-    def innovations(self, span: slice, weights: Weights, before: States, passage: Passage, samples: np.ndarray) -> None:
-        """Of L steps of these numbers: weights of the points before each, filters before the first, what they found, samples
-        (L, m)."""
+    def innovations(
+        self,
+        span: slice,
+        weights: Weights,
+        before: tuple[np.ndarray, np.ndarray],
+        passage: Passage,
+        samples: np.ndarray,
+    ) -> None:
+        """Of L steps of these numbers: weights of the points before each; before the first, mean (B, 1, d) and covariance
+        (B, 1, d, d) of ν by each filter; what they found, samples (L, m)."""
         L = len(samples)
         own, slope = passage.states, passage.slope[:, :L]
         known, unsure = (
             np.concatenate([start, each[:, : L - 1]], axis=1)
-            for start, each in ((before.nu, own.nu), (before.left, own.left))
+            for start, each in zip(before, (own.nu, own.left), strict=True)
         )
         foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, known)
         spread = passage.S[:, :L] + np.einsum("btmd,btdk,btnk->btmn", slope, unsure, slope, optimize=True)

@@ -9,84 +9,19 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from strainsight.estimation.filter_loops import take_steps
+from strainsight.estimation.linear import LinearModels, agree
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""
 
 
 @dataclass(frozen=True)
-class LinearModels:
-    """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
-
-    of one size. ν are d constants that no filter estimates, of mean zero and variance one; the first e of them change the motion.
-    A (B, n, n); G (B, n, p) of what is known, w (T, p) in a step; Q (B, n, n) covariance of a step; H (B, m, n); F (B, m, p₁) of
-    what is known at its end, w₁ (T, p₁); A_ν (B, e, n, n), G_ν (B, e, n, p); D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
-    zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
-    about (d,): ν is counted from there, so that its mean is −about; where that is not zero slopes are those there.
-    """
-
-    A: np.ndarray
-    G: np.ndarray
-    Q: np.ndarray
-    H: np.ndarray
-    F: np.ndarray
-    A_nu: np.ndarray
-    G_nu: np.ndarray
-    D: np.ndarray
-    E: np.ndarray
-    offset: np.ndarray
-    B: np.ndarray
-    U: np.ndarray
-    W: np.ndarray
-    about: np.ndarray
-
-    def __post_init__(self) -> None:
-        (B, m, n), p, p1, e = self.H.shape, self.G.shape[-1], self.F.shape[-1], self.A_nu.shape[1]
-        d, f = len(self.D), len(self.U)
-        agree(
-            (self.A, (B, n, n)),
-            (self.G, (B, n, p)),
-            (self.Q, (B, n, n)),
-            (self.F, (B, m, p1)),
-            (self.A_nu, (B, e, n, n)),
-            (self.G_nu, (B, e, n, p)),
-            (self.D, (d, m, n)),
-            (self.E, (d, m, p1)),
-            (self.offset, (d, m)),
-            (self.B, (d, m, f)),
-            (self.U, (f, n)),
-            (self.W, (f, p1)),
-            (self.about, (d,)),
-        )
-
-    @property
-    def count(self) -> int:
-        return len(self.A)
-
-    @property
-    def nuisances(self) -> int:
-        return len(self.D)
-
-    @property
-    def kept_a_step(self) -> int:
-        """How many numbers the states of the filters are at one instant."""
-        n, d = self.A.shape[1], self.nuisances
-        return self.count * (n * (n + 1 + d) + d**2)
-
-
-def agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
-    """Raises ValueError where an array has not the shape that it should have: compiled loops do not look where they write."""
-    wrong = [f"{array.shape} in place of {shape}" for array, shape in sized if array.shape != shape]
-    if wrong:
-        raise ValueError(f"arrays of filters side by side do not fit: {', '.join(wrong)}")
-
-
-@dataclass(frozen=True)
 class Filters:
-    """Where B filters stand; `advance` moves them: x (B, n), P (B, n, n); V (B, d, n) what one of ν adds to the error x̂ − x;
+    """Where B filters stand, in the coordinates z of `linear.Motion`; `advance` moves them: x (B, n), P (B, n, n); V (B, d, n)
+    what one of ν adds to the error x̂ − x;
     gain (B, m, n), variance (B, m) of every channel in the last step, one channel after the other, and S (B, m, m) of all of
     them before it; calm (B,) steady steps; nu (B, d) and left (B, d, d): mean and covariance of ν by the samples so far;
-    x_c, P_c, V_c: as x, P, V, by the gains that consider ν, of no entry where none are asked for."""
+    x_c, P_c, V_c: as x, P, V, by the gains that consider ν, of no entry where none are asked for; basis T (B, n, n)."""
 
     x: np.ndarray
     P: np.ndarray
@@ -100,16 +35,34 @@ class Filters:
     x_c: np.ndarray
     P_c: np.ndarray
     V_c: np.ndarray
+    basis: np.ndarray
 
     @property
     def states(self) -> States:
         """As they are, at one instant; by the gains that consider ν, where there are some."""
         own = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
-        return States(*(each[:, None] for each in (*own, self.nu, self.left)))
+        x, P, V = _of_states(self.basis, *(each[:, None] for each in own))
+        return States(x, P, V, self.nu[:, None].copy(), self.left[:, None].copy())
 
     def copy(self) -> Filters:
         """The same, for others to move."""
         return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
+
+
+def joined_filters(parts: Sequence[Filters]) -> Filters:
+    """Filters of the same ν, one behind the other."""
+    return Filters(*(np.concatenate([getattr(one, entry.name) for one in parts]) for entry in fields(Filters)))
+
+
+def _of_states(
+    basis: np.ndarray, x: np.ndarray, P: np.ndarray, V: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x = T z (B, L, n), P (B, L, n, n) and V (B, L, d, n) of the states, of those in the coordinates of the modes."""
+    B, L, d, n = V.shape
+    T = np.swapaxes(basis, 1, 2)
+    half = (P.reshape(B, L * n, n) @ T).reshape(P.shape)
+    P = basis[:, None] @ half
+    return x @ T, 0.5 * (P + np.swapaxes(P, 2, 3)), (V.reshape(B, L * d, n) @ T).reshape(V.shape)
 
 
 @dataclass(frozen=True)
@@ -150,8 +103,10 @@ def filters_of(
     models: LinearModels, x: np.ndarray, covariance: np.ndarray, V: np.ndarray, consider: bool = False
 ) -> Filters:
     """B filters that begin with x (B, n), V (B, d, n) and one covariance (n, n); consider: with gains that do, as well."""
-    B, m, n = models.H.shape
-    P, second = np.tile(covariance, (B, 1, 1)), B if consider else 0
+    (B, m, n), second = models.H.shape, models.count if consider else 0
+    inverse = models.motion.inverse
+    T = np.swapaxes(inverse, 1, 2)
+    x, P, V = (x[:, None] @ T)[:, 0], inverse @ covariance @ T, V @ T
     return Filters(
         x,
         P,
@@ -165,6 +120,7 @@ def filters_of(
         x[:second].copy(),
         P[:second].copy(),
         V[:second].copy(),
+        models.motion.basis,
     )
 
 
@@ -178,6 +134,7 @@ def advance(
     discrepancy: np.ndarray,
     keep: bool,
     threads: int = 1,
+    states: bool = True,
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
 
@@ -195,13 +152,13 @@ def advance(
     where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
     they are.
     known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
-    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned. Changes `filters`
-    in place.
+    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned; states: and not mean
+    and covariance of ν alone. Changes `filters` in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
-    L, d, kept = len(measurement), models.nuisances, len(measurement) if keep else 0
-    second = len(filters.x_c)
+    L, d, second = len(measurement), models.nuisances, len(filters.x_c)
+    kept, whole = L if keep else 0, L if keep and states else 0
     agree(
         (filters.x, (B, n)),
         (filters.P, (B, n, n)),
@@ -209,45 +166,29 @@ def advance(
         (filters.x_c, (B if second else 0, n)),
         (filters.P_c, (second, n, n)),
         (filters.V_c, (second, d, n)),
-        (known, (L, models.G.shape[-1])),
+        (known, (L, models.motion.fed.shape[-1])),
         (known_end, (L, models.F.shape[-1])),
         (measurement, (L, m)),
         (noise, (L, m)),
         (discrepancy, (m,)),
     )
-    states = States(
-        np.zeros((B, kept, n)),
-        np.zeros((B, kept, n, n)),
-        np.zeros((B, kept, d, n)),
-        np.zeros((B, kept, d)),
-        np.zeros((B, kept, d, d)),
-    )
-    found = Passage(
-        np.zeros((B, L)), states, np.zeros((B, kept, m)), np.zeros((B, kept, m, m)), np.zeros((B, kept, m, d))
-    )
-    AT = np.ascontiguousarray(np.swapaxes(models.A, 1, 2))
+    x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
+    nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
+    ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
+    own, (motion, reading, beyond) = filters, models.compiled
 
     def part(span: np.ndarray) -> None:
         take_steps(
             span,
-            (AT, models.G, models.Q, models.H, models.F, models.A_nu, models.G_nu, models.D, models.E, models.offset),
-            (models.B, models.U, models.W, models.about),
-            (
-                filters.x,
-                filters.P,
-                filters.V,
-                filters.gain,
-                filters.variance,
-                filters.S,
-                filters.calm,
-                filters.nu,
-                filters.left,
-            ),
-            (filters.x_c, filters.P_c, filters.V_c),
+            motion,
+            reading,
+            beyond,
+            (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
+            (own.x_c, own.P_c, own.V_c),
             (known, known_end, measurement, noise, discrepancy),
-            keep,
-            (found.fit, states.nu, states.left, states.x, states.P, states.V),
-            (found.expected, found.S, found.slope),
+            (kept > 0, whole > 0),
+            (fit, nu, left, x, P, V),
+            ahead,
         )
 
     spans = [span for span in np.array_split(np.arange(B), threads) if len(span)]
@@ -256,4 +197,6 @@ def advance(
     else:
         with ThreadPoolExecutor(len(spans)) as pool:
             list(pool.map(part, spans))
-    return found
+    if whole:
+        x, P, V = _of_states(models.motion.basis, x, P, V)
+    return Passage(fit, States(x, P, V, nu, left), *ahead)

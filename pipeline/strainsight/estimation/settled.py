@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.estimation.conditional import DIFFERENCE, Nuisances, linear_models
+from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -
 
     Where the start is unknown instead, a bank takes noise for a free vibration, the frequency of which speaks for parameters.
     """
-    moving, e = 2 * model.model.size, models.A_nu.shape[1]
+    moving, e = 2 * model.model.size, models.moving
     z, w = np.exp(1j * settled.frequency * model.h), settled.held.reshape(len(settled.held), -1)
     # B points, k tones
     lhs = z[:, None, None] * np.eye(moving) - models.A[:, None, :moving, :moving]
