@@ -32,6 +32,7 @@ from strainsight.cases.bench.sensors import sensors_of
 from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.initial import project_position, state
+from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
@@ -98,8 +99,8 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
     increment = np.abs(np.diff(u, axis=0)).max(axis=0)[inputs]
     channels = len(sensors.channels)
     model = AugmentedStep(
-        system, sensors, np.zeros(channels), h, "second_order", u, inputs, coordinates, white_force(system, 0.0),
-        increment**2, np.zeros(len(free)), np.full(channels, NOISE**2), rest=True,
+        system, sensors, np.zeros(channels), "second_order", u, inputs, walks(increment, h), coordinates,
+        white_force(system, 0.0), np.zeros(len(free)), np.full(channels, NOISE**2), rest=True,
     )  # fmt: skip
     std_xi = coordinates.std(guess, 0.01 * guess[coordinates.free])
     P = model.spread(start_covariance(system, start, u[0], guess, coordinates, inputs, increment, std_xi))

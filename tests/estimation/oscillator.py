@@ -36,6 +36,9 @@ class Oscillator:
     def position(self):
         return np.array([U, XI])
 
+    def begin(self, x, k):
+        pass
+
     def step(self, x, k):
         h, k2, rate = self.h, self.omega**2 * np.exp(x[:, XI]), 2 * self.zeta * self.omega
         drive = x[:, U] + x[:, W] + self.known[k]

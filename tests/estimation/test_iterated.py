@@ -45,6 +45,9 @@ class Toy:
         J = np.stack([(function(x + shift[:, i]) - function(x - shift[:, i])) for i in range(self.size)], axis=-1)
         return function(x), J / (2 * d[:, None])
 
+    def begin(self, x, k):
+        pass
+
     def step(self, x, k):
         return self.differentiated(self.f, x)
 

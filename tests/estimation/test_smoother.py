@@ -112,6 +112,9 @@ class Changing:
     def position(self):
         return np.array([1])
 
+    def begin(self, x, k):
+        pass
+
     def step(self, x, k):
         return x @ self.A[k].T, self.A[k][None]
 

@@ -71,8 +71,25 @@ class Oscillator:
         _positive(self.damping, "the damping of an oscillator input")
 
 
+SMOOTHNESS = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
+"""ν of a Matérn process by its word."""
 InputModel = RandomWalk | IntegratedRandomWalk | Matern | Oscillator
 RANDOM_WALK = RandomWalk()
+
+
+def input_model(
+    word: str, frequency: float, kappa: float | None = None, smoothness: str = "3/2", damping: float = 0.05
+) -> InputModel:
+    """By the words of a config; frequency [Hz]: the load's typical one, kappa: of an integrated walk, smoothness: of matern,
+    damping: of oscillator."""
+    match word:
+        case "integrated_random_walk":
+            return IntegratedRandomWalk(frequency, WALK if kappa is None else kappa)
+        case "matern":
+            return Matern(frequency, SMOOTHNESS[smoothness])
+        case "oscillator":
+            return Oscillator(frequency, damping)
+    return RANDOM_WALK
 
 
 def components(model: InputModel) -> int:

@@ -50,6 +50,9 @@ class Biased:
     def loss(self) -> str:
         return self.base.loss
 
+    def begin(self, x: np.ndarray, k: int) -> None:
+        self.base.begin(x[:, : self.base.size], k)
+
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         ahead, A = self.base.step(x[:, : self.base.size], k)
         return np.hstack([ahead, x[:, self.base.size :]]), _bordered(A, np.eye(len(self.at)))

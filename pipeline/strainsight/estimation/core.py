@@ -34,6 +34,10 @@ class StepModel(Protocol):
     @property
     def loss(self) -> str: ...
 
+    def begin(self, x: np.ndarray, k: int) -> None:
+        """Step k begins at x (B, n): what a model makes of that holds for all trials and for the noise of this step."""
+        ...
+
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A step that fails leaves NaN in its run."""
         ...

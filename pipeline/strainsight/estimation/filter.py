@@ -133,6 +133,7 @@ def filter_runs(
     for k in range(len(y)):
         if progress is not None:
             progress(k)
+        model.begin(x, k)
         instant, noise = (k + 1) * model.h, (model.before(k), model.process(k), model.noise(k))
         before, process, R = noise
         calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and there[k].all() else 0

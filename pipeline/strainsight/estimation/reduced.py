@@ -55,6 +55,9 @@ class Driven:
         names = ", ".join(self.model.unknowns.parameters) or "the state"
         return f"{names} left the guess by more than a factor of {np.exp(LOST):.0f}"
 
+    def begin(self, x: np.ndarray, k: int) -> None:
+        pass
+
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         if self.linear:
             A, drive = self._linear_step

@@ -13,6 +13,7 @@ from strainsight.multibody.bodies import FlexibleBody, RigidBody
 from strainsight.multibody.forces import Gravity, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, project_position, state
+from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
@@ -58,16 +59,16 @@ class Bench:
             self.system,
             self.sensors,
             more.pop("offset", np.zeros(9)),
-            h,
             more.pop("method", "second_order"),
             from_none(np.zeros((steps, 3)) if known is None else known),
             inputs,
+            more.pop("loads", None) or walks(np.broadcast_to(load, len(inputs)), h),
             coordinates,
             more.pop("Q_w", white_force(self.system, more.pop("white", 1e-8))),
-            np.full(len(inputs), float(load) ** 2),
             np.zeros(len(free)),
             R,
             rest=more.pop("rest", True),
+            corrected=more.pop("corrected", False),
         )
 
     def start(self, model, std_u=0.0, std_xi=0.0, spread=0.0, theta=None):

@@ -11,6 +11,7 @@ from strainsight.multibody.bodies import FlexibleBody
 from strainsight.multibody.forces import PointForce
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.sensors import StrainSensor, readings
@@ -266,8 +267,8 @@ def test_springs_alone_are_a_textbook_kalman_filter(how, method):
     known = rng.normal(size=(steps + 1, 3))
     inputs, Q_w, Q_u, R = np.array([1]), np.array([0.2, 0.1, 0.3]), np.array([0.5]), np.array([1e-6, 4e-6])
     model = AugmentedStep(
-        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), h, method, known, inputs,
-        parameter_coordinates([], [], np.zeros(0), {}), Q_w, Q_u, np.zeros(0), R,
+        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), method, known, inputs,
+        walks(np.sqrt(Q_u), h), parameter_coordinates([], [], np.zeros(0), {}), Q_w, np.zeros(0), R,
     )  # fmt: skip
     y = 1e-2 * rng.normal(size=(steps, 2))
     P0 = np.diag([1e-4] * 6 + [2.0])
@@ -277,7 +278,7 @@ def test_springs_alone_are_a_textbook_kalman_filter(how, method):
     F, drawn, G = np.eye(7), np.ones((7, 1)), np.zeros((7, 3))
     F[:6, :6], F[:6, 6], drawn[:6, 0], G[:6] = own, before[:, 1] + after[:, 1], after[:, 1], by_w
     H = np.concatenate([rows, np.zeros((2, 4))], axis=1)
-    mine = [*range(6), model.u.start]
+    mine = [*range(6), *model.u]
     x, P = np.zeros(7), P0
     for k in range(steps):
         told = known[k : k + 2].copy()

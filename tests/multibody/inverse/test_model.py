@@ -39,8 +39,8 @@ def test_jacobian_is_the_differences_of_the_step(h, damped, method):
     assert not ahead[model.delta].any()
     np.testing.assert_array_equal(ahead[model.u], x[model.u] + x[model.delta])
     np.testing.assert_array_equal(ahead[model.xi], x[model.xi])
-    blocks = {"q": model.q, "v": model.v, "w": model.w, "delta": model.delta, "u": model.u, "xi": model.xi}
-    widths = {"q": 1e-6, "v": 1e-5, "w": 1e2, "delta": 1e2, "u": 1e2, "xi": 1e-3}
+    blocks = {"q": model.q, "v": model.v, "w": model.w, "delta": model.delta, "c": model.c, "xi": model.xi}
+    widths = {"q": 1e-6, "v": 1e-5, "w": 1e2, "delta": 1e2, "c": 1e2, "xi": 1e-3}
     for name, own in blocks.items():
         columns = []
         for j in range(own.start, own.stop):
@@ -67,7 +67,7 @@ def test_jacobian_of_the_first_step_from_rest_is_its_differences():
     moved = model.step(elsewhere[None], 0)[0][0]
     np.testing.assert_allclose(moved[model.q], ahead[model.q], rtol=0, atol=1e-11)
     assert not A[: model.w.start, : model.w.start].any()
-    for own, width in ((model.u, 1e3), (model.xi, 1e-4)):
+    for own, width in ((model.c, 1e3), (model.xi, 1e-4)):
         for j in range(own.start, own.stop):
             d = np.zeros(model.size)
             d[j] = width
@@ -75,7 +75,7 @@ def test_jacobian_of_the_first_step_from_rest_is_its_differences():
             difference = (8 * (near[0] - near[1]) - (far[0] - far[1])) / (12 * width)
             for rows in (model.q, model.v):
                 # a constant load moves nothing that rests: velocities are those of its change
-                size = np.abs(A[rows, model.delta if (rows, own) == (model.v, model.u) else own]).max()
+                size = np.abs(A[rows, model.delta if (rows, own) == (model.v, model.c) else own]).max()
                 np.testing.assert_allclose(A[rows, j], difference[rows], rtol=0, atol=1e-6 * size)
 
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from strainsight.augmentation.input_models import InputModel, IntegratedRandomWalk, Matern, Oscillator, RandomWalk
+from strainsight.augmentation.input_models import InputModel, input_model
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.cases.material import named_regions
 from strainsight.config.gauges import Gauges, MotionSensors
@@ -294,21 +293,10 @@ def unknowns_of(
         parameters=tuple(name for name in estimate if name not in loads),
         amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
         guess={name: reference[name] for name in estimate if name not in loads},
-        models={name: input_model(loads[name].process_noise, typical[name][0]) for name in inputs},
+        models={name: _input_model(loads[name].process_noise, typical[name][0]) for name in inputs},
         frequency={name: frequency for name, (frequency, _) in typical.items()},
     )
 
 
-SMOOTHNESS: dict[str, Any] = {"1/2": 0.5, "3/2": 1.5, "5/2": 2.5}
-
-
-def input_model(noise: InputNoise, frequency: float) -> InputModel:
-    """How an unknown input moves in time; frequency [Hz]: its typical one."""
-    match noise.model:
-        case "integrated_random_walk":
-            return IntegratedRandomWalk(frequency, **({} if noise.kappa is None else {"kappa": noise.kappa}))
-        case "matern":
-            return Matern(frequency, SMOOTHNESS[noise.smoothness])
-        case "oscillator":
-            return Oscillator(frequency, noise.damping)
-    return RandomWalk()
+def _input_model(noise: InputNoise, frequency: float) -> InputModel:
+    return input_model(noise.model, frequency, noise.kappa, noise.smoothness, noise.damping)

@@ -26,6 +26,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     loads = [name for name, force in config.forces.items() if force.type in ("force", "moment")]
     for name in estimate.inputs:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
+    yield from _load_models(config, estimate)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
     yield from _sensors(config, estimate)
@@ -34,6 +35,29 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _bank(estimate)
     yield from _times(config, estimate)
     yield from _elsewhere(config, estimate)
+
+
+def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+    """What a model of an unknown load needs."""
+    for name, entry in estimate.inputs.items():
+        key, force = f"estimate.inputs.{name}", config.forces.get(name)
+        walks = entry.model == "random_walk"
+        if not walks and entry.increment is not None:
+            what = f"increment is of a random walk, and the model is {entry.model}"
+            yield Problem(f"{key}.increment", what, "leave it out: amplitude and frequency say how the load moves")
+        if walks and entry.increment is not None:
+            continue
+        if force is not None and force.type in ("force", "moment") and force.signal.type != "sine":
+            for field, given in (("frequency", entry.frequency), ("amplitude", entry.amplitude)):
+                if given is None:
+                    need = "a random walk without increment" if walks else entry.model
+                    what = f"{need} needs the load's typical {field}, and its history is no sine"
+                    yield Problem(key, what, f"give {field}" + (", or increment" if walks else ""), at_key=True)
+        if not walks and config.place is not None:
+            what = f"{entry.model}: place takes unknown loads of a bench for random walks"
+            yield Problem(
+                f"{key}.model", what, "take random_walk where gauges are placed, and this model in a run of its own"
+            )
 
 
 def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:

@@ -8,6 +8,7 @@ from pydantic import Field, Tag
 
 from strainsight.config.base import Name, NotNegative, Positive, Section, Text, with_defaults
 from strainsight.config.estimate import Channel, RecordedFile
+from strainsight.config.loads import InputNoise
 from strainsight.config.names import BearingName
 from strainsight.config.zones import key_of
 
@@ -25,8 +26,8 @@ class MeasuredSensor(Section):
     )
 
 
-class UnknownInput(Section):
-    """A force or moment of the bench that the filter does not know: a random walk."""
+class UnknownInput(InputNoise):
+    """A force or moment of the bench that the filter does not know, and how it moves in time."""
 
     guess: float | None = Field(
         None,
@@ -34,7 +35,19 @@ class UnknownInput(Section):
         "`measured` the load that explains the first sample at rest.",
     )
     std: Positive = Field(description="σ of the first estimate [N or N m].")
-    increment: Positive = Field(description="σ of its change in a step, or in a second (see `increments`) [N or N m].")
+    increment: Positive | None = Field(
+        None,
+        description="Of a random walk: σ of its change in a step, or in a second (see `increments`) [N or N m]; null: that of "
+        "its amplitude, frequency and kappa.",
+    )
+    frequency: Positive | None = Field(
+        None,
+        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of the sine that its "
+        "history is.",
+    )
+    amplitude: Positive | None = Field(
+        None, description="Typical amplitude of the load [N or N m]; null: that of the sine that its history is."
+    )
 
 
 class EstimatedParameter(Section):
@@ -110,6 +123,12 @@ class Method(Section):
         "constants, up to three, and iterated filters of motion and loads at many of their values give their distribution. A "
         "bank takes increments of unknown loads for true, and 15 to 30 times as long.",
     )
+    step_error: Literal["estimated", "ignored"] | None = Field(
+        None,
+        description="estimated: the filter adds what its step leaves out, by the bench linearised along the step, and takes the "
+        "path of the loads within the step and what is left for noise of the motion; ignored: the step, with straight loads, is "
+        "taken for true; null: ignored with `simulate.method: thesis` and where the truth is made by the filter's own step.",
+    )
 
 
 class Estimate(Section):
@@ -139,3 +158,9 @@ class Estimate(Section):
     )
     method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
     runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")
+    allow_unobservable: bool = Field(
+        False, description="true: go on where the sensors cannot tell all unknowns, at any instant of the run."
+    )
+    allow_unfollowed: bool = Field(
+        False, description="true: go on where the step does not follow what the loads move: σ does not allow for that."
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,6 +11,8 @@ import numpy as np
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.advance import Advance, Method, advance, slopes
 from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.inverse.left_out import LeftOut, Start, left_out
+from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.nearest import nearest_state
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.inverse.start import static_response
@@ -31,20 +33,37 @@ class _Taken(NamedTuple):
     drive: tuple[np.ndarray, np.ndarray]
 
 
+class _Begun(NamedTuple):
+    """What step k leaves out where it begins at x; stale (2n, 2n): mean square of what the linearisation changes of it."""
+
+    k: int
+    x: np.ndarray
+    left: LeftOut | None
+    stale: np.ndarray
+
+
+CHECKED = 4
+"""Every how many steps the error that is left of `left_out` is estimated anew: half of what its cost would be in each."""
+
+
 @dataclass(frozen=True, eq=False)
 class AugmentedStep:
-    """x = (q, v, w, δ, u, ξ) under one step of the system, a `StepModel` of the filter core:
+    """x = (q, v, w, δ, c, ξ) under one step of the system, a `StepModel` of the filter core:
 
-        θ = θ(ξ),   (q', v') = advance(q, v, u → u + δ, h, θ, w),   w' = 0,   δ' = 0,   u' = u + δ,   ξ' = ξ
-        y = sensors(q', v') − offset,      before = diag(0, 0, Q_w, Q_u, 0, Q_ξ),   process = 0,   noise = R
+        θ = θ(ξ),   (q', v') = advance(q, v, u → u', h, θ, w) + e,   w' = 0,   δ' = 0,   c' = exp(Ah) c + δ,   ξ' = ξ
+        y = sensors(q', v') − offset,   before = diag(0, 0, Q_w, Q_δ, 0, Q_ξ),   process = diag(Q_e, 0, …),   noise = R
 
-    u (nu,) are the unknown inputs, a random walk, straight between the steps, and δ (nu,) what they change by in the step;
-    w (n,) is a white generalised force, there where Q_w is not zero. The step sets δ and w to zero and `before` draws them
+    c (k,) are the unknown inputs u (nu,) and, of smooth ones, their rates (`LoadProcess`), δ (k,) what is drawn of them in the
+    step; w (n,) is a white generalised force, there where Q_w is not zero. The step sets δ and w to zero and `before` draws them
     anew, so that a disturbed state still satisfies φ = 0 and Bv = 0.
+    e is what the step leaves out (`left_out`), linear in x about where the step begins, Q_e what no state tells of it; both are
+    zero where `corrected` is false, and the step with loads straight within it is taken for true. e leaves the constraints by its
+    square, and x has to be put back (`projected`).
     system, sensors: compiled for each other; offset (m,) subtracted from every reading (zeroed gauges) [unit of the
-    channel]; h [s]; method: of the step; known (T + 1, all inputs): row k acts at kh, columns of unknown inputs are not read
-    [N, N m]; inputs (nu,): places of the unknown inputs in `system.inputs`; coordinates: of the unknown parameters;
-    Q_w (n,), Q_u (nu,): variances a step, Q_xi (p,) or (p, p) covariance [unit²]; R (m,): variances of the readings [unit²];
+    channel]; method: of the step; known (T + 1, all inputs): row k acts at kh, columns of unknown inputs are not read
+    [N, N m]; inputs (nu,): places of the unknown inputs in `system.inputs`; loads: how they move, and the step h [s];
+    coordinates: of the unknown parameters;
+    Q_w (n,): variances a step, Q_xi (p,) or (p, p) covariance [unit²]; R (m,): variances of the readings [unit²];
     zero: ξ → a further offset (m,) and its slopes (m, p), of channels zeroed under load (`zero_at_rest`).
     rest: whether step 0 begins in the equilibrium under u and ξ: then q of x is only where that is sought from, v is zero, and
     q = q₀(u, ξ) with ∂q₀ of `static_response`. A q that follows u and ξ to first order alone would swing about it.
@@ -55,19 +74,24 @@ class AugmentedStep:
     system: System
     sensors: Readings
     offset: np.ndarray
-    h: float
     method: Method
     known: np.ndarray
     inputs: np.ndarray
+    loads: LoadProcess
     coordinates: ParameterCoordinates
     Q_w: np.ndarray
-    Q_u: np.ndarray
     Q_xi: np.ndarray
     R: np.ndarray
     zero: Zero | None = None
     rest: bool = False
+    corrected: bool = False
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
+    _begun: dict[int, _Begun] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def h(self) -> float:
+        return self.loads.h
 
     @property
     def q(self) -> slice:
@@ -83,19 +107,24 @@ class AugmentedStep:
 
     @property
     def delta(self) -> slice:
-        return slice(self.w.stop, self.w.stop + len(self.inputs))
+        return slice(self.w.stop, self.w.stop + self.loads.size)
 
     @property
-    def u(self) -> slice:
-        return slice(self.delta.stop, self.delta.stop + len(self.inputs))
+    def c(self) -> slice:
+        return slice(self.delta.stop, self.delta.stop + self.loads.size)
+
+    @cached_property
+    def u(self) -> np.ndarray:
+        """Places (nu,) of the unknown loads."""
+        return self.c.start + self.loads.first
 
     @property
     def xi(self) -> slice:
-        return slice(self.u.stop, self.size)
+        return slice(self.c.stop, self.size)
 
     @property
     def size(self) -> int:
-        return self.u.stop + self.coordinates.size
+        return self.c.stop + self.coordinates.size
 
     @property
     def channels(self) -> int:
@@ -111,7 +140,7 @@ class AugmentedStep:
 
     @property
     def position(self) -> np.ndarray:
-        return np.arange(self.u.start, self.size)
+        return np.concatenate([self.u, np.arange(self.xi.start, self.size)])
 
     @property
     def loss(self) -> str:
@@ -124,19 +153,24 @@ class AugmentedStep:
         return x
 
     def spread(self, P: np.ndarray) -> np.ndarray:
-        """Covariance (size, size) of x from that of (q, v, u, ξ); w = δ = 0."""
-        n = self.v.stop
-        own = np.r_[0:n, self.u.start : self.size]
+        """Covariance (size, size) of x from that of (q, v, u, ξ); w = δ = 0, rates as they are at the start."""
+        own = np.concatenate([np.arange(self.v.stop), self.position])
         whole = np.zeros((self.size, self.size))
+        whole[self.c, self.c] = np.diag(self.loads.std**2)
         whole[np.ix_(own, own)] = P
         return whole
 
+    def begin(self, x: np.ndarray, k: int) -> None:
+        """What step k from x (B, size) leaves out, for all trials of this step."""
+        for run, own in enumerate(x if self.corrected else ()):
+            self._begin(run, own, k)
+
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """f(x) (B, size) and ∂f/∂x (B, size, size) of x (B, size); NaN where a step fails."""
-        taken = [self._take(run, own, k) for run, own in enumerate(x)]
+        taken = [self._whole(run, own, k) for run, own in enumerate(x)]
         if len(taken) == 1:
-            return taken[0].ahead[None], taken[0].A[None]
-        return np.stack([one.ahead for one in taken]), np.stack([one.A for one in taken])
+            return taken[0][0][None], taken[0][1][None]
+        return np.stack([ahead for ahead, _ in taken]), np.stack([A for _, A in taken])
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Readings (B, m) and their slopes (B, m, size)."""
@@ -153,7 +187,15 @@ class AugmentedStep:
         return y - self.offset, J
 
     def process(self, k: int) -> np.ndarray:
-        return self._noise[0]
+        """Of every run where it began step k (B, size, size), or one for all where nothing is corrected."""
+        if not self.corrected:
+            return self._noise[0]
+        moved = self.v.stop
+        whole = np.zeros((max(len(self._begun), 1), self.size, self.size))
+        for run, begun in self._begun.items():
+            if begun.k == k and begun.left is not None:
+                whole[run, :moved, :moved] = begun.left.noise + begun.stale
+        return whole
 
     def before(self, k: int) -> np.ndarray:
         return self._noise[1]
@@ -190,9 +232,67 @@ class AugmentedStep:
         before = np.zeros((self.size, self.size))
         if self.w.stop > self.w.start:
             before[self.w, self.w] = np.diag(self.Q_w)
-        before[self.delta, self.delta] = np.diag(self.Q_u)
+        before[self.delta, self.delta] = self.loads.drawn
         before[self.xi, self.xi] = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
         return np.zeros((self.size, self.size)), before
+
+    def _whole(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """The step and its slopes, with what it leaves out."""
+        taken = self._take(run, x, k)
+        if not self.corrected or not np.isfinite(taken.ahead.sum()):
+            return taken.ahead, taken.A
+        begun = self._begun.get(run)
+        if begun is None or begun.k != k:
+            begun = self._begin(run, x, k)
+        if begun.left is None:
+            return taken.ahead, taken.A
+        left, moved = begun.left, self.v.stop
+        ahead, A = taken.ahead.copy(), taken.A.copy()
+        off = x - begun.x
+        ahead[:moved] += (
+            left.change + left.by_state @ off[:moved] + left.by_load @ off[self.c] + left.by_drawn @ x[self.delta]
+        )
+        A[:moved, :moved] += left.by_state
+        A[:moved, self.c] += left.by_load
+        A[:moved, self.delta] += left.by_drawn
+        return ahead, A
+
+    def _begin(self, run: int, x: np.ndarray, k: int) -> _Begun:
+        """Linearised half-way along the step; every few steps beside the start, which tells how good half-way is."""
+        before, n = self._begun.get(run), self.v.stop
+        stale = before.stale if before is not None and before.k == k - 1 else np.zeros((n, n))
+        taken = self._take(run, x, k)
+        left: LeftOut | None = None
+        if np.isfinite(taken.ahead.sum()):
+            u, end = np.array(self.known[k : k + 2], dtype=float)
+            u[self.inputs] = end[self.inputs] = x[self.u]
+            theta = self.coordinates.theta(x[self.xi])[0]
+            q, v = (x[self.q], x[self.v]) if not (self.rest and k == 0) else self._rests(x, u, theta)
+            start = Start(q, v, x[self.c], u, end, theta)
+            middle = 0.5 * (q + taken.ahead[self.q]), 0.5 * (v + taken.ahead[self.v])
+            try:
+                left = left_out(self.system, self.method, self.loads, self.inputs, start, middle)
+                if k % CHECKED == 0:
+                    other = left_out(self.system, self.method, self.loads, self.inputs, start, (q, v))
+                    change = left.change - other.change
+                    stale = 0.5 * (stale + np.outer(change, change)) if stale.any() else np.outer(change, change)
+            except (NumericalError, UserError):
+                left = None
+            if left is not None and self.rest and k == 0:
+                left = self._from_rest(left)
+        begun = _Begun(k, x.copy(), left, stale)
+        self._begun[run] = begun
+        return begun
+
+    def _rests(self, x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        q = static_equilibrium(self.system, x[self.q], u, theta)[0]
+        return q, np.zeros_like(q)
+
+    def _from_rest(self, left: LeftOut) -> LeftOut:
+        """In equilibrium whatever u is, the step leaves nothing out of it: only of the rates, and of what is drawn."""
+        by_load = left.by_load.copy()
+        by_load[:, self.loads.first] = 0.0
+        return replace(left, by_state=np.zeros_like(left.by_state), by_load=by_load)
 
     def _take(self, run: int, x: np.ndarray, k: int) -> _Taken:
         before = self._taken.get(run, ())
@@ -206,7 +306,8 @@ class AugmentedStep:
 
     def _fresh(self, run: int, x: np.ndarray, k: int) -> _Taken:
         size, start, end = self.size, *np.array(self.known[k : k + 2], dtype=float)
-        start[self.inputs], end[self.inputs] = x[self.u], x[self.u] + x[self.delta]
+        c, first, across = self.loads.transition @ x[self.c] + x[self.delta], self.loads.first, self.loads.transition
+        start[self.inputs], end[self.inputs] = x[self.u], c[first]
         w = x[self.w] if self.w.stop > self.w.start else None
         try:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -223,19 +324,22 @@ class AugmentedStep:
         self._last[run] = new
         A, ahead, moved = np.zeros((size, size)), x.copy(), self.w.start
         ahead[self.q], ahead[self.v], ahead[self.w] = new.q, new.v, 0.0
-        ahead[self.u], ahead[self.delta] = end[self.inputs], 0.0
-        A[:moved, :moved], A[:moved, self.delta] = s.A, s.B_end[:, self.inputs]
+        ahead[self.c], ahead[self.delta] = c, 0.0
+        by_start, by_end = s.B_start[:, self.inputs], s.B_end[:, self.inputs]
+        A[:moved, :moved] = s.A
+        A[:moved, self.delta.start + first] = by_end
+        A[:moved, self.c] = by_end @ across[first]
+        A[:moved, self.u] += by_start
         if w is not None:
             A[:moved, self.w] = s.B_w
-        A[:moved, self.u] = s.B_start[:, self.inputs] + s.B_end[:, self.inputs]
         A[:moved, self.xi] = s.B_theta @ by_xi
         if self.rest and k == 0:
             by_u, by_theta = static_response(self.system, q, start, theta)
             A[:moved, :moved] = 0.0
             A[:moved, self.u] += s.A[:, self.q] @ by_u[:, self.inputs]
             A[:moved, self.xi] += s.A[:, self.q] @ by_theta @ by_xi
-        A[self.u, self.delta] = np.eye(len(self.inputs))
-        A[range(self.u.start, size), range(self.u.start, size)] = 1.0
+        A[self.c, self.delta], A[self.c, self.c] = np.eye(self.loads.size), across
+        A[self.xi, self.xi] = np.eye(self.coordinates.size)
         drive = s.B_start.copy(), s.B_end.copy()
         for own in drive:
             own[:, self.inputs] = 0.0

@@ -90,7 +90,7 @@ def _load(
     own: Estimated, name: str, i: int, column: int
 ) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
     """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
-    at = own.trial.model.u.start + i
+    at = own.trial.model.u[i]
     mean = own.mean[:, :, at]
     std = np.where(np.isfinite(mean), own.std[:, :, at], np.nan)
     true = own.reality.inputs[:, :, column]

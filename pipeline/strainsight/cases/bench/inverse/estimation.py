@@ -77,7 +77,7 @@ def estimated(
     h = estimate.time_step or config.simulate.time_step
     steps = round((estimate.duration or config.simulate.duration) / h)
     time = h * np.arange(steps + 1)
-    unknowns = unknowns_of(estimate, bench, h)
+    unknowns = unknowns_of(config, bench, h)
     loads = loads_of(config, bench, using.files)
     known = loads(time)
     zeroing = known[0].copy()

@@ -99,7 +99,7 @@ def _filter(
         iterations=1 if one_shot else method.iterations,
         through_step=not one_shot,
         damped=method.update != "undamped",
-        project=model.projected if one_shot else None,
+        project=model.projected if one_shot or model.corrected else None,
         progress=progress,
         watch=watch,
         refuse=refuse,

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
-from strainsight.cases.bench.inverse.unknowns import Unknowns, asked
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
 from strainsight.config.bench.bench import BenchConfig, MotionSensor
@@ -67,11 +67,10 @@ def trial_of(
     """
     channels, guess, runs = used.readings, known[0].copy(), asked(config).runs
     model = AugmentedStep(
-        bench.system, channels, np.zeros(len(largest)), h, config.simulate.method,
-        known, unknowns.inputs, unknowns.coordinates,
-        white_force(bench.system, asked(config).disturbance), unknowns.increment_u**2,
+        bench.system, channels, np.zeros(len(largest)), config.simulate.method,
+        known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium",
+        rest=config.simulate.start == "equilibrium", corrected=corrects(config),
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
@@ -178,9 +177,10 @@ def _covariance(
         return model.spread(
             start_covariance(model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread)
         )
-    P = np.zeros((model.size, model.size))
-    P[model.u, model.u], P[model.xi, model.xi] = np.diag(unknowns.std_u**2), spread
-    return P
+    n, nu = model.v.stop, len(unknowns.inputs)
+    P = np.zeros((n + nu + len(spread),) * 2)
+    P[n : n + nu, n : n + nu], P[n + nu :, n + nu :] = np.diag(unknowns.std_u**2), spread
+    return model.spread(P)
 
 
 def _felt(

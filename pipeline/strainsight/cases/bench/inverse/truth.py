@@ -13,7 +13,7 @@ from strainsight.cases.bench.start import start_of
 from strainsight.config.bench.bench import MotionSensor, RelativeSensor, Sensor, Simulate
 from strainsight.config.bench.estimate import FromRun
 from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
-from strainsight.estimation.update import covariance_factor
+from strainsight.estimation.update import covariance_factor, square_factor
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.sensors import Readings
 from strainsight.multibody.simulate import simulate
@@ -83,8 +83,14 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
     readings = np.empty((steps, runs, model.channels))
     factor = covariance_factor(model.before(0))
     for k in range(steps):
+        model.begin(x, k)
         noise = np.array([draw.standard_normal(factor.shape[1]) for draw in draws])
         x = model.step(x + noise @ factor.T, k)[0]
+        if model.corrected:
+            within = square_factor(model.process(k))
+            x = model.projected(
+                x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)])
+            )
         if not np.all(np.isfinite(x)):
             raise NumericalError(
                 f"a drawn truth cannot be stepped at {k * model.h:g} s",

@@ -8,22 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.load_models import increments_of, load_process_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
 from strainsight.errors import blame
 from strainsight.multibody.bearing.geometry import PARAMETERS
+from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, parameter_coordinates
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """inputs (nu,): places of the unknown loads in `system.inputs`, with their σ at the start and a step [N, N m];
+    """inputs (nu,): places of the unknown loads in `system.inputs`, with σ at the start and of their change in a step [N, N m];
+    loads: how they move;
     parameters: name in the config → name in the system; free: those of them that are estimated; starts (s, nθ): what the
     filter takes θ for, one row a start; std, increment (p,) of the free ones [m, Pa]; coordinates of them."""
 
     inputs: np.ndarray
     std_u: np.ndarray
     increment_u: np.ndarray
+    loads: LoadProcess
     parameters: Mapping[str, str]
     free: tuple[str, ...]
     starts: np.ndarray
@@ -44,6 +48,16 @@ def has_bank(config: BenchConfig) -> bool:
     return estimate.method.parameters == "bank" and any(own.std is not None for own in estimate.parameters.values())
 
 
+def corrects(config: BenchConfig) -> bool:
+    """Whether the filter allows for what its step leaves out: where it is asked to, else unless the truth is made by that very
+    step, or the step is the thesis's, which is taken for true as there."""
+    estimate = asked(config)
+    if estimate.method.step_error is not None:
+        return estimate.method.step_error == "estimated"
+    by_own_step = estimate.measured is None and estimate.truth.model == "own"
+    return config.simulate.method == "second_order" and not by_own_step
+
+
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
     found: dict[str, list[str]] = {}
@@ -53,9 +67,9 @@ def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     return {bearing: tuple(sorted(own, key=PARAMETERS.index)) for bearing, own in found.items()}
 
 
-def unknowns_of(estimate: Estimate, bench: Bench, h: float) -> Unknowns:
+def unknowns_of(config: BenchConfig, bench: Bench, h: float) -> Unknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
-    system = bench.system
+    system, estimate = bench.system, asked(config)
     a_step = h if estimate.increments == "second" else 1.0
     entries = list(estimate.inputs.values())
     places = {name: _system_name(name, entry) for name, entry in estimate.parameters.items()}
@@ -82,7 +96,8 @@ def unknowns_of(estimate: Estimate, bench: Bench, h: float) -> Unknowns:
     return Unknowns(
         np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
         np.array([entry.std for entry in entries]),
-        np.array([entry.increment * a_step for entry in entries]),
+        increments_of(config, h),
+        load_process_of(config, h),
         places,
         free,
         np.array(starts),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
+from strainsight.cases.bench.inverse.load_models import increments_of
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
@@ -122,8 +123,8 @@ def _equilibrium(config: BenchConfig, bench: Bench, using: Resources) -> tuple[n
 def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
     estimate = asked(config)
     h = config.simulate.time_step if estimate.time_step is None else estimate.time_step
-    share = h if estimate.increments == "second" else 1.0
-    increment = share * np.array([estimate.inputs[name].increment for name in inputs])
+    stated = dict(zip(estimate.inputs, increments_of(config, h), strict=True))
+    increment = np.array([stated[name] for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
     return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method)
 

@@ -1,0 +1,112 @@
+"""How unknown loads of a bench move in time: the input models of a structure, in the units of the loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import expm, solve_continuous_lyapunov
+
+from strainsight.augmentation.input_models import (
+    InputModel,
+    IntegratedRandomWalk,
+    RandomWalk,
+    block_diagonal,
+    components,
+    input_intensity,
+    rate_matrix,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadProcess:
+    """ċ = A c + w, w of intensity Q, u = c[first]; after a step c' = exp(Ah) c + δ.
+
+    A (k, k) [1/s]; Q (k, k) [unit²/s]; first (nu,): places of the loads in c, behind each its rates, all in the unit of the load;
+    std (k,): of the components behind the first at the start [unit]; h [s].
+    """
+
+    A: np.ndarray
+    Q: np.ndarray
+    first: np.ndarray
+    std: np.ndarray
+    h: float
+
+    @property
+    def size(self) -> int:
+        """k."""
+        return len(self.A)
+
+    @cached_property
+    def transition(self) -> np.ndarray:
+        """exp(Ah) (k, k)."""
+        return np.asarray(expm(self.A * self.h))
+
+    @cached_property
+    def drawn(self) -> np.ndarray:
+        """Covariance (k, k) of δ, by the nilpotent or short series of A over small parts of the step, doubled."""
+        parts = max(0, int(np.ceil(np.log2(max(np.abs(self.A).max(initial=0.0) * self.h, 1e-300) / SHORT))))
+        return step_noise(self.A, self.Q, self.h / 2**parts, parts)[1]
+
+
+SHORT = 0.25
+"""Radians per part of a step that a series of TERMS terms is right to rounding for."""
+TERMS = 12
+
+
+def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tuple[np.ndarray, np.ndarray]:
+    """exp(F s) (n, n) and ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+
+    Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   from the Taylor series of the part
+    """
+    there = np.flatnonzero(Q.any(axis=0))
+    values, vectors = np.linalg.eigh(Q[np.ix_(there, there)])
+    columns = np.zeros((len(Q), len(there)))
+    columns[there] = vectors * np.sqrt(np.maximum(values, 0.0))
+    power, phi, terms = np.eye(len(F)), np.eye(len(F)), [columns]
+    for j in range(1, TERMS):
+        power = F @ power * (part / j)
+        phi = phi + power
+        terms.append(F @ terms[-1] * (part / j))
+    stacked = np.array(terms)
+    weight = part / (1.0 + np.add.outer(np.arange(TERMS), np.arange(TERMS)))
+    gathered = np.einsum("ink,ij,jmk->nm", stacked, weight, stacked, optimize=True)
+    for _ in range(doublings):
+        gathered = gathered + phi @ gathered @ phi.T
+        phi = phi @ phi
+    return phi, 0.5 * (gathered + gathered.T)
+
+
+def load_process(
+    models: Sequence[InputModel], amplitude: Sequence[float], increment: Sequence[float], h: float
+) -> LoadProcess:
+    """Of loads (nu,) by their models; amplitude (nu,) [unit] of all but random walks, increment (nu,) [unit]: σ of the change of
+    a random walk in a step of h [s]; of the others not read."""
+    A, Q, std, first, at = [], [], [], [], 0
+    for model, size, change in zip(models, amplitude, increment, strict=True):
+        walks = isinstance(model, RandomWalk)
+        k, unit = components(model), 1.0 if walks else size
+        A.append(rate_matrix(model))
+        Q.append(unit**2 * input_intensity(model, change**2 / h if walks else 0.0))
+        std.append(np.zeros(1) if walks else unit * _spread(model, k))
+        first.append(at)
+        at += k
+    whole = block_diagonal(A) if A else np.zeros((0, 0))
+    intensity = block_diagonal(Q) if Q else np.zeros((0, 0))
+    return LoadProcess(whole, intensity, np.array(first, dtype=int), np.concatenate([*std, np.zeros(0)]), h)
+
+
+def walks(increment: np.ndarray, h: float) -> LoadProcess:
+    """Random walks with σ of their changes in a step, increment (nu,) [unit]."""
+    changes = np.asarray(increment, dtype=float).tolist()
+    return load_process([RandomWalk()] * len(changes), [1.0] * len(changes), changes, h)
+
+
+def _spread(model: InputModel, k: int) -> np.ndarray:
+    """σ (k,) of ζ at the start, 0 of the load itself, which is stated: stationary, and 1 of the rate of an integrated walk."""
+    if isinstance(model, IntegratedRandomWalk):
+        return np.array([0.0, 1.0])
+    stationary = solve_continuous_lyapunov(rate_matrix(model), -input_intensity(model, 0.0))
+    return np.concatenate([[0.0], np.sqrt(np.diag(stationary)[1:])])

@@ -1,0 +1,143 @@
+"""What a step leaves out is made up for: on a linear bench the filter is that of the exactly sampled system, at any step."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_lyapunov
+
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk
+from strainsight.estimation.filter import filter_runs
+from strainsight.multibody.bodies import FlexibleBody
+from strainsight.multibody.forces import PointForce
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.inverse.loads import load_process
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.parameters import parameter_coordinates
+from strainsight.multibody.sensors import StrainSensor, readings
+from strainsight.multibody.system import assemble
+
+from .benches import bench, inertia_of, loads
+from .test_filter import ITERATED
+
+N = 3
+LAMBDA = 2 * np.pi * 2.0 / np.sqrt(2**0.5 - 1)
+"""Rate of a Matérn process of ν = 3/2 that has fallen to half its spectrum at 2 Hz."""
+PROCESSES = {
+    # ċ = A c + (0, …, 1) w of an intensity, by hand
+    "walk": (RandomWalk(), [[0.0]], 2.5**2 / 0.05),
+    "integrated": (IntegratedRandomWalk(2.0), [[0.0, 4 * np.pi], [0.0, 0.0]], 3.0**2 * 4 * np.pi / (2 * np.pi)),
+    "matern": (Matern(2.0, 1.5), [[0.0, LAMBDA], [-LAMBDA, -2 * LAMBDA]], 3.0**2 * 4 * LAMBDA),
+    "oscillator": (Oscillator(2.0), [[0.0, 4 * np.pi], [-4 * np.pi, -0.4 * np.pi]], 3.0**2 * 0.2 * 4 * np.pi),
+}
+
+
+def springs(seed=8):
+    """M, C, K of three masses, how a force of three components and two sensors see them."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(N, N))
+    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(N))
+    return M, 1e-3 * K, K, rng.normal(size=(3, N)), rng.normal(size=(2, N))
+
+
+def sampled(F, Q, h):
+    """exp(Fh) and ∫ exp(Ft) Q exp(Ft)ᵀ dt by fine midpoints."""
+    t = (np.arange(4000) + 0.5) * h / 4000
+    Phi = expm(F * h / 4000)
+    part = expm(F * t[0])
+    whole = np.zeros_like(Q)
+    for _ in t:
+        whole += part @ Q @ part.T * h / 4000
+        part = Phi @ part
+    return expm(F * h), whole
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize("process", PROCESSES)
+def test_springs_under_loads_that_move_within_the_step_are_kalmans_filter_of_the_exact_system(process, method):
+    """A step of 50 ms is twenty times the slowest radian of the springs: both methods as they are make nothing of it."""
+    h, steps = 0.05, 12
+    model_of_load, A_c, intensity = PROCESSES[process]
+    M, C, K, shape, rows = springs()
+    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
+    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
+    system = assemble([body], [], [force])
+    rng = np.random.default_rng(1)
+    known, R = rng.normal(size=(steps + 1, 3)), np.array([1e-6, 4e-6])
+    moving = load_process([model_of_load], [3.0], [2.5], h)
+    model = AugmentedStep(
+        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), method, known, np.array([1]), moving,
+        parameter_coordinates([], [], np.zeros(0), {}), np.zeros(N), np.zeros(0), R, corrected=True,
+    )  # fmt: skip
+    k, n = len(A_c), 2 * N
+    y = 1e-2 * rng.normal(size=(steps, 2))
+    P = np.diag([1e-4] * n + [2.0] * k)
+    whole = np.zeros((model.size, model.size))
+    mine = [*range(n), *range(model.c.start, model.c.stop)]
+    whole[np.ix_(mine, mine)] = P
+    run = filter_runs(model, np.zeros(model.size), whole, y, keep="all", form="square_root", **ITERATED)
+
+    # exact: known loads as straight lines, the unknown one as its process
+    inverse = np.linalg.inv(M)
+    F = np.zeros((n + k + 2,) * 2)
+    F[:N, N:n] = np.eye(N)
+    F[N:n, :n] = np.hstack([-inverse @ K, -inverse @ C])
+    F[N:n, n] = inverse @ shape[1]
+    F[n : n + k, n : n + k] = A_c
+    F[-1, -2] = 1.0
+    Q = np.zeros_like(F)
+    Q[n + k - 1, n + k - 1] = intensity
+    x, H = np.zeros(n + k), np.hstack([rows, np.zeros((2, N + k))])
+    for i in range(steps):
+        from_known = [known[i, [0, 2]] @ shape[[0, 2]], (known[i + 1] - known[i])[[0, 2]] @ shape[[0, 2]] / h]
+        F[N:n, -2], F[N:n, -1] = inverse @ from_known[0], inverse @ from_known[1]
+        Phi, gathered = sampled(F, Q, h)
+        own = slice(0, n + k)
+        x, P = Phi[own, own] @ x + Phi[own, -2], Phi[own, own] @ P @ Phi[own, own].T + gathered[own, own]
+        S = H @ P @ H.T + np.diag(R)
+        gain = P @ H.T @ np.linalg.inv(S)
+        x, P = x + gain @ (y[i] - H @ x), P - gain @ S @ gain.T
+        std = np.sqrt(np.diag(P))
+        np.testing.assert_allclose(run.mean[i + 1, 0, mine] / std, x / std, atol=1e-5)
+        found = run.covariance[i + 1, 0][np.ix_(mine, mine)]
+        np.testing.assert_allclose(found / np.outer(std, std), P / np.outer(std, std), atol=1e-6)
+
+
+def test_the_process_of_a_load_keeps_its_variance():
+    """Stationary models: exp(Ah) P exp(Ah)ᵀ + drawn = P with a²  in front, by SciPy's Lyapunov equation."""
+    for word in ("matern", "oscillator"):
+        model, A, intensity = PROCESSES[word]
+        moving = load_process([model], [3.0], [0.0], 0.3)
+        P = solve_continuous_lyapunov(np.array(A), -np.diag([0.0, intensity]))
+        np.testing.assert_allclose(P[0, 0], 9.0)
+        np.testing.assert_allclose(moving.transition @ P @ moving.transition.T + moving.drawn, P, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(moving.std, [0.0, np.sqrt(P[1, 1])])
+
+
+def test_at_rest_nothing_is_left_out_whatever_the_loads():
+    """From its equilibrium under weight and loads the bench does not move, and the step says so."""
+    b, h = bench(), 0.05
+    model = b.model(h, 2, load=1.0, corrected=True, rest=False)
+    x, _ = b.start(model)
+    model.begin(x[None], 1)
+    ahead, _ = model.step(x[None], 1)
+    d = b.system.metric
+    assert np.max(np.abs(d * (ahead[0, model.q] - x[model.q]))) < 1e-9 * np.linalg.norm(d * x[model.q])
+    assert np.max(np.abs(d * ahead[0, model.v])) < 1e-8 * np.linalg.norm(d * x[model.q])
+
+
+def test_what_is_left_out_of_a_short_step_is_next_to_nothing_beside_what_the_load_does():
+    """Errors of a step of second order go with its cube: an eighth at half the step (ten periods of the quickest mode in one)."""
+    b, sizes = bench(), []
+    for h in (2e-4, 1e-4):
+        u = loads(0.05, 4)
+        model = b.model(h, 2, load=1.0, corrected=True, rest=False)
+        x, _ = b.start(model)
+        x[model.u] = u[-1]
+        model.begin(x[None], 1)
+        sizes.append(np.linalg.norm(b.system.metric * model.step(x[None], 1)[0][0, model.v] - b.system.metric * plain(model, x)))
+    assert 7 < sizes[0] / sizes[1] < 9
+
+
+def plain(model, x):
+    from dataclasses import replace
+
+    return replace(model, corrected=False).step(x[None], 1)[0][0, model.v]
