@@ -6,19 +6,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from strainsight.multibody import relations
+from strainsight.multibody.drives import DrivenRelation
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.relations import Relation, cosine, dot, offset
 
 
 @dataclass(frozen=True)
 class Joint:
-    """φ(q) = 0 (1.2) for every relation; any tuple of relations makes a joint.
+    """φ(q) = 0 (1.2) for every relation, φ(q, p(t)) = 0 for one that is driven; any tuple of relations makes a joint.
 
     aligned: cosines of axes that the relations keep parallel; that they point the same way only the start can say.
     """
 
     name: str
-    relations: tuple[Relation, ...]
+    relations: tuple[Relation | DrivenRelation, ...]
     aligned: tuple[Relation, ...] = ()
 
 
