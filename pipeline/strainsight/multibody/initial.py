@@ -77,6 +77,16 @@ def moving_constraints(
     return rho[:m], G[:m], driven.rate
 
 
+def driven_slopes(system: System, q: np.ndarray, u: np.ndarray) -> list[tuple[str, float]]:
+    """Drive and φ_p of every driven angle: −1 where the angle is p, 1 where it is p + π."""
+    rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
+    found, drives = drive(system.drives, system.constrained, u, rho, G), system.drives
+    if found is None:
+        return []
+    angles = drives.power == 0
+    return [(drives.names[k], float(own)) for k, own in zip(drives.which[angles], found.slope[angles], strict=True)]
+
+
 def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
     """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ.
 
