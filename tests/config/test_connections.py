@@ -18,11 +18,15 @@ from strainsight.multibody.laws.kinds import LAWS
 FULL = Path(__file__).parents[2] / "configs" / "bench-full.yaml"
 LOADS = "direction: [0, 0, 1], signal: {type: constant, value: 1.0}"
 PAIR = "frames: [flange, root]"
+DRIVE = "drive: {signal: {type: constant, value: 1.0}}"
 EXAMPLES = {
     "joints": {
         **dict.fromkeys(("spherical", "revolute", "prismatic", "cylindrical", "universal", "pin", "fixed"), PAIR),
         "coincidence": f"{PAIR}, components: [x]",
         "perpendicular": f"{PAIR}, axis: x, to: z",
+        "distance": f"{PAIR}, length: 1.0",
+        "generic": f"{PAIR}, held: [x, about_y]",
+        **dict.fromkeys(("driven_angle", "driven_displacement", "driven_distance"), f"{PAIR}, {DRIVE}"),
     },
     "forces": {
         "gravity": "acceleration: [0, 0, -9.81]",
@@ -33,7 +37,10 @@ EXAMPLES = {
         "moment": f"frame: root, {LOADS}",
         "bearing": "bearing: pitch-bearing, outer: flange, inner: root",
     },
-    "sensors": {"strain": "body: hub, layout: place", "relative": PAIR, "motion": "frame: root"},
+    "sensors": {
+        "strain": "body: hub, layout: place",
+        "relative": PAIR, "motion": "frame: root", "acceleration": "frame: root", "reaction": "joint: pitch",
+    },
 }
 """Section → kind → the keys of a valid entry on bench-full."""
 UNIONS = {"joints": Joint, "forces": Force, "sensors": Sensor}
@@ -101,11 +108,11 @@ def test_what_is_named_has_to_be_there_and_of_its_kind(override, key, says):
 
 @pytest.mark.parametrize(("section", "table"), [("joints", JOINTS), ("forces", LAWS)])
 def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(section, table):
-    """A section has a key for every argument of its function, of the same name, and no other."""
+    """A section has a key for every argument of its function, of the same name, and besides no other than a history."""
     models = kinds(section)
     others = {"joints": set(), "forces": {"gravity", "force", "moment", "bearing"}}[section]
     assert models.keys() == table.keys() | others
     for kind, build in table.items():
         name, first, second, *own = inspect.signature(build).parameters
         assert (name, first, second) == ("name", "i", "j")
-        assert models[kind].model_fields.keys() == {"type", "frames", *own}
+        assert models[kind].model_fields.keys() - {"drive"} == {"type", "frames", *own}

@@ -54,6 +54,7 @@ def simulated(folder: Path) -> Artefact:
         inputs={"Fz": load},
         sensors={"relative": five, "tip": five[:, :3]},
         bearings={"pitch": ring},
+        drives={},
     )
     summary = {"steps": STEPS, "coordinates": 28, "constraints": 7, "violation": 2e-16, "first_frequency": 4.2}
     return written(folder, "simulate", record, summary)

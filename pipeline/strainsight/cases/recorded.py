@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import product
 from pathlib import Path
 
@@ -18,8 +19,9 @@ from strainsight.signals.histories import FromSamples
 LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")
 
 
-def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
-    """The history that the text table at `path` holds in the columns that the config names; key: of the signal.
+def recorded(key: str, config: Recorded, path: Path, of: Collection[str] = LOADS) -> FromSamples:
+    """The history that the text table at `path` holds in the columns that the config names; key: of the signal; of: the
+    quantities that it may be of.
 
     Time in s, values in the SI unit of the load, or in the unit that stands behind the name of the column, as in "F [kN]".
     Raises UserError with file:line for what is no table, a sample that is missing, and a time that does not increase.
@@ -48,7 +50,7 @@ def recorded(key: str, config: Recorded, path: Path) -> FromSamples:
                 where=found.place(i + 1),
                 remedy="sort the record and drop repeated times",
             )
-        return FromSamples(found.time, values * _factor(column, found, path))
+        return FromSamples(found.time, values * _factor(column, found, path, of))
 
 
 def _read(path: Path, time: str, column: str) -> Recording:
@@ -63,13 +65,14 @@ def _read(path: Path, time: str, column: str) -> Recording:
     raise first
 
 
-def _factor(column: str, found: Recording, path: Path) -> float:
+def _factor(column: str, found: Recording, path: Path, of: Collection[str]) -> float:
     """SI units in one of the unit that the file states, 1 where it states none."""
     if (unit := known_unit(found.units[column])) is None:
         return 1.0
-    if unit.quantity not in LOADS:
+    if unit.quantity not in of:
+        what = "a load" if of is LOADS else " or ".join(of)
         raise ConfigError(
-            f"{column!r} is in {found.units[column]}, {path.name} says: no unit of a load",
-            remedy="name the column of the load",
+            f"{column!r} is in {found.units[column]}, {path.name} says: no unit of {what}",
+            remedy="name the column of what the history is of",
         )
     return unit.factor

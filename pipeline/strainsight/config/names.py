@@ -27,6 +27,7 @@ GROUND = "ground"
 BodyName = Annotated[Text, Names("bodies", "body", besides=(GROUND,))]
 FlexibleName = Annotated[Text, Names("bodies", "flexible body", type="flexible")]
 FrameName = Annotated[Text, Names("frames", "frame")]
+JointName = Annotated[Text, Names("joints", "joint")]
 BearingName = Annotated[Text, Names("bearings", "bearing")]
 
 

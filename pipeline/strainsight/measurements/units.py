@@ -52,6 +52,7 @@ _TABLE: Mapping[str, Mapping[str, float]] = {
     "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3, "MNm": 1e6, "lbfft": _POUND * 0.3048, "lbfin": _POUND * 0.0254},
     "velocity": {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": 0.0254, "ft/s": 0.3048},
     "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180},
+    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180, "rpm": math.pi / 30},
     "ratio": {"1": 1.0},
     "angular velocity squared": {"rad2/s2": 1.0, "1/s2": 1.0},
     "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": _POUND / 0.0254**2},

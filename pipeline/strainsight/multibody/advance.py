@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.multibody.drives import between
 from strainsight.multibody.sensitivity import Sensitivities, sensitivities
 from strainsight.multibody.step import Step, step
 from strainsight.multibody.system import System
@@ -55,11 +56,12 @@ def advance(
 
         x₁ = Ψ(x_k, u(γh), γh),    x_{k+1} = Ψ(x_k + (1 − γ)/γ (x₁ − x_k), u(h), γh),    γ = 1 − √½
 
-    or x_{k+1} = Ψ(x_k, u(h), h) where method is `thesis`. Both stages end on φ = 0, Bv = 0.
+    or x_{k+1} = Ψ(x_k, u(h), h) where method is `thesis`. Both stages end on φ = 0, Bv = −φ_t.
 
-    q, v (n,) at the start, need not satisfy φ = 0; u: loads (nu,) at start and end, straight between [N, N m]; h [s]; theta
-    (nθ,); w (n,) an extra generalised force, the same all along; last: the advance before, whose multipliers start Newton's
-    iteration; near: q', v' (n,) from which it starts. Raises NumericalError as `step` does.
+    q, v (n,) at the start, need not satisfy φ = 0; u: loads (nu,) at start and end, straight between [N, N m], with p and ṗ of
+    driven joints behind them, on a cubic between; h [s]; theta (nθ,); w (n,) an extra generalised force, the same all along;
+    last: the advance before, whose multipliers start Newton's iteration; near: q', v' (n,) from which it starts. Raises
+    NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7).
     """
     guess = None if last is None else last.stages[-1]
@@ -67,7 +69,11 @@ def advance(
         return Advance((step(system, q, v, u[1], h, theta, w, guess, near),))
     own = GAMMA * h
     before = None if guess is None else (guess.v - guess.start[1]) / guess.h
-    first = step(system, q, v, (1 - GAMMA) * u[0] + GAMMA * u[1], own, theta, w, guess, _ahead(q, v, before, own))
+    inside = (1 - GAMMA) * u[0] + GAMMA * u[1]
+    if system.drives.names:
+        W = between(system.drives, h, GAMMA)
+        inside = W[0] @ u[0] + W[1] @ u[1]
+    first = step(system, q, v, inside, own, theta, w, guess, _ahead(q, v, before, own))
     start = q + CARRIED * (first.q - q), v + CARRIED * (first.v - v)
     if near is None:
         now = (first.v - v) / own
@@ -94,7 +100,7 @@ class Slopes:
 def slopes(system: System, at: Advance) -> Slopes:
     """By the chain rule through the stages, each exact: with c = (1 − γ)/γ and those of the stages Aᵢ, Bᵢ,
 
-    A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = (1 − γ) u(0) + γ u(h)
+    A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
     own = [sensitivities(system, stage) for stage in at.stages]
     if len(own) == 1:
@@ -104,11 +110,12 @@ def slopes(system: System, at: Advance) -> Slopes:
     through = CARRIED * second.A
     A = through @ first.A
     A += (1 - CARRIED) * second.A
-    between = through @ first.B_u
+    inside = through @ first.B_u
+    start, end = between(system.drives, at.stages[0].h / GAMMA, GAMMA)
     return Slopes(
         A,
-        (1 - GAMMA) * between,
-        second.B_u + GAMMA * between,
+        inside @ start,
+        second.B_u + inside @ end,
         second.B_theta + through @ first.B_theta,
         second.B_w + through @ first.B_w,
     )

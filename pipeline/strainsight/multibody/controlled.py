@@ -54,12 +54,12 @@ def simulate_controlled(
     tolerance. Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where FINEST parts are not
     enough.
     """
-    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float))
+    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float), loads(np.zeros(1))[0])
     q, v = np.empty((steps + 1, system.size)), np.empty((steps + 1, system.size))
     lam, parts = np.empty((steps, system.constrained)), np.empty(steps, dtype=int)
     q[0], v[0] = q0, v0
     largest, last, n = _sizes(system, q[0]), None, 1
-    heaviest = np.zeros(len(system.inputs))
+    heaviest = np.zeros(system.drives.width)
     for k in range(steps):
         heaviest, n = _straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError
+from strainsight.multibody.drives import Driven, drive, spread
 from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import cross_matrix
 from strainsight.multibody.inertia import inertia_load
@@ -18,9 +19,10 @@ from strainsight.multibody.system import Element, System
 class Balance:
     """(1.3) at (q, v, a, μ, λ, u, θ), without the multipliers: M a + c + f.
 
-    phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂(Bv)/∂q; load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
+    phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t;
+    load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
     stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q;
-    gradient (nr, n) of all relations; slopes: ∂F/∂θ of every element.
+    gradient (nr, n) of all relations; slopes: ∂F/∂(θ, u) of every element.
     """
 
     phi: np.ndarray
@@ -33,6 +35,7 @@ class Balance:
     constraint_stiffness: np.ndarray
     gradient: np.ndarray
     slopes: tuple[np.ndarray, ...]
+    driven: Driven | None
 
 
 def balance(
@@ -53,6 +56,7 @@ def balance(
     """
     m = system.constrained
     rho, G, G_rate, b, J = relation_rows(system.products, q, v)
+    driven = drive(system.drives, m, u, rho, G, G_rate)
     F = system.weights.copy()
     rows, which = system.input_rows
     if len(rows):
@@ -63,7 +67,7 @@ def balance(
     for element in system.elements:
         own = element.rows
         g, rate = G[own], G_rate[own]
-        F[own], F_rho, F_rate, F_theta = element_load(element, rho[own], g @ v, theta)
+        F[own], F_rho, F_rate, F_theta = element_load(element, rho[own], g @ v, theta, u)
         slopes.append(F_theta)
         stiffness += g.T @ (F_rho @ g)
         if F_rate is not None:
@@ -73,6 +77,7 @@ def balance(
     weight[0, :m] = mu
     weight[1] = F
     weight[1, :m] = -lam
+    spread(system.drives, u, weight)
     H = curvature(system.products, system.size, weight, b, J)
     stiffness += H[1]
     load = G[m:].T @ F[m:]
@@ -100,14 +105,17 @@ def balance(
             stiffness[own, own] += Gq
             damping[own, own] += Gv
     load += system.mass @ a
-    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes))
+    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes), driven)
 
 
-def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) of the system. Raises NumericalError that names the element."""
+def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray, u: np.ndarray) -> Load:
+    """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the element."""
     force = element.force
     try:
-        return force.law.load(rho, rho_dot, theta[element.parameters])
+        own = theta[element.parameters]
+        if len(element.inputs):
+            own = np.concatenate([own, u[element.inputs]])
+        return force.law.load(rho, rho_dot, own)
     except NumericalError as error:
         raise NumericalError(f"{force.name}: {error.what}", remedy=error.remedy) from error
 
@@ -118,6 +126,9 @@ def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
     rows, which = system.input_rows
     for row, k in zip(rows, which, strict=True):
         slopes[:, k] -= at.gradient[row]
+    for element, F_theta in zip(system.elements, at.slopes, strict=True):
+        if len(element.inputs):
+            slopes[:, element.inputs] += at.gradient[element.rows].T @ F_theta[:, len(element.parameters) :]
     for moment in system.moments:
         if moment.R >= 0:
             R = q[moment.R : moment.R + 9].reshape(3, 3).T

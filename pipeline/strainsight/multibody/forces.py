@@ -14,7 +14,7 @@ from strainsight.multibody.relations import Relation
 
 class Load(NamedTuple):
     """What a law gives: F (k,) that holds the relations, ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k) or None where it does not feel ρ̇, and
-    ∂F/∂θ (k, number of the element's parameters)."""
+    ∂F/∂θ (k, number of the element's parameters and inputs)."""
 
     F: np.ndarray
     F_rho: np.ndarray
@@ -26,8 +26,8 @@ class ForceLaw(Protocol):
     """F(ρ, ρ̇, θ); what does not depend on ρ̇ is F = ∂Π/∂ρ of an energy Π (for the bearing 1.21-1.25)."""
 
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        """From ρ (k,) [m, m² or -], ρ̇ = ∇ρ v (k,) a second, θ the element's own parameters. Raises NumericalError where
-        there is no such load."""
+        """From ρ (k,) [m, m² or -], ρ̇ = ∇ρ v (k,) a second, θ the element's own parameters, then its inputs. Raises
+        NumericalError where there is no such load."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,8 @@ class RelativeElement:
     """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇.
 
     relations (k): their value is subtracted, so ρ is measured from it; parameters: names of θ among the system's; aligned:
-    cosines of axes between which the law takes the angle to be small.
+    cosines of axes between which the law takes the angle to be small; inputs: names among the system's loads u, whose values
+    the law has behind its parameters.
     """
 
     name: str
@@ -43,6 +44,7 @@ class RelativeElement:
     law: ForceLaw
     parameters: tuple[str, ...] = ()
     aligned: tuple[Relation, ...] = ()
+    inputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from scipy.linalg import qr
 
 from strainsight.errors import InfeasibleError, did_you_mean
 from strainsight.multibody.bodies import moves
+from strainsight.multibody.drives import drive
 from strainsight.multibody.equations import mass_at
 from strainsight.multibody.frames import cross_matrix
 from strainsight.multibody.products import relation_rows
@@ -55,14 +56,38 @@ def state(system: System, poses: Mapping[str, Pose]) -> tuple[np.ndarray, np.nda
     return q, v
 
 
-def constraints_at(system: System, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """φ (m,), B (m, n)."""
+def constraints_at(system: System, q: np.ndarray, u: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """φ (m,), B (m, n); u: the loads with p and ṗ behind them, of a system with driven joints."""
+    phi, B, _ = moving_constraints(system, q, u)
+    return phi, B
+
+
+def moving_constraints(
+    system: System, q: np.ndarray, u: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """φ (m,), B (m, n) and φ_t (m,), the rate of φ at rest."""
     rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
     m = system.constrained
-    return rho[:m], G[:m]
+    if not system.drives.names:
+        return rho[:m], G[:m], np.zeros(m)
+    if u is None:
+        raise ValueError("constraints of a driven system depend on time: give u")
+    driven = drive(system.drives, m, u, rho, G)
+    assert driven is not None
+    return rho[:m], G[:m], driven.rate
 
 
-def project_position(system: System, q: np.ndarray) -> np.ndarray:
+def driven_slopes(system: System, q: np.ndarray, u: np.ndarray) -> list[tuple[str, float]]:
+    """Drive and φ_p of every driven angle: −1 where the angle is p, 1 where it is p + π."""
+    rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
+    found, drives = drive(system.drives, system.constrained, u, rho, G), system.drives
+    if found is None:
+        return []
+    angles = drives.power == 0
+    return [(drives.names[k], float(own)) for k, own in zip(drives.which[angles], found.slope[angles], strict=True)]
+
+
+def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
     """The nearest q with φ(q) = 0, in the metric of the mass: Gauss-Newton, q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁺φ.
 
     Raises InfeasibleError where no configuration nearby satisfies the joints (contradictory, the worst are named),
@@ -73,7 +98,7 @@ def project_position(system: System, q: np.ndarray) -> np.ndarray:
     if not system.constrained:
         return q
     for _ in range(50):
-        phi, B = constraints_at(system, q)
+        phi, B = constraints_at(system, q, u)
         B = B / d
         s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
         # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
@@ -84,7 +109,7 @@ def project_position(system: System, q: np.ndarray) -> np.ndarray:
         q += x / d
         if size <= 1e-15 * whole:
             break
-    phi, B = constraints_at(system, q)
+    phi, B = constraints_at(system, q, u)
     violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny) / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
@@ -93,32 +118,33 @@ def project_position(system: System, q: np.ndarray) -> np.ndarray:
             f"the joints cannot all be satisfied near this configuration: {listed}",
             remedy="check the places of the frames, or start nearer to an assembled configuration",
         )
-    check_regular(system, q)
+    check_regular(system, q, u)
     return q
 
 
-def project_velocity(system: System, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """The nearest v with B(q)v = 0, in the metric of the mass; q (n,) on the constraints."""
+def project_velocity(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+    """The nearest v with B(q)v = −φ_t, in the metric of the mass; q (n,) on the constraints; u as in `constraints_at`."""
     d = system.metric
-    _, B = constraints_at(system, q)
+    _, B, rate = moving_constraints(system, q, u)
     if not len(B):
         return np.array(v, dtype=float)
     B = B / d
-    B /= np.linalg.norm(B, axis=1)[:, None]
+    lengths = np.linalg.norm(B, axis=1)
+    B /= lengths[:, None]
     y = d * v
     for _ in range(2):
-        y = y - np.linalg.lstsq(B, B @ y, rcond=1e-10)[0]
+        y = y - np.linalg.lstsq(B, B @ y + rate / lengths, rcond=1e-10)[0]
     return y / d
 
 
-def check_consistent(system: System, q: np.ndarray, v: np.ndarray) -> None:
-    """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ 0, beside its own size."""
+def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
+    """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ −φ_t, beside its own size."""
     d = system.metric
-    phi, B = constraints_at(system, q)
+    phi, B, rate = moving_constraints(system, q, u)
     if not len(phi):
         return
     lengths = np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny)
-    for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v, d * v)):
+    for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v + rate, d * v)):
         share = np.abs(off) / lengths / max(float(np.linalg.norm(whole)), np.finfo(float).tiny)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
@@ -129,14 +155,14 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray) -> None:
             )
 
 
-def check_regular(system: System, q: np.ndarray) -> None:
+def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) -> None:
     """Raise InfeasibleError naming constraints that depend on others at q, a body that can move without mass, or one whose
     inertia is out of all proportion.
 
     Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass.
     """
     d = system.metric
-    _, B = constraints_at(system, q)
+    _, B = constraints_at(system, q, u)
     if not len(B):
         return
     B = B / d

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.multibody.drives import Driven
 from strainsight.multibody.equations import balance, input_slopes, parameter_slopes
-from strainsight.multibody.newton import step_matrix
+from strainsight.multibody.newton import StepMatrix, step_matrix
 from strainsight.multibody.step import Step
 from strainsight.multibody.system import System
 
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """∂(q, v)_{k+1} with respect to (q, v)_k: A (2n, 2n); u: B_u (2n, nu); θ: B_theta (2n, nθ); w: B_w (2n, n)."""
+    """∂(q, v)_{k+1} with respect to (q, v)_k: A (2n, 2n); u, with p and ṗ: B_u (2n, width); θ: B_theta (2n, nθ);
+    w: B_w (2n, n)."""
 
     A: np.ndarray
     B_u: np.ndarray
@@ -43,4 +45,19 @@ def sensitivities(system: System, at: Step) -> Sensitivities:
     others = [here.mass / h, -input_slopes(system, here, at.q), -parameter_slopes(system, here, at.q, at.v)]
     widths = np.cumsum([part.shape[1] for part in others[:2]])
     from_v, B_u, B_theta = np.split(B_w @ np.concatenate(others, axis=1), widths, axis=1)
+    if here.driven is not None:
+        B_u = np.concatenate([B_u, _by_drives(system, at, here.driven, matrix)], axis=1)
     return Sensitivities(np.concatenate([from_q, from_v], axis=1), B_u, B_theta, B_w)
+
+
+def _by_drives(system: System, at: Step, driven: Driven, matrix: StepMatrix) -> np.ndarray:
+    """By p and by ṗ (2n, 2 nd):  ∂r₁/∂p = B_pᵀμ,  ∂r₂/∂p = −B_pᵀλ,  ∂r₃/∂p = B_p v + ∂φ_t/∂p,  ∂r₃/∂ṗ = ∂r₄/∂p = φ_p."""
+    n, m, nd = system.size, system.constrained, len(system.drives.names)
+    r1, r2, r3, r4 = (np.zeros((rows, 2 * nd)) for rows in (n, n, m, m))
+    for i, (row, k) in enumerate(zip(system.drives.row, system.drives.which, strict=True)):
+        r1[:, k] -= driven.gradient[i] * at.mu[row]
+        r2[:, k] += driven.gradient[i] * at.lam[row]
+        r3[row, k] -= driven.gradient[i] @ at.v + driven.bend[i]
+        r3[row, nd + k] -= driven.slope[i]
+        r4[row, k] -= driven.slope[i]
+    return np.concatenate(matrix.solve(r1, r2, r3, r4)[:2])

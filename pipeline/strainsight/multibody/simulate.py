@@ -34,13 +34,14 @@ def simulate(
     method: Method = "second_order",
     progress: Callable[[int], None] | None = None,
 ) -> Trajectory:
-    """`advance` from 0 to h, 2h, …; u (T + 1, nu): loads at these instants, straight between them [N, N m].
+    """`advance` from 0 to h, 2h, …; u (T + 1, nu): loads at these instants, straight between them [N, N m], then p and ṗ of
+    driven joints.
 
     progress is called with the number of steps done.
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
     """
-    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float))
     u = np.asarray(u, dtype=float)
+    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float), u[0])
     count = len(u) - 1
     q, v = np.empty((count + 1, system.size)), np.empty((count + 1, system.size))
     lam = np.empty((count, system.constrained))

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 
 from strainsight.multibody.equations import Balance, balance
-from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.system import System
 
 ROUNDING = 100.0
@@ -45,7 +44,7 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
         lam = np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0]
         held = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic)
         scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
-        at, N = held, null_space(constraints_at(system, q)[1] / d)
+        at, N = held, null_space(held.B / d)
     return Tangent(N / d[:, None], at, scale)
 
 

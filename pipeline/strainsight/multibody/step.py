@@ -62,9 +62,10 @@ def step(
     """The state one step later, from
 
         D² ((q' − q)/h − v') + B(q')ᵀμ = 0,    M(q')(v' − v)/h + c(q', v') + f(q', v', u, θ) − B(q')ᵀλ = w
-        B(q')v' = 0,    φ(q') = 0
+        B(q')v' = −φ_t,    φ(q', t') = 0
 
-    q, v (n,) at the start [SI], need not satisfy φ = 0; u (nu,) at the end of the step; h [s]; theta (nθ,); w (n,) an
+    q, v (n,) at the start [SI], need not satisfy φ = 0; u at the end of the step, where joints are driven with p and ṗ of then
+    (φ_t = φ_p ṗ, else 0); h [s]; theta (nθ,); w (n,) an
     extra generalised force; guess: the step before, whose multipliers start Newton's iteration; near: q', v' (n,) from which
     it starts first, by default q + hv, v. D², the diagonal scale
     of the mass (`System.metric`), stands where the thesis has 1, so that no unit matters; μ = 0 in the exact solution.
@@ -73,7 +74,7 @@ def step(
     Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985).
     """
     u, theta = np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
-    problem = _Problem(system, q, v, u, theta, w, system.at(theta))
+    problem = _Problem(system, q, v, u, theta, w, system.at(theta), np.zeros(system.constrained))
     m = system.constrained
     mu, lam = (guess.mu, guess.lam) if guess is not None else (np.zeros(m), np.zeros(m))
     first = (q + h * v, v, mu, lam)
@@ -101,6 +102,7 @@ class _Problem:
     theta: np.ndarray
     w: np.ndarray | None
     elastic: tuple[np.ndarray, np.ndarray]
+    still: np.ndarray
 
 
 def _lead(problem: _Problem, h: float, first: tuple[np.ndarray, ...], halvings: int) -> Step | None:
@@ -135,7 +137,8 @@ def _newton(problem: _Problem, h: float, start: tuple[np.ndarray, ...]) -> Step:
             q, v, mu, lam = (z + share * dz for z, dz in zip(last[:4], last[4:], strict=True))
             continue
         load = at.load if problem.w is None else at.load - problem.w
-        r1, r2, r3, finite = _residual(d, h, problem.q, q, v, mu, lam, at.B, at.phi, load)
+        still = problem.still if at.driven is None else at.driven.rate
+        r1, r2, r3, finite = _residual(d, h, problem.q, q, v, mu, lam, at.B, at.phi, still, load)
         residual, failed = (r1, r2, r3, at.phi), not finite
         if not failed:
             try:
@@ -177,11 +180,12 @@ def _residual(
     lam: np.ndarray,
     B: np.ndarray,
     phi: np.ndarray,
+    rate: np.ndarray,
     load: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
     """The first three equations of `step` at a trial state, and whether all four are finite."""
     n, m = len(d), len(phi)
-    r1, r2, r3 = np.empty(n), load.copy(), np.zeros(m)
+    r1, r2, r3 = np.empty(n), load.copy(), rate.copy()
     for i in range(n):
         r1[i] = d[i] * d[i] * ((q[i] - start[i]) / h - v[i])
     for k in range(m):
@@ -227,7 +231,7 @@ def _refusal(
     """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
     return NumericalError(
         f"the step of {h:g} s was not solved after {count} iterations: {why}; {_farthest(problem, h, trial, residual, at)}"
-        f"{_dependent(problem.system, trial[0])}",
+        f"{_dependent(problem.system, trial[0], problem.u)}",
         remedy="take a smaller time step, or start from a consistent state (`project_position`, `project_velocity`)",
     )
 
@@ -239,7 +243,7 @@ def _farthest(
     q, v = trial[:2]
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
-        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta).F
+        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
     _, r2, r3, r4 = residual
@@ -256,11 +260,11 @@ def _farthest(
     return f"largest residual {np.max(np.abs(r2[system.of[name]])):.3g} in the balance of body {name}"
 
 
-def _dependent(system: System, q: np.ndarray) -> str:
+def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:
     if not np.all(np.isfinite(q)):
         return ""
     try:
-        check_regular(system, q)
+        check_regular(system, q, u)
     except InfeasibleError as error:
         return f"; {error.what}"
     return ""

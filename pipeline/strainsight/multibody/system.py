@@ -11,6 +11,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, did_you_mean
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody, mass_matrix, metric, modes, moves, size
+from strainsight.multibody.drives import DrivenRelation, Drives, compile_drives
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Carried, Frame, constant
 from strainsight.multibody.inertia import Inertia, as_inertia
@@ -23,11 +24,12 @@ AXES = "xyz"
 
 @dataclass(frozen=True)
 class Element:
-    """A force law at rows of the relations: element, which rows, which parameters of θ."""
+    """A force law at rows of the relations: element, which rows, which parameters of θ, which loads of u."""
 
     force: RelativeElement
     rows: slice
     parameters: np.ndarray
+    inputs: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ class System:
     """What (1.3) needs, over q = [q_b for every body]; made by `assemble`.
 
     size n; of (name → slice): a body's coordinates; constraints (m): the name of every row of φ, those of the rigid
-    motions first; inputs, parameters: the names of u and θ; relations: the constraints, then those of elements, inputs
+    motions first; inputs, parameters: the names of u and θ; drives: of joints that are driven, then u goes on with p and ṗ of
+    every drive; relations: the constraints, then those of elements, inputs
     and gravity; metric d (n,): d² is the diagonal scale of the mass; mass (n, n): the constant part of M; inertia: the
     bodies whose mass moves; stiffness, damping (n, n): elastic, constant and per parameter (nθ, n, n).
     """
@@ -71,6 +74,7 @@ class System:
     input_rows: tuple[np.ndarray, np.ndarray]
     weights: np.ndarray
     moments: tuple[Moment, ...]
+    drives: Drives
 
     @cached_property
     def starts(self) -> np.ndarray:
@@ -116,11 +120,15 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         n += size(body)
 
     relations, constraints = _rigidity(bodies)
+    held: list[Relation | DrivenRelation] = [*relations]
     for joint in joints:
-        relations += joint.relations
+        held += joint.relations
+        relations += [own.relation if isinstance(own, DrivenRelation) else own for own in joint.relations]
         constraints += [f"{joint.name}: {relation.name}" for relation in joint.relations]
     parameters = _parameter_names(bodies, forces)
-    inputs = list(dict.fromkeys(name for f in forces if isinstance(f, PointForce | PointMoment) for name in f.inputs))
+    inputs = list(dict.fromkeys(name for f in forces if not isinstance(f, Gravity) for name in f.inputs))
+    drives, across = compile_drives(held, len(relations), len(inputs))
+    relations += across
 
     elements, moments = [], []
     weights = [0.0] * len(relations)
@@ -130,7 +138,8 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         if isinstance(force, RelativeElement):
             which = np.array([parameters.index(name) for name in force.parameters], dtype=int)
             relations += force.relations
-            elements.append(Element(force, slice(first, len(relations)), which))
+            loads = np.array([inputs.index(name) for name in force.inputs], dtype=int)
+            elements.append(Element(force, slice(first, len(relations)), which, loads))
         elif isinstance(force, PointForce):
             relations += [place(force.frame, d) for d in _directions(force)]
             input_rows[0].extend(range(first, len(relations)))
@@ -166,6 +175,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         bodies, joints, forces, n, of, tuple(constraints), tuple(inputs), tuple(parameters),
         compile_products(relations, place_of, eta_of), d, mass, tuple(moving), K, K_terms, C, C_terms, tuple(elements),
         (np.array(input_rows[0], dtype=int), np.array(input_rows[1], dtype=int)), np.array(weights), tuple(moments),
+        drives,
     )  # fmt: skip
 
 

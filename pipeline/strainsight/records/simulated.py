@@ -30,6 +30,17 @@ class RingMotion:
 
 
 @record
+class DriveMotion:
+    """What a driven joint does."""
+
+    position: np.ndarray = dataset("/position", "m or rad", "/time", "where it is")
+    rate: np.ndarray = dataset("/rate", "m/s or rad/s", "/time", "how fast it moves")
+    force: np.ndarray = dataset(
+        "/force", "N or N m", "/time", "force or torque along it, by which it does the work force × rate on the bench"
+    )
+
+
+@record
 class Violation:
     position: np.ndarray = dataset("/position", "SI", "/time", "largest constraint violation at every instant")
     velocity: np.ndarray = dataset("/velocity", "SI", "/time", "largest rate of one")
@@ -54,9 +65,11 @@ class Simulated:
         "/sensors/<name>",
         "unit of sensor <name>",
         "/time × component of <name>",
-        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a frame",
+        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a frame; "
+        "force and moment of a joint",
     )
     bearings: dict[str, RingMotion] = group("/bearings/<name>")
+    drives: dict[str, DriveMotion] = group("/drives/<name>")
 
 
 @record

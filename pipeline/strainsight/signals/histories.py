@@ -96,7 +96,26 @@ class FromSamples:
             )
 
 
-Signal = Constant | Sine | Sweep | MultiSine | FromSamples
+@dataclass(frozen=True)
+class Ramp:
+    """From one value to another without a jump of the second derivative, and constant before and after:
+
+        u(t) = a + (b − a)(10 s³ − 15 s⁴ + 6 s⁵),     s = (t − t₀)/T within 0 and 1
+
+    start a, end b [unit of the input]; begin t₀, duration T [s].
+    """
+
+    start: float
+    end: float
+    begin: float
+    duration: float
+
+    def __post_init__(self) -> None:
+        if not self.duration > 0:
+            raise InfeasibleError(f"a ramp of {self.duration:g} s", remedy="give it a positive duration")
+
+
+Signal = Constant | Ramp | Sine | Sweep | MultiSine | FromSamples
 
 
 @dataclass(frozen=True)
@@ -129,13 +148,13 @@ def _lines(signal: Signal) -> list[tuple[float, complex]] | None:
         case Sine():
             return [(signal.frequency, -1j * signal.amplitude * np.exp(1j * signal.phase))]
         case MultiSine():
-            frequency, phase = _multisine(signal)
+            frequency, phase = multisine(signal)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
     return None
 
 
-def _multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
+def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] and phases [rad]."""
     phase = np.random.default_rng(signal.seed).uniform(0, 2 * np.pi, signal.count)
     return np.linspace(signal.lowest, signal.highest, signal.count), phase
@@ -150,6 +169,9 @@ def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     match signal:
         case Constant():
             return np.full_like(t, signal.value)
+        case Ramp():
+            s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
+            return signal.start + (signal.end - signal.start) * s**3 * (10 - 15 * s + 6 * s**2)
         case Sine():
             return signal.amplitude * np.sin(2 * np.pi * signal.frequency * t + signal.phase)
         case Sweep():
@@ -158,7 +180,7 @@ def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
             cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
             return signal.amplitude * np.sin(2 * np.pi * cycles + signal.phase)
         case MultiSine():
-            frequency, phase = _multisine(signal)
+            frequency, phase = multisine(signal)
             # One line at a time: a long history by many lines would not fit as one table.
             lines = (np.sin(2 * np.pi * f * t + shift) for f, shift in zip(frequency, phase, strict=True))
             return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))

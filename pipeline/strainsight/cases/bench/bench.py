@@ -125,8 +125,8 @@ def _between(entry: Between, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]
 
 
 def _keys(entry: Between) -> dict[str, object]:
-    """What the section of a joint or a force law says beside its kind and its frames."""
-    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames")}
+    """What the section of a joint or a force law says beside its kind, its frames and its history."""
+    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive")}
 
 
 def _force(

@@ -1,4 +1,4 @@
-"""The loads of a bench in time."""
+"""The loads of a bench in time, and what its driven joints do."""
 
 from __future__ import annotations
 
@@ -8,14 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.histories import signal_of
+from strainsight.cases.histories import signal_at, signal_of
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.connections import PointForce, PointMoment
+from strainsight.config.bench.connections import Driven, DrivenDistance, PointForce, PointMoment
 from strainsight.errors import ConfigError, blame
+from strainsight.multibody.laws.spring import SHORTEST
 from strainsight.signals.histories import evaluate
+from strainsight.signals.motion import motion
 
 LARGEST = 1e50
-"""[N, N m] Its fourth power is still a number."""
+"""[N, N m, m, rad] Its fourth power is still a number."""
+MOTIONS = {
+    (True, "position"): ("angle",),
+    (True, "rate"): ("angular velocity",),
+    (False, "position"): ("displacement",),
+    (False, "rate"): ("velocity",),
+}
+"""Quantities that the file of a drive may hold, by whether it turns and what it is the history of."""
 
 
 def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
@@ -24,22 +33,60 @@ def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
 
 
 def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
-    """Time (k,) [s] → inputs (k, nu) [N, N m] in the order of the system."""
+    """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
     signals = {}
     for name in bench.system.inputs:
         entry = config.forces[name]
         assert isinstance(entry, PointForce | PointMoment)
         with blame(f"forces.{name}.signal"):
             signals[name] = signal_of(name, entry.signal, files, "forces")
+    drives = drives_of(config, bench, files)
 
     def at(time: np.ndarray) -> np.ndarray:
         columns = []
         for name, signal in signals.items():
             with blame(f"forces.{name}.signal"):
                 columns.append(evaluate(signal, time))
-                largest = float(np.abs(columns[-1]).max(initial=0.0))
-                if not largest <= LARGEST:
-                    raise ConfigError(f"{largest:.2g} N or N m, more than {LARGEST:g}", remedy="check its unit")
-        return np.column_stack(columns) if columns else np.zeros((len(time), 0))
+                _refuse_huge(columns[-1], "N or N m")
+        moved = drives(time)
+        return (
+            np.column_stack([*columns, *moved[:, 0], *moved[:, 1]])
+            if bench.system.drives.width
+            else np.zeros((len(time), 0))
+        )
 
     return at
+
+
+def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+    """Time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
+    motions = {}
+    for name in bench.system.drives.names:
+        entry = config.joints[name]
+        assert isinstance(entry, Driven)
+        key, drive = f"joints.{name}.drive.signal", entry.drive
+        kinds = MOTIONS[entry.type == "driven_angle", drive.of]
+        with blame(key):
+            motions[name] = motion(signal_at(key, drive.signal, files, kinds), drive.of, drive.start)
+
+    def at(time: np.ndarray) -> np.ndarray:
+        found = np.zeros((len(motions), 3, len(time)))
+        for row, (name, own) in zip(found, motions.items(), strict=True):
+            with blame(f"joints.{name}.drive.signal"):
+                row[:] = own(time)
+                _refuse_huge(row[:2], "m or rad")
+                if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
+                    first = time[np.argmin(row[0])]
+                    raise ConfigError(
+                        f"the length is {row[0].min():.4g} m at t = {first:.4g} s",
+                        remedy="keep it above zero, where it has a direction",
+                    )
+        return found
+
+    return at
+
+
+def _refuse_huge(values: np.ndarray, unit: str) -> None:
+    largest = float(np.abs(values).max(initial=0.0))
+    if not largest <= LARGEST:
+        raise ConfigError(f"{largest:.2g} {unit}, more than {LARGEST:g}", remedy="check its unit")

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.config.bench.bench import BenchConfig, MotionSensor, RelativeSensor, StrainSensor
+from strainsight.config.bench.bench import (
+    AccelerationSensor,
+    BenchConfig,
+    MotionSensor,
+    ReactionSensor,
+    RelativeSensor,
+    Simulated,
+    StrainSensor,
+)
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.gauges.bonded import BondedEntry, bonded
@@ -43,10 +51,12 @@ def sensors_of(
     meshes: Mapping[str, Mesh],
     placed: BenchPlaced | None = None,
 ) -> Sensors:
-    """All sensors of the config; placed: for those that take a layout of it."""
+    """All sensors of the config that see the state; placed: for those that take a layout of it."""
     strains, others, moved = [], [], {}
     zeroed: list[bool] = []
     for name, entry in config.sensors.items():
+        if isinstance(entry, Simulated):
+            continue
         if not isinstance(entry, StrainSensor):
             others.append(_motion(name, entry, bench.frames))
             continue
@@ -108,6 +118,10 @@ def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
     if isinstance(entry, StrainSensor):
         return "strain"
+    if isinstance(entry, ReactionSensor):
+        return "N or N m"
+    if isinstance(entry, AccelerationSensor):
+        return "m/s²"
     return "m or rad" if isinstance(entry, RelativeSensor) else MOTION_UNITS.get(entry.quantity, "1")
 
 

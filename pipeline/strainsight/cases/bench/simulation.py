@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.felt import felt
+from strainsight.cases.bench.loads import drives_of, loads_of
 from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import Sensors, sensors_of
 from strainsight.cases.bench.start import start_of
@@ -17,7 +18,7 @@ from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.errors import ConfigError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.controlled import simulate_controlled
-from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.initial import moving_constraints
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
@@ -25,6 +26,8 @@ from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.simulated import Simulated, Violation
 
+SPUN = 1.0
+"""[rad] a step up to which a driven angle is followed."""
 TILT = 0.1
 """[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
 
@@ -52,12 +55,14 @@ def simulation(
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
     loads = loads_of(config, bench, using.files)
     u = loads(h * np.arange(steps + 1))
+    _refuse_spun(bench, u)
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
         found, parts = _moved(
             config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
         )
+    accelerated, driven = felt(config, bench, found, drives_of(config, bench, using.files))
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
@@ -69,9 +74,10 @@ def simulation(
         violation=_violation(bench, found),
         frequency=frequency,
         coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
-        inputs=dict(zip(bench.system.inputs, u.T, strict=True)),
-        sensors={name: measured[:, own] for name, own in sensors.channels.items()},
+        inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
+        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | accelerated,
         bearings=rings_in_time(config, bench, found),
+        drives=driven,
     )
     return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
 
@@ -102,10 +108,10 @@ def _violation(bench: Bench, found: Trajectory) -> Violation:
     """Largest |φ| and |Bv| of every instant."""
     if not bench.system.constrained:
         return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
-    pairs = [constraints_at(bench.system, q) for q in found.q]
+    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
     return Violation(
-        position=np.array([np.abs(phi).max() for phi, _ in pairs]),
-        velocity=np.array([np.abs(B @ v).max() for (_, B), v in zip(pairs, found.v, strict=True)]),
+        position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
+        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, found.v, strict=True)]),
     )
 
 
@@ -123,6 +129,19 @@ def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
                     key=f"forces.{force.name}",
                     remedy="turn the frames so that their axes are parallel at rest; this force holds for small tilts",
                 )
+
+
+def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
+    """A driven angle that moves by more than SPUN a step: where it ends, a step no longer tells from half a turn on."""
+    drives = bench.system.drives
+    for k in np.unique(drives.which[drives.power == 0]):
+        moved = np.abs(np.diff(u[:, drives.at + k]))
+        if moved.max(initial=0.0) > SPUN:
+            raise ConfigError(
+                f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
+                key=f"joints.{drives.names[k]}.drive",
+                remedy="take a smaller simulate.time_step",
+            )
 
 
 def _turn(bench: Bench, found: Trajectory, h: float) -> float:

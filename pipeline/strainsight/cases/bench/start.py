@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import Simulate
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
-from strainsight.multibody.initial import project_position, project_velocity, state
+from strainsight.multibody.initial import driven_slopes, project_position, project_velocity, state
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.static import static_equilibrium
@@ -22,8 +22,8 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
     given, rate = state(bench.system, bench.poses)
     with blame("joints"):
-        q = project_position(bench.system, given)
-    _refuse_opposite(bench, q)
+        q = project_position(bench.system, given, u)
+    _refuse_opposite(bench, q, u)
     for name in bench.poses:
         own = bench.system.of[name]
         moved = float(np.linalg.norm((q - given)[own][:3]))
@@ -42,8 +42,10 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
         except (InfeasibleError, NumericalError) as error:
             remedy = f"{error.remedy}; or set simulate.start: as_given"
             raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
-        return q, np.zeros_like(q)
-    v = project_velocity(bench.system, q, rate)
+        return q, project_velocity(bench.system, q, np.zeros_like(q), u)
+    v = project_velocity(bench.system, q, rate, u)
+    if bench.system.drives.names and not rate.any():
+        return q, v  # the drives say how it moves
     d = bench.system.metric
     for name in bench.poses:
         own = bench.system.of[name]
@@ -58,8 +60,16 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
     return q, v
 
 
-def _refuse_opposite(bench: Bench, q: np.ndarray) -> None:
-    """Constraints hold axes parallel; that they point the same way only the pose can say."""
+def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
+    """Constraints hold axes parallel; that they point the same way only the pose can say. Nor do they tell a driven angle from
+    the one half a turn on."""
+    for name, slope in driven_slopes(bench.system, q, u):
+        if slope > 0:
+            raise ConfigError(
+                "the second frame stands half a turn from the driven angle",
+                key=f"joints.{name}",
+                remedy="turn one of the frames or the body by half a turn, or add pi to the angle",
+            )
     for joint in bench.system.joints:
         together = readings(bench.system, [RelationSensor(joint.name, joint.aligned)]).read(q, np.zeros_like(q))[0]
         for relation, cosine in zip(joint.aligned, together, strict=True):

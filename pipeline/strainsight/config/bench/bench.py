@@ -13,7 +13,7 @@ from strainsight.config.bench.connections import Force, Frames, Joint
 from strainsight.config.bench.estimate import Estimate
 from strainsight.config.bench.place import BenchPlace, Layout
 from strainsight.config.gauges import BondedGauge
-from strainsight.config.names import FlexibleName, FrameName
+from strainsight.config.names import FlexibleName, FrameName, JointName
 
 
 class StrainSensor(Section):
@@ -48,7 +48,30 @@ class MotionSensor(Section):
     )
 
 
-Sensor = Annotated[StrainSensor | RelativeSensor | MotionSensor, Field(discriminator="type")]
+class AccelerationSensor(Section):
+    """Acceleration of a frame's origin, as an accelerometer bonded there reads it or in global axes; simulated only."""
+
+    type: Literal["acceleration"] = Field(description="Kind of sensor.")
+    frame: FrameName = Field(description="Name of the frame.")
+    axes: Literal["own", "global"] = Field("own", description="Along the axes of the frame, or along global ones.")
+    gravity: bool = Field(
+        True,
+        description="true: less that of gravity, so that at rest it reads 1 g upwards; false: of the motion alone.",
+    )
+
+
+class ReactionSensor(Section):
+    """Force and moment that a joint exerts on its second frame, in the axes of the first, about the second's origin;
+    simulated only."""
+
+    type: Literal["reaction"] = Field(description="Kind of sensor.")
+    joint: JointName = Field(description="Name of the joint.")
+
+
+Simulated = AccelerationSensor | ReactionSensor
+"""Sensors that are simulated and not given to a filter: they feel the accelerations, and not the state alone."""
+
+Sensor = Annotated[StrainSensor | RelativeSensor | MotionSensor | Simulated, Field(discriminator="type")]
 
 
 class Simulate(Section):

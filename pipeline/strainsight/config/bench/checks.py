@@ -12,6 +12,7 @@ from strainsight.config.bench.bodies import FlexibleBody, Pose, RigidBody
 from strainsight.config.bench.checks_bearing import bearings_alone
 from strainsight.config.bench.checks_estimate import estimate_problems
 from strainsight.config.bench.checks_place import place_problems
+from strainsight.config.bench.connections import Driven
 from strainsight.config.checks_material import material_problems
 from strainsight.config.checks_model import RESERVED
 from strainsight.config.names import GROUND, name_problems, names_in
@@ -44,6 +45,7 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _frames(config)
     yield from _apart(config)
     yield from _loads(config)
+    yield from _drives(config)
     yield from _moduli(config)
     yield from _time(config)
     yield from estimate_problems(config)
@@ -188,6 +190,17 @@ def _loads(config: BenchConfig) -> Iterator[Problem]:
             yield Problem(f"{key}.frame", what, "name a frame on a body")
         if not any(force.direction):
             yield Problem(f"{key}.direction", "has no length", "give three numbers, not all zero")
+
+
+def _drives(config: BenchConfig) -> Iterator[Problem]:
+    for name, joint in config.joints.items():
+        if isinstance(joint, Driven):
+            key, drive = f"joints.{name}.drive", joint.drive
+            if drive.of == "position" and drive.start:
+                yield Problem(f"{key}.start", "the history says where it starts", "leave start out, or say of: rate")
+            if drive.of == "rate" and drive.signal.type == "sweep":
+                what = "a sweep of a rate has no position in closed form"
+                yield Problem(f"{key}.signal", what, "give a sweep of the position, or the rate from a file")
 
 
 def _apart(config: BenchConfig) -> Iterator[Problem]:

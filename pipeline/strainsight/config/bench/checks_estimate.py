@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
-from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bench import BenchConfig, Simulated
+from strainsight.config.bench.connections import Driven
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
 
@@ -15,7 +16,7 @@ FEW = 3
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
 FARTHEST = 100.0
 """Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
-COMPONENTS = {"relative": 5, "motion": 3}
+COMPONENTS = {"relative": 5, "motion": 3, "acceleration": 3, "reaction": 6}
 
 
 def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
@@ -29,6 +30,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _load_models(config, estimate)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
+    yield from _driven(config)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
@@ -60,6 +62,14 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
 
 
+def _driven(config: BenchConfig) -> Iterator[Problem]:
+    for name, joint in config.joints.items():
+        if isinstance(joint, Driven):
+            yield Problem(
+                f"joints.{name}", "the filter does not follow driven joints yet", "take out estimate, or the drive"
+            )
+
+
 def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     channels = 0
     for name, entry in estimate.sensors.items():
@@ -67,6 +77,10 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield from known(key, name, config.sensors, "sensor")
         if name not in config.sensors:
             return
+        if isinstance(config.sensors[name], Simulated):
+            yield Problem(
+                key, "the filter has no equations for this kind of sensor", "take it out: it is simulated only"
+            )
         count = channels_of(config, name)
         channels += count or 0
         if count is not None and isinstance(entry.noise, tuple) and len(entry.noise) != count:

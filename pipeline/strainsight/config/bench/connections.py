@@ -6,12 +6,32 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Section, Vector
+from strainsight.config.base import NotNegative, Positive, Section, Vector
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
 from strainsight.config.names import BearingName, FrameName
 
 Frames = tuple[FrameName, FrameName]
 Axis = Literal["x", "y", "z"]
+
+
+class Constant(Section):
+    """u(t) = value, from the start."""
+
+    type: Literal["constant"] = Field(description="Kind of signal.")
+    value: float = Field(description="Value [N or N m, of a drive its own unit].")
+
+
+class Ramp(Section):
+    """From one value to another without a jump in velocity or acceleration, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵)."""
+
+    type: Literal["ramp"] = Field(description="Kind of signal.")
+    start: float = Field(0.0, description="Value a before [N or N m, of a drive its own unit].")
+    end: float = Field(description="Value b after [N or N m, of a drive its own unit].")
+    begin: NotNegative = Field(0.0, description="When it begins [s].")
+    duration: Positive = Field(description="How long it lasts [s].")
+
+
+Signal = Annotated[Constant | Ramp | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
 
 
 class Spherical(Section):
@@ -91,20 +111,82 @@ class Perpendicular(Section):
     )
 
 
+class Distance(Section):
+    """The origins of two frames stay a length apart: a rod without mass."""
+
+    type: Literal["distance"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    length: Positive = Field(description="Length [m].")
+
+
+Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
+
+
+class Generic(Section):
+    """Any of the six motions of the second frame in the first is held, the others are free."""
+
+    type: Literal["generic"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames: the one whose axes count, the one that is held.")
+    held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = Field(
+        description="What is held: displacements along the axes of the first frame, and turns about them. A single turn that is "
+        "held keeps two axes at right angles, as in a Cardan joint; two keep an axis of both parallel."
+    )
+
+
+class Drive(Section):
+    """What a driven joint does in time."""
+
+    signal: Signal = Field(description="Its history [rad or m, of a rate rad/s or m/s].")
+    of: Literal["position", "rate"] = Field(
+        "position", description="Whether the history is of the angle, displacement or length itself or of its rate."
+    )
+    start: float = Field(0.0, description="Where it is at t = 0 if its rate is given [rad or m].")
+
+
+class DrivenAngle(Section):
+    """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis."""
+
+    type: Literal["driven_angle"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of both frames.")
+    drive: Drive = Field(description="Angle of the second frame about the axis of the first, any number of turns.")
+
+
+class DrivenDisplacement(Section):
+    """The second origin is displaced along an axis of the first frame by what is given."""
+
+    type: Literal["driven_displacement"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    axis: Axis = Field("x", description="Axis of the first frame.")
+    drive: Drive = Field(description="Displacement.")
+
+
+class DrivenDistance(Section):
+    """The origins are as far apart as is given: a cylinder that extends."""
+
+    type: Literal["driven_distance"] = Field(description="Kind of joint.")
+    frames: Frames = Field(description="Names of the two frames.")
+    drive: Drive = Field(description="Length, above zero.")
+
+
+Driven = DrivenAngle | DrivenDisplacement | DrivenDistance
+"""The joints that follow a history."""
+
 Joint = Annotated[
-    Spherical | Revolute | Prismatic | Cylindrical | Universal | Pin | Fixed | Coincidence | Perpendicular,
+    Spherical
+    | Revolute
+    | Prismatic
+    | Cylindrical
+    | Universal
+    | Pin
+    | Fixed
+    | Coincidence
+    | Perpendicular
+    | Distance
+    | Generic
+    | Driven,
     Field(discriminator="type"),
 ]
-
-
-class Constant(Section):
-    """u(t) = value, from the start."""
-
-    type: Literal["constant"] = Field(description="Kind of signal.")
-    value: float = Field(description="Value [N or N m].")
-
-
-Signal = Annotated[Constant | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
 
 
 class Gravity(Section):

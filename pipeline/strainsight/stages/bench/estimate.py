@@ -153,6 +153,6 @@ ESTIMATE = Stage(
     version=7,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file", "estimate.measured.from", "estimate.measured.file"),
+    files=("forces.*.signal.file", "joints.*.drive.signal.file", "estimate.measured.from", "estimate.measured.file"),
     run=run,
 )

@@ -99,9 +99,9 @@ def _turning(turn: float, settings: Simulate) -> str:
 
 SIMULATE = Stage(
     "simulate",
-    version=3,
+    version=4,
     reads=("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate"),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file",),
+    files=("forces.*.signal.file", "joints.*.drive.signal.file"),
     run=run,
 )

@@ -26,6 +26,7 @@ from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
+REACTION = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
 WARNINGS = "warnings"
 """Title of the table in which a stage warns."""
 
@@ -145,5 +146,7 @@ def _components(kind: str, unit: str, count: int) -> tuple[tuple[str, ...], tupl
     """What the components of a sensor are called, and their units; unit: of all of them, where they have one."""
     if kind == "relative":
         return tuple(name for name, _ in RELATIVE), tuple(own for _, own in RELATIVE)
+    if kind == "reaction":
+        return tuple(name for name, _ in REACTION), tuple(own for _, own in REACTION)
     names = tuple(f"gauge {i}" for i in range(1, count + 1)) if kind == "strain" else tuple("xyz")
     return names, ("–" if unit == "1" else unit,) * count

@@ -1,0 +1,129 @@
+"""Constraints that move with time: φ(q, p(t)) = 0 and B(q, p) v + φ_p ṗ = 0."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from strainsight.multibody.relations import Relation
+
+Kind = Literal["displacement", "length", "angle"]
+
+
+@dataclass(frozen=True)
+class DrivenRelation:
+    """A relation ρ that is not held at zero but follows p(t):
+
+        displacement   φ = ρ − p           p [m]
+        length         φ = ρ − p²          p [m], ρ the square of a distance
+        angle          φ = cos p ρ − sin p ρ'          p [rad], ρ = y_i·x_j, ρ' = x_i·x_j
+
+    the last is regular at every angle, for φ_p = −1 there, and holds for p and for p + π: where it starts, the pose says.
+    drive: the name of p; across: ρ'.
+    """
+
+    relation: Relation
+    drive: str
+    kind: Kind
+    across: Relation | None = None
+
+    @property
+    def name(self) -> str:
+        return self.relation.name
+
+
+@dataclass(frozen=True)
+class Drives:
+    """The driven constraints of a system: names of the drives (nd,); at: the place of p in u, which is [loads, p, ṗ]; for
+    every driven constraint (k): row among the constraints, across: row of ρ' among the relations or −1, which drive, and
+    power of p (0: an angle)."""
+
+    names: tuple[str, ...]
+    at: int
+    row: np.ndarray
+    across: np.ndarray
+    which: np.ndarray
+    power: np.ndarray
+
+    @property
+    def width(self) -> int:
+        """Of u."""
+        return self.at + 2 * len(self.names)
+
+
+class Driven(NamedTuple):
+    """φ_t (m,) = φ_p ṗ of all constraints; φ_p (k,), its derivative by time at rest (k,), and B_p (k, n) of the driven ones."""
+
+    rate: np.ndarray
+    slope: np.ndarray
+    bend: np.ndarray
+    gradient: np.ndarray
+
+
+def compile_drives(held: Sequence[Relation | DrivenRelation], first: int, inputs: int) -> tuple[Drives, list[Relation]]:
+    """Of all constraints in order, and the relations ρ' that they need besides, which stand from row `first` on."""
+    names = list(dict.fromkeys(own.drive for own in held if isinstance(own, DrivenRelation)))
+    extra: list[Relation] = []
+    table: list[tuple[int, int, int, int]] = []
+    for row, own in enumerate(held):
+        if isinstance(own, DrivenRelation):
+            across = -1
+            if own.across is not None:
+                across = first + len(extra)
+                extra.append(own.across)
+            table.append((row, across, names.index(own.drive), {"angle": 0, "displacement": 1, "length": 2}[own.kind]))
+    columns = np.array(table, dtype=int).reshape(-1, 4).T
+    return Drives(tuple(names), inputs, *columns), extra
+
+
+def drive(
+    drives: Drives, m: int, u: np.ndarray, rho: np.ndarray, G: np.ndarray, G_rate: np.ndarray | None = None
+) -> Driven | None:
+    """Turns rows of ρ (nr,), ∇ρ and its rate (nr, n) into φ, B and dB/dt of the driven constraints, in place."""
+    k = len(drives.row)
+    if k == 0:
+        return None
+    rate, slope, bend, gradient = np.zeros(m), np.empty(k), np.zeros(k), np.zeros((k, G.shape[1]))
+    p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
+    for i, (row, across, which, power) in enumerate(
+        zip(drives.row, drives.across, drives.which, drives.power, strict=True)
+    ):
+        if power == 0:
+            c, s = np.cos(p[which]), np.sin(p[which])
+            slope[i] = -s * rho[row] - c * rho[across]
+            gradient[i] = -s * G[row] - c * G[across]
+            rho[row] = c * rho[row] - s * rho[across]
+            bend[i] = -rho[row] * p_rate[which]
+            G[row] = c * G[row] - s * G[across]
+            if G_rate is not None:
+                G_rate[row] = c * G_rate[row] - s * G_rate[across] + p_rate[which] * gradient[i]
+        else:
+            rho[row] -= p[which] ** power
+            slope[i] = -1.0 if power == 1 else -2.0 * p[which]
+            bend[i] = 0.0 if power == 1 else -2.0 * p_rate[which]
+        rate[row] += slope[i] * p_rate[which]
+    return Driven(rate, slope, bend, gradient)
+
+
+def spread(drives: Drives, u: np.ndarray, weight: np.ndarray) -> None:
+    """Weights (…, nr) of the constraints as weights of the relations they are made of, in place."""
+    for row, across, which in zip(drives.row, drives.across, drives.which, strict=True):
+        if across >= 0:
+            p = u[drives.at + which]
+            weight[..., across] = -np.sin(p) * weight[..., row]
+            weight[..., row] *= np.cos(p)
+
+
+def between(drives: Drives, h: float, share: float) -> tuple[np.ndarray, np.ndarray]:
+    """W₀, W₁ (width, width): u = W₀ u(0) + W₁ u(h) at that share s of a step: loads on a straight line, p on the cubic that
+    has p and ṗ at both ends (Hermite), ṗ its rate."""
+    start, end = np.eye(drives.width) * (1 - share), np.eye(drives.width) * share
+    nd, s = len(drives.names), share
+    for k in range(drives.at, drives.at + nd):
+        own = np.ix_([k, k + nd], [k, k + nd])
+        start[own] = [[(1 + 2 * s) * (1 - s) ** 2, h * s * (1 - s) ** 2], [6 * s * (s - 1) / h, (1 - s) * (1 - 3 * s)]]
+        end[own] = [[s * s * (3 - 2 * s), h * s * s * (s - 1)], [6 * s * (1 - s) / h, s * (3 * s - 2)]]
+    return start, end

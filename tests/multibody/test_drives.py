@@ -1,0 +1,219 @@
+"""Joints that are driven: constraints with a right side in time."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from strainsight.errors import InfeasibleError
+from strainsight.multibody.advance import advance, slopes
+from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.drives import DrivenRelation, between
+from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.initial import (
+    Pose,
+    constraints_at,
+    moving_constraints,
+    project_position,
+    project_velocity,
+    state,
+)
+from strainsight.multibody.joints import Joint, fixed, revolute, spherical
+from strainsight.multibody.relations import distance_squared, dot, offset, place
+from strainsight.multibody.simulate import simulate
+from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.system import assemble
+
+from .mechanisms import turned
+from .test_sensitivity import differences
+
+MASS, ARM, INERTIA = 2.0, 0.5, 0.8
+"""Of a pendulum: mass, its distance from the pivot, moment of inertia about the pivot."""
+
+
+def angle(i, j):
+    """The turn about z of j in i, driven."""
+    return DrivenRelation(dot(i, 1, j, 0), "turn", "angle", dot(i, 0, j, 0))
+
+
+def driven_pendulum():
+    wall, end = Frame("wall"), Frame("end", "bob")
+    bob = RigidBody("bob", MASS, np.array([ARM, 0, 0]), np.diag([0.1, INERTIA, INERTIA]))
+    joints = [revolute("pivot", wall, end), Joint("motor", (angle(wall, end),))]
+    return assemble([bob], joints, [Gravity(np.array([0, -9.81, 0]))])
+
+
+def turning(time):
+    """p, ṗ of a turn by more than one whole turn."""
+    return np.column_stack([4.0 * (1 - np.cos(2 * time)), 8.0 * np.sin(2 * time)])
+
+
+def test_a_driven_arm_is_at_its_angle_through_more_than_a_whole_turn():
+    """8 rad, past every place where the sine or the cosine of the angle alone would not tell it."""
+    system, u = driven_pendulum(), turning(np.linspace(0, 1.5, 61))
+    q, v = state(system, {"bob": Pose()})
+    run = simulate(system, q, v, u, 0.025, np.zeros(0))
+    np.testing.assert_allclose(run.q[:, 3:5], np.column_stack([np.cos(u[:, 0]), np.sin(u[:, 0])]), atol=1e-13)
+    sideways = np.column_stack([-np.sin(u[:, 0]), np.cos(u[:, 0])])
+    np.testing.assert_allclose(run.v[:, 3:5], u[:, 1:] * sideways, atol=1e-11)
+
+
+def test_the_torque_of_the_drive_is_what_turns_and_carries_the_arm():
+    """T = J p̈ + m g a cos p, at the end of the turn, its error of second order."""
+    errors = []
+    for steps in (100, 200, 400):
+        time = np.linspace(0, 1.5, steps + 1)
+        system, u = driven_pendulum(), turning(time)
+        run = simulate(system, *state(system, {"bob": Pose()}), u, time[1], np.zeros(0))
+        torque = run.lam[-1, system.drives.row[0]]
+        exact = INERTIA * 16 * np.cos(2 * time[-1]) + MASS * 9.81 * ARM * np.cos(u[-1, 0])
+        errors.append(abs(torque - exact) / 20)
+    assert errors[2] < 2e-3
+    assert errors[1] / errors[2] > 1.9
+
+
+def test_a_drive_started_on_its_other_side_is_a_half_turn_off():
+    """Both p and p + π satisfy the equation; `aligned` of the joint is what tells them apart."""
+    system = driven_pendulum()
+    q, _ = state(system, {"bob": Pose(rotation=turned(np.pi))})
+    assert np.abs(constraints_at(system, q, np.zeros(2))[0]).max() < 1e-15
+
+
+@pytest.fixture
+def driven(everything):
+    """`everything` with an angle, a length and a displacement that are driven, and a load that acts through a law."""
+    e, rng = everything, everything.rng
+    rock = Frame("high", "rock", np.array([0.3, 0.1, 0.0]))
+    arm = Frame(
+        "side",
+        "arm",
+        np.array([0.1, 0.4, 0.2]),
+        np.eye(3),
+        0.2 * rng.normal(size=(3, 3)),
+        0.2 * rng.normal(size=(3, 3)),
+    )
+    wall = Frame("wall", None, np.array([2.0, 1.0, 0.5]))
+    held = [
+        Joint("motor", (angle(Frame("low", "rock"), arm),)),
+        Joint("cylinder", (DrivenRelation(distance_squared(wall, rock), "length", "length"),)),
+        Joint("table", (DrivenRelation(offset(wall, 1, arm), "shift", "displacement"),)),
+    ]
+    push = RelativeElement("swell", (distance_squared(wall, arm),), Swell(), inputs=("p",))
+    system = assemble(e.system.bodies, [*e.system.joints, *held], [*e.system.forces, push])
+    rates = np.array([0.9, -0.4, 0.3])
+    u = np.concatenate([e.u, [3.0, 0.7, 1.9, 0.0], rates])
+    # drives that are where the system is
+    free = assemble(e.system.bodies, e.system.joints, e.system.forces)
+    G = [assemble(free.bodies, [*e.system.joints, Joint("x", (h.relations[0].relation,))], free.forces) for h in held]
+    values = [constraints_at(s, e.q)[0][-1] for s in G]
+    across = assemble(free.bodies, [*e.system.joints, Joint("x", (held[0].relations[0].across,))], free.forces)
+    u[-6:-3] = [np.arctan2(values[0], constraints_at(across, e.q)[0][-1]), np.sqrt(values[1]), values[2]]
+    q = project_position(system, e.q, u)
+    v = project_velocity(system, q, e.v, u)
+    return system, q, v, u, e.theta
+
+
+class Swell:
+    """F = p ρ²: a load that is not linear in the relation it acts through."""
+
+    def load(self, rho, rho_dot, theta):
+        return Load(theta[0] * rho**2, 2 * theta[0] * np.diag(rho), None, (rho**2)[:, None])
+
+
+def test_the_rate_of_a_driven_constraint_is_its_difference_in_time(driven):
+    system, q, v, u, _ = driven
+    nd, e = 3, 1e-3
+
+    def at(t):
+        later = u.copy()
+        later[-2 * nd : -nd] += t * u[-nd:]
+        return constraints_at(system, q + t * v, later)[0]
+
+    difference = (8 * (at(e) - at(-e)) - (at(2 * e) - at(-2 * e))) / (12 * e)
+    _, B, rate = moving_constraints(system, q, u)
+    np.testing.assert_allclose(B @ v + rate, difference, atol=1e-10)
+    np.testing.assert_allclose(difference, 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_slopes_of_a_driven_step_are_its_differences(driven, method):
+    """By state, loads, drives and their rates, parameters and a force."""
+    system, q, v, u, theta = driven
+    n, h, nd = system.size, 0.02, 3
+    w, x, end = np.zeros(n), np.concatenate([q, v]), u.copy()
+    end[-2 * nd : -nd] += h * u[-nd:]
+
+    def after(x, start, end, theta, w):
+        new = advance(system, x[:n], x[n:], (start, end), h, theta, method, w)
+        return np.concatenate([new.q, new.v])
+
+    at = [x, u, end, theta, w]
+    found = slopes(system, advance(system, q, v, (u, end), h, theta, method, w))
+    named = (found.A, found.B_start, found.B_end, found.B_theta, found.B_w)
+    for place_, (exact, size) in enumerate(zip(named, (1e-4, 1e-4, 1e-4, 1e-3, 1e-1), strict=True)):
+        difference = differences(lambda z, i=place_: after(*at[:i], z, *at[i + 1 :]), at[place_], size)
+        assert exact.shape == difference.shape
+        for half in (slice(0, n), slice(n, None)):
+            scale = max(np.abs(exact[half]).max(), 1e-3 * np.abs(found.B_end[half]).max())
+            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * scale)
+
+
+def test_driven_constraints_hold_to_rounding_in_position_and_velocity(driven):
+    system, q, v, u, theta = driven
+    time = np.linspace(0, 0.2, 11)
+    history = np.tile(u, (11, 1))
+    history[:, -6:-3] += time[:, None] * u[-3:]
+    run = simulate(system, q, v, history, 0.02, theta)
+    for own, rate, now in zip(run.q, run.v, history, strict=True):
+        phi, B, moved = moving_constraints(system, own, now)
+        assert np.abs(phi).max() < 1e-13
+        assert np.abs(B @ rate + moved).max() < 1e-11
+
+
+def test_drives_between_the_ends_of_a_step_follow_a_cubic_and_loads_a_line():
+    table = driven_pendulum()
+    system = assemble(
+        table.bodies, table.joints, [*table.forces, PointForce("F", Frame("f", "bob"), np.eye(3)[0], ["F"])]
+    )
+    start, end = between(system.drives, 0.5, 0.3)
+
+    def at(t):
+        return np.array([2 + t, 1 - t + 3 * t**2 - 2 * t**3, -1 + 6 * t - 6 * t**2])
+
+    np.testing.assert_allclose(start @ at(0.0) + end @ at(0.5), at(0.15), atol=1e-14)
+
+
+def test_an_arm_held_by_its_drive_rests_at_the_angle():
+    """Statics: p is where it is, and λ the moment of the weight."""
+    system = driven_pendulum()
+    q = project_position(system, state(system, {"bob": Pose()})[0], np.array([0.7, 0.0]))
+    found, lam = static_equilibrium(system, q, np.array([0.7, 5.0]), np.zeros(0))
+    np.testing.assert_allclose(found[3:5], [np.cos(0.7), np.sin(0.7)], atol=1e-13)
+    assert lam[system.drives.row[0]] == pytest.approx(MASS * 9.81 * ARM * np.cos(0.7), rel=1e-12)
+
+
+def test_a_base_that_moves_carries_what_hangs_from_it():
+    """Its three coordinates are driven: the force that carries a kilogram is its acceleration."""
+    block = RigidBody("block", 1.0, np.zeros(3), np.eye(3))
+    frame = Frame("at", "block")
+    held = tuple(DrivenRelation(place(frame, e), f"base {k}", "displacement") for k, e in enumerate(np.eye(3)))
+    system = assemble([block], [Joint("base", held)])
+    time = np.linspace(0, 1, 41)
+    p = np.column_stack([np.sin(time), time**2, 0 * time])
+    rate = np.column_stack([np.cos(time), 2 * time, 0 * time])
+    q, v = state(system, {"block": Pose(velocity=np.array([1.0, 0, 0]))})
+    run = simulate(system, q, v, np.hstack([p, rate]), time[1], np.zeros(0))
+    np.testing.assert_allclose(run.q[:, :3], p, atol=1e-13)
+    np.testing.assert_allclose(run.lam[-1, 6:9], [-np.sin(1), 2.0, 0.0], atol=1e-2)
+
+
+def test_a_drive_of_what_a_joint_holds_already_is_named():
+    """And one of what is free turns it by its angle."""
+    bob = RigidBody("bob", 1.0, np.zeros(3), np.eye(3))
+    wall, end = Frame("wall"), Frame("end", "bob")
+    system = assemble([bob], [fixed("weld", wall, end), Joint("motor", (angle(wall, end),))])
+    with pytest.raises(InfeasibleError, match="motor"):
+        project_position(system, state(system, {})[0], np.zeros(2))
+    loose = assemble([bob], [spherical("ball", wall, end), Joint("motor", (angle(wall, end),))])
+    turned_by = project_position(loose, state(loose, {})[0], np.array([0.3, 0.0]))
+    assert Rotation.from_matrix(turned_by[3:12].reshape(3, 3).T).as_rotvec()[2] == pytest.approx(0.3, abs=0.05)

@@ -1,0 +1,209 @@
+"""A bench that moves by drives, from its config: against closed forms, or refused with its place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from .test_bench_connections import run, simulated
+
+MASS, ARM, CENTRAL, G = 2.0, 0.5, 0.3, 9.81
+UP = np.array([0, 0, G])
+PAIR = "frames: [wall, end], axis: y"
+TURN = -7.0
+"""[rad] about y, in two seconds: more than a whole turn."""
+PENDULUM = """
+bodies:
+  arm: {type: rigid, mass: 2.0, centre: [0.5, 0, 0], inertia: {xx: 0.1, yy: 0.3, zz: 0.3}}
+frames: {wall: {body: ground}, end: {body: arm}, tip: {body: arm, pose: {origin: [1.0, 0, 0]}}}
+joints:
+  pivot: {type: revolute, frames: [wall, end], axis: y}
+  motor: {type: driven_angle, frames: [wall, end], axis: y, drive: {signal: {type: ramp, end: -7.0, duration: 2.0}}}
+forces: {weight: {type: gravity}}
+sensors:
+  tip: {type: motion, frame: tip}
+  felt: {type: acceleration, frame: tip}
+  moved: {type: acceleration, frame: tip, axes: global, gravity: false}
+  hold: {type: reaction, joint: pivot}
+simulate: {duration: 2.0, time_step: 0.02}
+"""
+
+
+def ramp(time):
+    """p, ṗ, p̈ of the motor."""
+    s = time / 2.0
+    return (
+        TURN * (10 * s**3 - 15 * s**4 + 6 * s**5),
+        TURN / 2 * 30 * s**2 * (1 - s) ** 2,
+        TURN / 4 * 60 * s * (1 - s) * (1 - 2 * s),
+    )
+
+
+def test_an_arm_turned_by_its_motor_is_where_it_is_turned_to_and_costs_the_torque_that_it_weighs(tmp_path):
+    """About y a positive angle lowers the tip: T = J p̈ − m g a cos p; the joint carries m (a − g); the tip feels a − g."""
+    found = simulated(tmp_path, PENDULUM)
+    time = found["/time"]
+    p, rate, second = ramp(time)
+    along, across = (np.column_stack(x) for x in ((np.cos(p), 0 * p, -np.sin(p)), (-np.sin(p), 0 * p, -np.cos(p))))
+    np.testing.assert_allclose(found["/sensors/tip"], along, atol=1e-12)
+    accelerated = second[:, None] * across - (rate**2)[:, None] * along
+    np.testing.assert_allclose(found["/sensors/moved"], accelerated, atol=1e-9)
+    felt = accelerated + UP
+    own = np.column_stack([np.sum(felt * along, axis=1), 0 * p, -np.sum(felt * across, axis=1)])
+    np.testing.assert_allclose(found["/sensors/felt"], own, atol=1e-9)
+    torque = (CENTRAL + MASS * ARM**2) * second - MASS * G * ARM * np.cos(p)
+    np.testing.assert_allclose(found["/drives/motor/force"], torque, atol=1e-8)
+    np.testing.assert_allclose(found["/drives/motor/position"], p, atol=1e-14)
+    held = MASS * (ARM * accelerated + UP)
+    np.testing.assert_allclose(found["/sensors/hold"], np.hstack([held, 0 * held]), atol=1e-8)
+
+
+def test_the_motor_does_the_work_that_lifts_and_speeds_up_the_arm(tmp_path):
+    found = simulated(tmp_path, PENDULUM)
+    time, p, rate = found["/time"], found["/drives/motor/position"], found["/drives/motor/rate"]
+    power = found["/drives/motor/force"] * rate
+    work = np.concatenate([[0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
+    energy = 0.5 * (CENTRAL + MASS * ARM**2) * rate**2 - MASS * G * ARM * np.sin(p)
+    np.testing.assert_allclose(work, energy - energy[0], atol=2e-3 * np.abs(power).max())
+
+
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_an_angle_from_a_file_is_followed_through_its_samples(tmp_path, unit):
+    time = np.linspace(0, 2, 41)
+    angle = 0.4 * np.sin(3 * time) / (np.pi / 180 if unit == "deg" else 1.0)
+    lines = [f"time,p [{unit}]", *(f"{t!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist(), strict=True))]
+    (tmp_path / "p.csv").write_text("\n".join(lines), encoding="utf-8")
+    signal = "{type: csv, file: p.csv, time_column: time, value_column: p}"
+    found = simulated(tmp_path, PENDULUM.replace("{type: ramp, end: -7.0, duration: 2.0}", signal))
+    p = 0.4 * np.sin(3 * found["/time"])
+    np.testing.assert_allclose(found["/sensors/tip"][:, [0, 2]], np.column_stack([np.cos(p), -np.sin(p)]), atol=1e-5)
+
+
+def test_a_speed_is_an_angle_that_grows(tmp_path):
+    drive = "drive: {of: rate, start: 0.25, signal: {type: constant, value: 3.0}}"
+    text = PENDULUM.replace("drive: {signal: {type: ramp, end: -7.0, duration: 2.0}}", drive)
+    pose = "pose: {x_axis: [0.96891242171, 0, -0.24740395925]}"
+    found = simulated(tmp_path, text.replace("zz: 0.3}}", f"zz: 0.3}}, {pose}}}"))
+    p = 0.25 + 3 * found["/time"]
+    np.testing.assert_allclose(found["/sensors/tip"], np.column_stack([np.cos(p), 0 * p, -np.sin(p)]), atol=1e-8)
+    assert np.abs(found["/sensors/moved"]).max() == pytest.approx(9.0, rel=1e-3)
+
+
+ALONG = "type: driven_displacement, frames: [floor, table], axis:"
+BLOCK = "bodies: {block: {type: rigid, mass: 3.0, inertia: {xx: 1, yy: 1, zz: 1}}}"
+
+
+def test_a_table_that_shakes_carries_what_stands_on_it(tmp_path):
+    """A base moved along x and z and held otherwise; a mass on a spring in it answers as one shaken at its foot does."""
+    found = simulated(
+        tmp_path,
+        f"""
+{BLOCK.replace("}}}", "}}")}, bob: {{type: rigid, mass: 2.0, inertia: {{xx: 1, yy: 1, zz: 1}}}}}}
+frames: {{floor: {{body: ground}}, table: {{body: block}}, at: {{body: bob}}}}
+joints:
+  held: {{type: generic, frames: [floor, table], held: [y, about_x, about_y, about_z]}}
+  shaken: {{{ALONG} x, drive: {{signal: {{type: sine, frequency: 1.0, amplitude: 0.1}}}}}}
+  lifted: {{{ALONG} z, drive: {{signal: {{type: ramp, end: 0.5, duration: 1.0}}}}}}
+  rail: {{type: prismatic, frames: [table, at], axis: x}}
+forces: {{spring: {{type: bushing, frames: [table, at], stiffness: [200, 0, 0, 0, 0, 0]}}}}
+sensors: {{table: {{type: motion, frame: table}}, bob: {{type: relative, frames: [table, at]}}}}
+simulate: {{duration: 2.0, time_step: 0.005, start: as_given}}
+""",
+    )
+    time = found["/time"]
+    np.testing.assert_allclose(found["/sensors/table"][:, 0], 0.1 * np.sin(2 * np.pi * time), atol=1e-12)
+    # ẍ + ω²x = A Ω² sin Ωt from x = 0 and ẋ = −AΩ: the bob is at rest while the table starts off
+    w, W, A = np.sqrt(200 / 2.0), 2 * np.pi, 0.1
+    forced = A * W**2 / (w**2 - W**2)
+    start = found["/v"][0, 12] - A * W
+    exact = forced * np.sin(W * time) + (start - forced * W) / w * np.sin(w * time)
+    np.testing.assert_allclose(found["/sensors/bob"][:, 0], exact, atol=2e-3 * np.abs(exact).max())
+
+
+def test_a_cylinder_lifts_a_flap_to_the_angle_of_its_triangle(tmp_path):
+    """Law of cosines: |d|² = a² + b² − 2ab cos, pivot, foot of the cylinder and eye."""
+    found = simulated(
+        tmp_path,
+        """
+bodies: {flap: {type: rigid, mass: 5.0, centre: [0.5, 0, 0], inertia: {xx: 0.1, yy: 0.4, zz: 0.4}}}
+frames:
+  hinge: {body: ground}
+  foot: {body: ground, pose: {origin: [0, 0, -1]}}
+  root: {body: flap}
+  eye: {body: flap, pose: {origin: [0.8, 0, 0]}}
+joints:
+  hinge: {type: revolute, frames: [hinge, root], axis: y}
+  cylinder:
+    type: driven_distance
+    frames: [foot, eye]
+    drive: {signal: {type: ramp, start: 1.2806248474865698, end: 1.7, duration: 1.0}}
+forces: {weight: {type: gravity}}
+sensors: {eye: {type: motion, frame: eye}}
+simulate: {duration: 1.0, time_step: 0.01}
+""",
+    )
+    z = found["/sensors/eye"][-1, 2]
+    assert z == pytest.approx((1.7**2 - 0.64 - 1) / 2, abs=1e-12)
+    # virtual work: the force times the way of the cylinder lifts the weight, half the arm of 0.8 m beyond
+    assert found["/drives/cylinder/force"][-1] * 1.0 == pytest.approx(5 * G * 0.5 / 0.8 * 1.7, rel=1e-9)
+
+
+def test_a_rod_without_mass_keeps_its_length(tmp_path):
+    """A bob on a distance joint is a pendulum of its length."""
+    found = simulated(
+        tmp_path,
+        """
+bodies: {bob: {type: rigid, mass: 2.0, inertia: {xx: 1, yy: 1, zz: 1}, pose: {origin: [0.3, 0, -0.4]}}}
+frames: {top: {body: ground}, at: {body: bob}}
+joints:
+  rod: {type: distance, frames: [top, at], length: 0.5}
+  upright: {type: generic, frames: [top, at], held: [y, about_x, about_y, about_z]}
+forces: {weight: {type: gravity}}
+sensors: {bob: {type: motion, frame: at}}
+simulate: {duration: 1.0, time_step: 0.005}
+""",
+    )
+    place = found["/sensors/bob"]
+    np.testing.assert_allclose(np.hypot(place[:, 0], place[:, 2]), 0.5, atol=1e-12)
+    np.testing.assert_allclose(found["/frequency"], [np.sqrt(G / 0.5) / (2 * np.pi)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("free", ["about_x", "about_y", "about_z"])
+def test_what_a_generic_joint_leaves_free_is_free_and_the_rest_is_held(tmp_path, free):
+    held = [own for own in ("x", "y", "z", "about_x", "about_y", "about_z") if own != free]
+    axis = [float(free.endswith(own)) for own in "xyz"]
+    spin = [2.0 * own for own in axis]
+    found = simulated(
+        tmp_path,
+        f"""
+{BLOCK.replace("zz: 1}", f"zz: 1}}, spin: {spin}")}
+frames: {{wall: {{body: ground}}, at: {{body: block}}}}
+joints: {{guide: {{type: generic, frames: [wall, at], held: [{", ".join(held)}]}}}}
+sensors: {{x: {{type: motion, frame: at, quantity: x_axis}}, y: {{type: motion, frame: at, quantity: y_axis}}}}
+simulate: {{duration: 1.0, time_step: 0.005, start: as_given}}
+""",
+    )
+    k = axis.index(1.0)
+    turned = found["/sensors/y" if k == 0 else "/sensors/x"][-1]
+    start = np.eye(3)[1 if k == 0 else 0]
+    assert turned @ axis == pytest.approx(0.0, abs=1e-12)
+    assert np.arctan2(np.cross(start, turned) @ axis, start @ turned) == pytest.approx(2.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "key", "says"),
+    [
+        (("end: -7.0, duration: 2.0", "end: -700.0, duration: 2.0"), "joints.motor.drive", "turns by 13.1 rad in a step"),
+        (("{type: ramp, end: -7.0,", "{type: ramp, start: 3.14159265, end: -7.0,"), "joints.motor", "half a turn"),
+        (("drive: {signal", "drive: {start: 1.0, signal"), "joints.motor.drive.start", "says where it starts"),
+        ((f"driven_angle, {PAIR}", "driven_distance, frames: [wall, tip]"), "joints.motor", "length"),
+        (("frames: [wall, end], axis: y, drive", "frames: [wall, end], axis: x, drive"), "joints", "motor"),
+        (("joint: pivot", "joint: pivots"), "sensors.hold.joint", "did you mean pivot?"),
+    ],
+)
+def test_drives_that_cannot_be_are_refused_with_their_place(tmp_path, change, key, says):
+    assert change[0] in PENDULUM
+    done = run(tmp_path, PENDULUM.replace(*change))
+    assert done.exit_code == 2, done.output
+    assert key in done.output
+    assert says in done.output
