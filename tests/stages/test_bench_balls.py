@@ -42,7 +42,8 @@ def test_a_displacement_that_is_known_leaves_no_doubt_of_the_balls():
 
 @pytest.mark.slow
 def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(estimate):
-    """Noise drawn anew: over three seeds and the later half of each run error over σ is 1."""
+    """Noise drawn anew: over three seeds and the later half of each run error is within σ, and σ of its size; loads that move
+    more slowly than the walk they are taken for leave it below."""
     off, pressed = [], []
     fine, own = "simulate.time_step=0.002", "simulate.method=second_order"
     truth = estimate(LOADS, own, fine, stage="simulate")
@@ -55,8 +56,8 @@ def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(estimate
         at = np.searchsorted(truth["/time"], found[f"{ring}/instants"] - 1e-9)
         z = (found[f"{ring}/pressure"] - truth[f"{ring}/pressure"][at]) / found[f"{ring}/pressure_std"]
         pressed.append(z[len(z) // 2 :])
-    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(0.9, abs=0.25)
-    assert np.sqrt(np.mean(np.square(pressed))) == pytest.approx(0.9, abs=0.35)
+    for z in (off, pressed):
+        assert 0.3 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
 @pytest.mark.slow
