@@ -198,6 +198,36 @@ def test_every_dataset_and_scalar_is_listed(beam, stage, heading):
         assert any(re.fullmatch(scalar, name) for scalar in scalars), name
 
 
+SWINGING = {
+    "frames:": "  arm: {type: rigid, mass: 20.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.0}, pose: {origin: [2.0, 0, -0.5]}}\n"
+    "joints:\n  hinge: {type: revolute, frames: [tip, eye], axis: x}\nframes:\n"
+    "  eye: {body: arm, pose: {origin: [0, 0, 0.5]}}\n  end: {body: arm}",
+    "forces:": "forces:\n  coil: {type: torsion, frames: [tip, eye], axis: x, stiffness: 400.0}",
+    "frame: tip, direction: [0, 1, 0], signal: {type: constant, value: 1000.0}": "frame: end, direction: [0, 1, 0], "
+    "signal: {type: sine, frequency: 5.0, amplitude: 800.0}",
+    "frame: tip, direction: [0, 0, 1]": "frame: end, direction: [0, 0, 1]",
+}
+"""An arm on a coil at the beam's tip, which the side load turns by 0.7 rad at 0.05 s."""
+
+
+def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
+    """σ of layouts drawn at random is the largest of those that each pose by itself gives, and poses differ."""
+
+    def placed(poses, **more):
+        path = written(tmp_path, **SWINGING, **{"  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}, **more)
+        job = job_of(path, beam["reduce"].path.parents[1], f"name=poses-{len(poses)}-{1000 * poses[-1]:.0f}")
+        return finished(job, [s for s in bench_stages(job.config) if s.name in ("import", "reduce", "place")])["place"][2]
+
+    first, last, both = placed([0.0]), placed([0.05]), placed([0.0, 0.05])
+    assert both.summary["poses"] == 2
+    apart = []
+    for name in ("random-1", "random-2", "random-3"):
+        one, other, together = (own[f"/layouts/{name}/std"] for own in (first, last, both))
+        np.testing.assert_allclose(together, np.maximum(one, other), rtol=1e-9)
+        apart.append(np.abs(one / other - 1).max())
+    assert max(apart) > 0.05
+
+
 INPUTS = "  inputs:\n    side: {std: 1.0e+3, increment: 20.0}\n    down: {std: 1.0e+3, increment: 10.0}\n"
 GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
 
@@ -208,6 +238,8 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
         ({INPUTS: "  parameters: {E: {std: 1.0e+9}}\n"}, "place", "no input is unknown"),
         ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "did you mean beam?"),
         ({"keep: 3": "keep: 30"}, "place.pool", "10 candidates for 30"),
+        ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is beyond the run of 0.05 s"),
+        ({"random: 3": "random: 3\n  poses: [0.04, 0]"}, "place.poses", "not in ascending order"),
         ({"random: 3": "random: 0"}, "sensors.others.layout", "at random"),
         ({"body: beam, layout: place": "body: beam"}, "sensors.gauges", "neither is given"),
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),

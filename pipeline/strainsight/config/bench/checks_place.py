@@ -21,6 +21,11 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             )
         if place.pool + place.bonded < place.keep:
             yield Problem("place.pool", f"{place.pool} candidates for {place.keep} gauges", "take a larger pool")
+        if list(place.poses) != sorted(set(place.poses)):
+            yield Problem("place.poses", "not in ascending order, each once", "sort them")
+        if max(place.poses) > config.simulate.duration:
+            what = f"{max(place.poses):g} s is beyond the run of {config.simulate.duration:g} s"
+            yield Problem("place.poses", what, "take instants of the run")
         inputs = () if config.estimate is None else tuple(config.estimate.inputs)
         yield from layout_problems(place, inputs, "estimate.inputs", place.bonded, "place.fixed")
         yield from zone_problems("place.include", place.include)

@@ -35,6 +35,12 @@ class BenchPlace(GaugeSites, LayoutSettings):
     spacing: NotNegative = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."
     )
+    poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100)] = Field(
+        (0.0,),
+        description="Instants of the run, each with the pose in equilibrium under its loads and drives, that the gauges have to "
+        "serve [s].",
+    )
+    aggregate: Literal["mean", "worst"] = Field("mean", description="How poses are put together.")
     random: int = Field(4, ge=0, le=1000, description="Layouts drawn from all candidates, to compare with [-].")
 
     @property

@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=11,
+    version=12,
     reads=(
         "seed",
         "bodies",

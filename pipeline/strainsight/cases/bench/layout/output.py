@@ -28,7 +28,7 @@ def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
             direction=candidates.direction,
             element=candidates.element,
             facet=candidates.facet,
-            response=found.on.response,
+            response=found.on.response[0],
         ),
         layouts=found.layouts,
     )
@@ -40,5 +40,14 @@ def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
         (name, f"{own.metric:.4g}", *(f"{value:.4g}" for value in own.std)) for name, own in found.layouts.items()
     )
     layouts = Table("layouts", ("layout", symbol, *(f"σ({name})" for name in inputs)), rows)
-    output = layout_output(found, record, mesh, length_unit, numbers, {}, (layouts,))
+    tables: tuple[Table, ...] = (layouts,)
+    if len(found.time) > 1:
+        worst = found.std.max(axis=0)
+        listed = zip(found.time, found.std, strict=True)
+        rows = tuple((f"{t:.4g} s", *(f"{x:.4g}" for x in own)) for t, own in listed)
+        tables += (Table("poses", ("pose", *(f"σ({name})" for name in inputs)), rows),)
+        numbers |= {f"best_pose.{name}": float(x) for name, x in zip(inputs, found.std.min(axis=0), strict=True)}
+        numbers |= {f"worst_pose.{name}": float(x) for name, x in zip(inputs, worst, strict=True)}
+        numbers["poses"] = len(found.time)
+    output = layout_output(found, record, mesh, length_unit, numbers, {}, tables)
     return replace(output, message=f"{len(candidates)} → {output.message}")

@@ -26,9 +26,10 @@ from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
+from strainsight.multibody.static import static_equilibrium
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.metric import Metric
-from strainsight.placement.scenario import solve_pool
+from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
 from strainsight.records.bench_placed import PLACED, BenchLayout
 from strainsight.records.bodies import ReducedBody
 
@@ -37,69 +38,86 @@ from strainsight.records.bodies import ReducedBody
 class BenchPlacement(Placed):
     """All that a placement has found; σ is in N or N m.
 
-    units of the unknown inputs; on: the body's gauges; layouts: the placed one and those drawn at random, by name.
+    units of the unknown inputs; on: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,)
+    [s] and std (poses, nu) of the placed one in every pose.
     """
 
     units: tuple[str, ...]
     on: GaugePool
     layouts: dict[str, BenchLayout]
+    time: np.ndarray
+    std: np.ndarray
 
 
 @dataclass(frozen=True)
 class Strained:
-    """What gauges of a body mean for the bench: rows (m, n) of its candidates on all coordinates; noise σ [strain] of a sample;
-    acceleration [m/s²] of the white force of the filter."""
+    """What gauges of a body mean for the bench: benches, linear in every pose; rows (m, n) of its candidates on all coordinates;
+    noise σ [strain] of a sample; acceleration [m/s²] of the white force of the filter; aggregate of the metric over poses."""
 
-    bench: LinearBench
+    benches: tuple[LinearBench, ...]
     rows: np.ndarray
     noise: float
     acceleration: float
+    aggregate: Aggregate
+
+    def in_poses(self, gauges: np.ndarray) -> np.ndarray:
+        """σ (poses, nu) [N, N m] that a filter on these gauges comes to claim, inf where an input is lost."""
+        rows = self.rows[gauges]
+        return np.array([expected_std(bench, rows, self.noise, self.acceleration) for bench in self.benches])
 
     def claimed(self, gauges: np.ndarray) -> np.ndarray:
-        """σ (nu,) [N, N m] that a filter on these gauges comes to claim, NaN where it is not solved."""
+        """The largest of all poses (nu,), NaN where it is not solved."""
         try:
-            return expected_std(self.bench, self.rows[gauges], self.noise, self.acceleration)
+            return np.asarray(self.in_poses(gauges).max(axis=0))
         except NumericalError:
-            return np.full(len(self.bench.increment), np.nan)
+            return np.full(len(self.benches[0].increment), np.nan)
 
     def without_each(self, gauges: np.ndarray) -> np.ndarray:
         """The same without each of them (k, nu)."""
         return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
 
+    def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
+        """Every pose with these gauges as a pool."""
+        return [scenario_of(bench, self.rows[gauges], self.noise, self.acceleration) for bench in self.benches]
+
     def metric(self, gauges: np.ndarray, metric: Metric) -> float:
         """The metric with these gauges; inf where an input is lost, NaN where the equation is not solved to accuracy."""
-        own = scenario_of(self.bench, self.rows[gauges], self.noise, self.acceleration)
-        try:
-            solved = solve_pool(replace(own, weight=metric.weight, criterion=metric.criterion))
-        except InfeasibleError:
-            return float("inf")
-        except NumericalError:
-            return float("nan")
-        return solved.metric.value(solved.P)
+        found = []
+        for own in self.scenarios(gauges):
+            try:
+                solved = solve_pool(replace(own, weight=metric.weight, criterion=metric.criterion))
+            except InfeasibleError:
+                return float("inf")
+            except NumericalError:
+                return float("nan")
+            found.append(solved.metric.value(solved.P))
+        return float(np.mean(found) if self.aggregate == "mean" else np.max(found))
 
 
 def placement_of(
     config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
 ) -> BenchPlacement:
-    """Linearise about the static equilibrium, screen, eliminate, exchange, prove; draw layouts to compare with.
+    """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
 
-    Raises InfeasibleError where no layout within the limits detects every input.
+    Raises InfeasibleError where no layout within the limits detects every input in every pose.
     """
     place = config.place
     assert place is not None
     bench = bench_of(config, reduced, meshes)
     inputs = tuple(name for name in bench.system.inputs if name in asked(config).inputs)
-    q, u = _equilibrium(config, bench, using)
-    linear = _linear(config, bench, q, u, inputs)
+    time, poses = _poses(config, place, bench, using)
+    benches = tuple(_linear(config, bench, q, u, inputs) for q, u in poses)
     modal = bench.system.modal(place.body)
     using.progress("candidates", 0.1)
-    on = gauge_pool(meshes[place.body], reduced[place.body].basis, linear.static[modal], inputs, place)
+    static = np.array([linear.static[modal] for linear in benches])
+    on = gauge_pool(meshes[place.body], reduced[place.body].basis, static, inputs, place)
     noise = float(place.noise)
-    refuse_sizes(linear, on.response, noise, inputs)
+    for linear in benches:
+        refuse_sizes(linear, np.abs(on.response).max(axis=0), noise, inputs)
     rows = np.zeros((len(on.rows), bench.system.size))
     rows[:, modal] = on.rows
-    strained = Strained(linear, rows, noise, float(asked(config).disturbance))
-    peak = np.abs(on.rows @ q[modal])
+    strained = Strained(benches, rows, noise, float(asked(config).disturbance), place.aggregate)
+    peak = np.max([np.abs(on.rows @ q[modal]) for q, _ in poses], axis=0)
     found = placed(
         [_task(place, config.seed, meshes[place.body], on, inputs, strained)],
         lambda gauges: _expectation(strained, gauges, inputs),
@@ -109,15 +127,29 @@ def placement_of(
         using.progress,
     )
     units = tuple(load_units(config, inputs).values())
-    return BenchPlacement(**vars(found), units=units, on=on, layouts=_layouts(found, place, strained))
+    layouts, std = _layouts(found, place, strained), strained.in_poses(found.gauges)
+    return BenchPlacement(**vars(found), units=units, on=on, layouts=layouts, time=time, std=std)
 
 
-def _equilibrium(config: BenchConfig, bench: Bench, using: Resources) -> tuple[np.ndarray, np.ndarray]:
-    """The static equilibrium under the loads at t = 0, whatever the simulation starts from, and those loads."""
-    u = loads_of(config, bench, using.files)(np.zeros(1))[0]
+def _poses(
+    config: BenchConfig, place: BenchPlace, bench: Bench, using: Resources
+) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+    """Instants (poses,) [s] and the static equilibrium at each, whatever the simulation starts from, with its loads and drives
+    at rest; each is sought from the one before."""
+    time = np.array(place.poses)
+    u = loads_of(config, bench, using.files)(time)
+    u[:, len(bench.system.inputs) + len(bench.system.drives.names) :] = 0.0
     settings = config.simulate.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
-        return start_of(bench, settings, u)[0], u
+        q = start_of(bench, settings, u[0])[0]
+    poses = [(q, u[0])]
+    for k in range(1, len(time)):
+        try:
+            q = static_equilibrium(bench.system, q, u[k], bench.theta)[0]
+        except (InfeasibleError, NumericalError) as error:
+            raise type(error)(f"at {time[k]:.4g} s {error.what}", key="place.poses", remedy=error.remedy) from error
+        poses.append((q, u[k]))
+    return time, poses
 
 
 def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
@@ -131,33 +163,35 @@ def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inp
 
 def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
     """The pool as a linear problem: every input counts in its increments, every gauge is a pool row."""
-    linear, kept = strained.bench, on.kept
+    linear, kept = strained.benches[0], on.kept
     pool = PoolRows(kept[:, None], kept[:, None])
     price = np.where(on.candidates.bonded[kept], 0.0, float(place.price))
-    scenario = scenario_of(linear, strained.rows[kept], strained.noise, strained.acceleration)
+    scenarios = strained.scenarios(kept)
     with blame("place.keep"):
         limits = layout_limits(place, pool, mesh, on.candidates, price, "place.fixed")
-        solved = solve_pool(scenario, inputs)
+        solved = tuple(solve_pool(scenario, inputs) for scenario in scenarios)
     count, modes = len(inputs), len(linear.stiffness)
     moved = linear.B / linear.stiffness[:, None] * linear.increment
     return Task(
         Unknowns(inputs, inputs, np.arange(2 * modes, 2 * modes + count), np.ones(count), linear.increment),
-        (solved,),
+        solved,
         on.candidates,
         pool,
         price,
         limits,
         place,
-        Readings(scenario.H[:, None, :modes], np.full((len(kept), 1), strained.noise**2), moved @ moved.T),
+        # rules that look at readings alone take the first pose
+        Readings(scenarios[0].H[:, None, :modes], np.full((len(kept), 1), strained.noise**2), moved @ moved.T),
         seed,
+        aggregate=strained.aggregate,
         relative=False,
     )
 
 
 def _expectation(strained: Strained, gauges: np.ndarray, inputs: tuple[str, ...]) -> Expectation:
-    """σ of every input; raises InfeasibleError where one is lost, NumericalError where it is not solved."""
+    """σ of every input in the worst pose; raises InfeasibleError where one is lost, NumericalError where it is not solved."""
     with blame("estimate"):
-        std = expected_std(strained.bench, strained.rows[gauges], strained.noise, strained.acceleration)
+        std = strained.in_poses(gauges).max(axis=0)
     if not np.isfinite(std).all():
         raise InfeasibleError(
             f"a filter on the {len(gauges)} gauges does not detect every input",

@@ -27,7 +27,7 @@ UNFELT = 1e-12
 @dataclass(frozen=True)
 class GaugePool:
     """candidates, m of them, a gauge each, those that are bonded already first; rows (m, r) strain per coordinate of the body;
-    response (m, nu) strain per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
+    response (poses, m, nu) strain per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
 
     candidates: Candidates
     rows: np.ndarray
@@ -38,10 +38,11 @@ class GaugePool:
 def gauge_pool(
     mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequence[str], place: BenchPlace
 ) -> GaugePool:
-    """Every candidate that `place` of a bench allows, and the strongest under each input in turn, so far apart as it says.
+    """Every candidate that `place` of a bench allows, and the strongest under each input in each pose in turn, so far apart as
+    it says.
 
-    basis (3 nodes, r) displacement per coordinate; static (r, nu) coordinates per unit of every unknown input, at rest; inputs:
-    their names.
+    basis (3 nodes, r) displacement per coordinate; static (poses, r, nu) coordinates per unit of every unknown input, at rest;
+    inputs: their names.
     One measure of strength for all inputs would keep what sees the strongest, and none for a load along the blade.
     Raises InfeasibleError where no facet is left, or an input strains none of them.
     """
@@ -53,7 +54,7 @@ def gauge_pool(
         if axis is None:
             base = zoned(mesh, facets, None, ROSETTE, rosette=True)
             rows = channel_rows(mesh.position, base, basis, facets=facets)
-            alike = static / _strength(rows @ static, inputs)
+            alike = np.hstack(static / _strength(rows @ static, inputs))
             turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), alike @ alike.T)
         pool = concatenate([_bonded(mesh, facets, place), zoned(mesh, facets, axis, place.direction.angles, turn=turn)])
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
@@ -61,7 +62,8 @@ def gauge_pool(
     size = np.abs(response) / _strength(response, inputs)
     free, there = np.flatnonzero(~pool.bonded), np.flatnonzero(pool.bonded)
     with blame("place.spacing"):
-        ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in size.T]
+        columns = np.hstack(size).T
+        ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in columns]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
     kept = [*there.tolist(), *list(in_turn)[: int(place.pool)]]
     return GaugePool(pool, rows, response, np.array(sorted(kept)))
@@ -81,8 +83,8 @@ def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.nd
 
 
 def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
-    """Largest strain under every input (nu,)."""
-    largest = np.abs(response).max(axis=0)
+    """Largest strain under every input (nu,) in any pose, response (poses, m, nu)."""
+    largest = np.abs(response).max(axis=(0, 1))
     lost = [name for name, size in zip(inputs, largest, strict=True) if size <= UNFELT * largest.max(initial=0.0)]
     if lost:
         raise InfeasibleError(
