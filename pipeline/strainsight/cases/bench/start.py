@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import Simulate
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
+from strainsight.multibody.equations import element_load
 from strainsight.multibody.initial import driven_slopes, project_position, project_velocity, state
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
@@ -35,7 +36,7 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
                 key=f"bodies.{name}.pose",
                 remedy="correct the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
-    _refuse_forceless(bench, q)
+    _refuse_forceless(bench, q, u)
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
@@ -81,12 +82,12 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
                 )
 
 
-def _refuse_forceless(bench: Bench, q: np.ndarray) -> None:
+def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     """A force that cannot be had where the bench starts."""
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
-            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta[element.parameters])
+            element_load(element, rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta, u)
         except NumericalError as error:
             raise ConfigError(
                 f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy
