@@ -7,7 +7,6 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import Simulate
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
-from strainsight.multibody.equations import element_load
 from strainsight.multibody.initial import driven_slopes, project_position, project_velocity, state
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
@@ -87,7 +86,8 @@ def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
-            element_load(element, rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta, u)
+            own = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
+            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), own)
         except NumericalError as error:
             raise ConfigError(
                 f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy
