@@ -33,6 +33,8 @@ EXAMPLES = {
         "spring": f"{PAIR}, stiffness: 1.0",
         "torsion": f"{PAIR}, stiffness: 1.0",
         "bushing": f"{PAIR}, stiffness: [1, 1, 1, 0, 0, 0]",
+        "friction": f"{PAIR}, coulomb: 1.0",
+        **dict.fromkeys(("torque", "actuator"), f"{PAIR}, signal: {{type: constant, value: 1.0}}"),
         "force": f"frame: root, {LOADS}",
         "moment": f"frame: root, {LOADS}",
         "bearing": "bearing: pitch-bearing, outer: flange, inner: root",
@@ -115,4 +117,4 @@ def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(sec
     for kind, build in table.items():
         name, first, second, *own = inspect.signature(build).parameters
         assert (name, first, second) == ("name", "i", "j")
-        assert models[kind].model_fields.keys() - {"drive"} == {"type", "frames", *own}
+        assert models[kind].model_fields.keys() - {"drive", "signal"} == {"type", "frames", *own}

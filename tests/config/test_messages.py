@@ -46,7 +46,7 @@ def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
     [
         ("bearing: a, inner: c", "outer", "missing", "outer: Frame of the outer ring, at the centre of the bearing."),
         ("bearing: {a: 1}, outer: a, inner: c", "bearing", "a mapping has to be text", "bearing: Name of the bearing."),
-        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner"),
+        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner, drag"),
     ],
 )
 def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):

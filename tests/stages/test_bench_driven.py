@@ -207,3 +207,64 @@ def test_drives_that_cannot_be_are_refused_with_their_place(tmp_path, change, ke
     assert done.exit_code == 2, done.output
     assert key in done.output
     assert says in done.output
+
+
+WHEEL = """
+bodies: {wheel: {type: rigid, mass: 2.0, inertia: {xx: 0.7, yy: 0.7, zz: 0.7}}}
+frames: {wall: {body: ground}, hub: {body: wheel}, rim: {body: wheel, pose: {origin: [0, 0.5, 0]}}}
+joints: {axle: {type: revolute, frames: [wall, hub]}}
+simulate: {duration: 1.0, time_step: 0.005, start: as_given}
+"""
+ON = "signal: {type: constant, value: 6.0}"
+
+
+@pytest.mark.parametrize(
+    ("forces", "torque"),
+    [
+        (f"drive: {{type: torque, frames: [wall, hub], {ON}}}", 6.0),
+        (f"drive: {{type: force, frame: rim, axes: frame, direction: [0, 0, 1], {ON}}}", 3.0),
+        (f"drive: {{type: moment, frame: rim, axes: frame, direction: [1, 0, 0], {ON}}}", 6.0),
+    ],
+)
+def test_a_wheel_is_driven_by_what_turns_with_it(tmp_path, forces, torque):
+    """ω = Tt/I, at any angle; with viscous friction (T/c)(1 − exp(−ct/I))."""
+    found = simulated(tmp_path, f"{WHEEL}forces:\n  {forces}\n")
+    assert found["/v"][-1, 3:12] @ found["/v"][-1, 3:12] / 2 == pytest.approx((torque / 0.7) ** 2, rel=1e-3)
+    assert set(found.children("/inputs")) == {"drive"}
+    rubbed = "  rub: {type: friction, frames: [wall, hub], coulomb: 0.0, viscous: 0.9}\n"
+    found = simulated(tmp_path, f"{WHEEL}forces:\n  {forces}\n{rubbed}")
+    spin = torque / 0.9 * (1 - np.exp(-0.9 / 0.7))
+    assert found["/v"][-1, 3:12] @ found["/v"][-1, 3:12] / 2 == pytest.approx(spin**2, rel=1e-3)
+
+
+def test_an_accelerometer_on_what_stands_still_sees_gravity_turn(tmp_path):
+    """−g turns about x from upwards to sideways, by a quarter of a turn."""
+    gravity = "weight: {type: gravity, turns: {axis: [2, 0, 0], signal: {type: ramp, end: 1.5707963267948966, duration: 1.0}}}"
+    sensor = "sensors: {felt: {type: acceleration, frame: hub}, held: {type: reaction, joint: weld}}"
+    text = WHEEL.replace("axle: {type: revolute", "weld: {type: fixed") + f"forces: {{{gravity}}}\n{sensor}\n"
+    found = simulated(tmp_path, text)
+    np.testing.assert_allclose(found["/sensors/felt"][[0, -1]], [[0, 0, G], [0, -G, 0]], atol=1e-10)
+    np.testing.assert_allclose(found["/sensors/held"][:, :3], 2.0 * found["/sensors/felt"], atol=1e-9)
+    np.testing.assert_allclose(found["/inputs/weight"][-1], np.pi / 2)
+
+
+def test_a_pitch_bearing_is_turned_against_the_friction_of_its_load(tmp_path):
+    """The motor's torque at steady speed is the maker's formula of the weight that the bearing carries along its axis."""
+    found = simulated(
+        tmp_path,
+        """
+bodies: {blade: {type: rigid, mass: 2000.0, inertia: {xx: 500, yy: 4000, zz: 4000}}}
+frames: {flange: {body: ground}, root: {body: blade}}
+bearings:
+  pitch: {balls: 112, ball_diameter: 0.06, pitch_diameter: 2.3, contact_angle: 45, radius_inner_left: 0.0318,
+    radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318, preload: 1.0e-5}
+joints: {motor: {type: driven_angle, frames: [flange, root], drive: {of: rate, signal: {type: constant, value: 0.1}}}}
+forces:
+  weight: {type: gravity, acceleration: [-10, 0, 0]}
+  bearing: {type: bearing, bearing: pitch, outer: flange, inner: root, drag: {moment: 100.0, coefficient: 0.006, axial: 1.0e+5}}
+simulate: {duration: 0.2, time_step: 0.01}
+""",
+    )
+    expected = 100 + 0.006 / 2 * 2.3 * 2000 * 10
+    np.testing.assert_allclose(found["/drives/motor/force"][1:], expected, rtol=1e-3)
+    np.testing.assert_allclose(found["/bearings/bearing/load"][-1], [-2e4, 0, 0, 0, 0], atol=1.0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
+from strainsight.multibody.frames import Carried
 from strainsight.rom.inertia import InertiaInvariants
 
 RIGID = 12
@@ -100,6 +101,14 @@ class FlexibleBody:
 
 
 Body = RigidBody | FlexibleBody
+
+
+def mass_moment(body: Body) -> Carried:
+    """∫ρ p = m r + R(∫ρ x + ∫ρΦ η) [kg m]."""
+    if isinstance(body, RigidBody):
+        return Carried(body.name, body.mass, body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0)))
+    own = body.invariants
+    return Carried(body.name, own.mass, np.asarray(own.first, dtype=float), np.asarray(own.first_modal, dtype=float))
 
 
 def size(body: Body) -> int:

@@ -10,7 +10,17 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError, did_you_mean
 from strainsight.fem.affine import AffineOperator
-from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody, mass_matrix, metric, modes, moves, size
+from strainsight.multibody.bodies import (
+    Body,
+    FlexibleBody,
+    RigidBody,
+    mass_matrix,
+    mass_moment,
+    metric,
+    modes,
+    moves,
+    size,
+)
 from strainsight.multibody.drives import DrivenRelation, Drives, compile_drives
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Carried, Frame, constant
@@ -192,13 +202,7 @@ def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
 
 def _weight(body: Body, gravity: Gravity) -> Relation:
     """g·∫ρ p, whose negative is the potential of the weight."""
-    if isinstance(body, RigidBody):
-        first, first_modal = body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0))
-        mass = body.mass
-    else:
-        mass, first, first_modal = body.invariants.mass, body.invariants.first, body.invariants.first_modal
-    carried = Carried(body.name, mass, np.asarray(first, dtype=float), np.asarray(first_modal, dtype=float))
-    return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (carried,))
+    return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (mass_moment(body),))
 
 
 def _moment(

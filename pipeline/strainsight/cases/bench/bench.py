@@ -18,14 +18,16 @@ from strainsight.errors import ConfigError, blame
 from strainsight.mesh.additions import node_index
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
-from strainsight.multibody.bearing.law import BearingLaw
+from strainsight.multibody.bearing.law import BearingLaw, Drag, ring_relations
 from strainsight.multibody.bodies import Body, FlexibleBody, RigidBody
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose
 from strainsight.multibody.joints import JOINTS
+from strainsight.multibody.laws.actuators import follower_force, follower_moment
 from strainsight.multibody.laws.kinds import LAWS
-from strainsight.multibody.relations import bearing_displacements, cosine
+from strainsight.multibody.laws.turning import turning_gravity
+from strainsight.multibody.relations import cosine
 from strainsight.multibody.system import System, assemble
 from strainsight.records.bodies import ReducedBody
 
@@ -74,7 +76,7 @@ def bench_of(
     joints = [
         JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()
     ]
-    forces = [_force(name, entry, frames, bearings, free or {}) for name, entry in config.forces.items()]
+    forces = [_force(name, entry, frames, bearings, free or {}, bodies) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
     values = {key: modulus.value for entry in flexible(config).values() for key, modulus in entry.moduli.items()}
@@ -92,6 +94,11 @@ def axes_of(pose: StatedPose) -> np.ndarray:
     y = y - (x @ y) * x
     y = y / np.linalg.norm(y)
     return np.column_stack([x, y, np.cross(x, y)])
+
+
+def _unit(direction: Sequence[float]) -> np.ndarray:
+    vector = np.asarray(direction, dtype=float)
+    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _flexible(name: str, reduced: ReducedBody) -> FlexibleBody:
@@ -126,7 +133,7 @@ def _between(entry: Between, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]
 
 def _keys(entry: Between) -> dict[str, object]:
     """What the section of a joint or a force law says beside its kind, its frames and its history."""
-    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive")}
+    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive", "signal")}
 
 
 def _force(
@@ -135,20 +142,28 @@ def _force(
     frames: Mapping[str, Frame],
     bearings: Mapping[str, Bearing],
     free: Mapping[str, Sequence[str]],
+    bodies: Sequence[Body],
 ) -> Force:
     match entry:
         case stated.Gravity():
-            return Gravity(np.array(entry.acceleration), name)
+            if entry.turns is None:
+                return Gravity(np.array(entry.acceleration), name)
+            return turning_gravity(name, bodies, np.array(entry.acceleration), _unit(entry.turns.axis))
         case stated.PointForce() | stated.PointMoment():
-            direction = np.asarray(entry.direction, dtype=float)
-            direction = direction / np.linalg.norm(direction)
+            direction = _unit(entry.direction)
+            if entry.axes == "frame":
+                follower = follower_force if entry.type == "force" else follower_moment
+                return follower(name, frames[entry.frame], direction)
             kind = PointForce if entry.type == "force" else PointMoment
             return kind(name, frames[entry.frame], direction[:, None], (name,))
         case stated.BearingForce():
             outer, inner = frames[entry.outer], frames[entry.inner]
             own = tuple(free.get(entry.bearing, ()))
             names = tuple(f"{entry.bearing}.{key}" for key in own)
-            law = BearingLaw(bearings[entry.bearing], own)
-            return RelativeElement(name, bearing_displacements(outer, inner), law, names, (cosine(outer, 0, inner, 0),))
+            d = entry.drag
+            damping = np.array([d.axial, d.radial, d.radial, d.tilt, d.tilt], dtype=float)
+            drag = Drag(d.moment, d.coefficient, d.viscous, d.speed, damping)
+            law = BearingLaw(bearings[entry.bearing], own, drag)
+            return RelativeElement(name, ring_relations(outer, inner, drag), law, names, (cosine(outer, 0, inner, 0),))
         case _:
             return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))

@@ -10,6 +10,7 @@ from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
 from strainsight.multibody.accelerations import Instant, instant, reaction
 from strainsight.multibody.forces import Gravity
+from strainsight.multibody.laws.turning import TurningGravity
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory
 from strainsight.records.simulated import DriveMotion
@@ -48,11 +49,15 @@ def _acceleration(bench: Bench, entry: AccelerationSensor) -> Reading:
     frame = bench.frames[entry.frame]
     own = [position_sensor(entry.frame, frame, rate=True), *(axis_sensor(entry.frame, frame, k) for k in range(3))]
     compiled = readings(bench.system, own)
-    g = sum((f.acceleration for f in bench.system.forces if isinstance(f, Gravity)), np.zeros(3)) * entry.gravity
+    steady = sum((f.acceleration for f in bench.system.forces if isinstance(f, Gravity)), np.zeros(3))
+    laws = [(e.force.law, e.inputs[0]) for e in bench.system.elements if len(e.inputs)]
+    turning = [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 
     def at(q: np.ndarray, v: np.ndarray, u: np.ndarray, now: Instant) -> np.ndarray:
         y, by_q, by_v = compiled.read(q, v)
-        a = (by_q @ v + by_v @ now.acceleration)[:3] - g
+        a = (by_q @ v + by_v @ now.acceleration)[:3]
+        if entry.gravity:
+            a = a - steady - sum(law.at(u[k])[0] for law, k in turning)
         return np.asarray(y[3:].reshape(3, 3) @ a if entry.axes == "own" else a)
 
     return at

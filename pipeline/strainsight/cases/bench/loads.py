@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.histories import signal_at, signal_of
+from strainsight.cases.histories import signal_at
+from strainsight.cases.recorded import LOADS
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.connections import Driven, DrivenDistance, PointForce, PointMoment
+from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity, Load
 from strainsight.errors import ConfigError, blame
 from strainsight.multibody.laws.spring import SHORTEST
 from strainsight.signals.histories import evaluate
@@ -29,7 +30,8 @@ MOTIONS = {
 
 def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
     """Unit of each of these loads."""
-    return {name: "N" if isinstance(config.forces[name], PointForce) else "N m" for name in names}
+    units = {"force": "N", "actuator": "N", "moment": "N m", "torque": "N m", "gravity": "rad"}
+    return {name: units[config.forces[name].type] for name in names}
 
 
 def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
@@ -37,9 +39,13 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
     signals = {}
     for name in bench.system.inputs:
         entry = config.forces[name]
-        assert isinstance(entry, PointForce | PointMoment)
-        with blame(f"forces.{name}.signal"):
-            signals[name] = signal_of(name, entry.signal, files, "forces")
+        assert isinstance(entry, Load | Gravity)
+        history = entry.turns if isinstance(entry, Gravity) else entry
+        assert history is not None  # gravity that does not turn is no input
+        turns = isinstance(entry, Gravity)
+        key = f"forces.{name}.{'turns.' * turns}signal"
+        with blame(key):
+            signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)
     drives = drives_of(config, bench, files)
 
     def at(time: np.ndarray) -> np.ndarray:

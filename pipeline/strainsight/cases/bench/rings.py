@@ -8,7 +8,7 @@ from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import ConfigError
-from strainsight.multibody.bearing.element import ball_loads
+from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
 from strainsight.ordering import first_of_largest
@@ -24,7 +24,7 @@ def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[
         if not isinstance(stated, BearingForce):
             continue
         bearing = bench.bearings[stated.bearing]
-        own = readings(bench.system, [RelationSensor(force.name, force.relations)])
+        own = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
         q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
@@ -38,7 +38,7 @@ def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[
             )
         rings[force.name] = RingMotion(
             displacement=q,
-            load=np.array([force.law.load(each, np.zeros(5), np.zeros(0)).F for each in q]),
+            load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,
             worst=WorstInstant(
                 time=float(found.time[worst]),

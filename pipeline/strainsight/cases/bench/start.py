@@ -35,7 +35,7 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
                 key=f"bodies.{name}.pose",
                 remedy="correct the pose or the frames of its joints, or raise simulate.snap_tolerance",
             )
-    _refuse_forceless(bench, q)
+    _refuse_forceless(bench, q, u)
     if settings.start == "equilibrium":
         try:
             q, _ = static_equilibrium(bench.system, q, u, bench.theta)
@@ -81,12 +81,13 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
                 )
 
 
-def _refuse_forceless(bench: Bench, q: np.ndarray) -> None:
+def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     """A force that cannot be had where the bench starts."""
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
-            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), bench.theta[element.parameters])
+            own = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
+            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), own)
         except NumericalError as error:
             raise ConfigError(
                 f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy

@@ -182,9 +182,11 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
 
 def _loads(config: BenchConfig) -> Iterator[Problem]:
     for name, force in config.forces.items():
+        key = f"forces.{name}"
+        if force.type == "gravity" and force.turns is not None and not any(force.turns.axis):
+            yield Problem(f"{key}.turns.axis", "has no length", "give three numbers, not all zero")
         if force.type not in ("force", "moment"):
             continue
-        key = f"forces.{name}"
         if force.frame in config.frames and config.frames[force.frame].body == GROUND:
             what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
             yield Problem(f"{key}.frame", what, "name a frame on a body")

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
 from strainsight.config.bench.bench import BenchConfig, Simulated
-from strainsight.config.bench.connections import Driven
+from strainsight.config.bench.connections import Driven, Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
 
@@ -24,7 +24,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     estimate = config.estimate
     if estimate is None:
         return
-    loads = [name for name, force in config.forces.items() if force.type in ("force", "moment")]
+    loads = [name for name, force in config.forces.items() if isinstance(force, Load)]
     for name in estimate.inputs:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
     yield from _load_models(config, estimate)

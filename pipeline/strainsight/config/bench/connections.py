@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive, Section, Vector
+from strainsight.config.base import NotNegative, Positive, Section, Vector, with_defaults
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
 from strainsight.config.names import BearingName, FrameName
 
@@ -189,11 +189,23 @@ Joint = Annotated[
 ]
 
 
+class Turns(Section):
+    """A turn of gravity in time."""
+
+    axis: Vector = Field(description="Axis in global axes [-]; its length does not matter.")
+    signal: Signal = Field(description="Angle about it [rad].")
+
+
 class Gravity(Section):
     """Gravity on every body."""
 
     type: Literal["gravity"] = Field(description="Kind of force.")
     acceleration: Vector = Field((0.0, 0.0, -9.81), description="In global axes [m/s²].")
+    turns: Turns | None = Field(
+        None,
+        description="It turns, as for a bench that is itself turned slowly: nothing else is felt of that rotation. null: it does "
+        "not.",
+    )
 
 
 class Spring(Section):
@@ -229,8 +241,46 @@ class Bushing(Section):
     damping: Six = Field((0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad].")
 
 
-Law = Spring | Torsion | Bushing
+class Friction(Section):
+    """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
+    carries."""
+
+    type: Literal["friction"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames.")
+    motion: Literal["turn", "slide"] = Field("turn", description="Against a turn about the axis, or a slide along it.")
+    coulomb: NotNegative = Field(description="Coulomb friction T [N m, of a slide N].")
+    viscous: NotNegative = Field(0.0, description="Viscous friction c [N m s/rad, of a slide N s/m].")
+    speed: Positive = Field(
+        1e-3,
+        description="ω₀: from 3 ω₀ on it is Coulomb's to 0.5 %, below what should stick creeps; not less than a tenth of what it "
+        "changes the speed by in a step, which is not solved otherwise [rad/s, of a slide m/s].",
+    )
+    axis: Axis = Field("x", description="Axis of both frames; of a slide, of the first one.")
+
+
+class Torque(Section):
+    """A motor: a torque between two frames about an axis that a joint keeps common to them; an input of the bench."""
+
+    type: Literal["torque"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames: the one that holds, the one that is turned.")
+    axis: Axis = Field("x", description="Axis of both frames.")
+    signal: Signal = Field(description="Torque on the second frame [N m].")
+
+
+class Actuator(Section):
+    """A cylinder: a force that pushes two origins apart; an input of the bench."""
+
+    type: Literal["actuator"] = Field(description="Kind of force.")
+    frames: Frames = Field(description="Names of the two frames.")
+    signal: Signal = Field(description="Force that pushes them apart [N].")
+
+
+Law = Spring | Torsion | Bushing | Friction | Torque | Actuator
 """The force laws between two frames."""
+
+
+Axes = Literal["global", "frame"]
+AXES = "global: it keeps its direction; frame: it turns with the frame, in whose axes the direction is."
 
 
 class PointForce(Section):
@@ -238,7 +288,8 @@ class PointForce(Section):
 
     type: Literal["force"] = Field(description="Kind of force.")
     frame: FrameName = Field(description="Name of the frame.")
-    direction: Vector = Field(description="In global axes [-]; its length does not matter.")
+    direction: Vector = Field(description="Direction [-]; its length does not matter.")
+    axes: Axes = Field("global", description=AXES)
     signal: Signal = Field(description="Its history [N].")
 
 
@@ -247,8 +298,26 @@ class PointMoment(Section):
 
     type: Literal["moment"] = Field(description="Kind of force.")
     frame: FrameName = Field(description="Name of the frame.")
-    direction: Vector = Field(description="In global axes [-]; its length does not matter.")
+    direction: Vector = Field(description="Direction [-]; its length does not matter.")
+    axes: Axes = Field("global", description=AXES)
     signal: Signal = Field(description="Its history [N m].")
+
+
+class BearingDrag(Section):
+    """What a bearing takes from motion."""
+
+    moment: NotNegative = Field(0.0, description="Friction moment without load, of seals and preload [N m].")
+    coefficient: NotNegative = Field(
+        0.0,
+        description="µ of µ/2 (4.4 M + D F_a + 3.81 D F_r) of what the balls carry, as makers state it [-]: 0.006 or so.",
+    )
+    viscous: NotNegative = Field(0.0, description="Viscous friction against the turn [N m s/rad].")
+    speed: Positive = Field(
+        1e-3, description="Speed of turning from three times which on friction is Coulomb's to 0.5 % [rad/s]."
+    )
+    axial: NotNegative = Field(0.0, description="Damping of the axial displacement [N s/m].")
+    radial: NotNegative = Field(0.0, description="Damping of the radial displacements [N s/m].")
+    tilt: NotNegative = Field(0.0, description="Damping of the tilts [N m s/rad].")
 
 
 class BearingForce(Section):
@@ -258,6 +327,9 @@ class BearingForce(Section):
     bearing: BearingName = Field(description="Name of the bearing.")
     outer: FrameName = Field(description="Frame of the outer ring, at the centre of the bearing.")
     inner: FrameName = Field(description="Frame of the inner ring, at the centre of the bearing.")
+    drag: BearingDrag = with_defaults(BearingDrag, "Friction and damping.")
 
 
+Load = PointForce | PointMoment | Torque | Actuator
+"""What has a history: the inputs of a bench. Gravity that turns has one, too, and is none of them: it is known."""
 Force = Annotated[Gravity | Law | PointForce | PointMoment | BearingForce, Field(discriminator="type")]

@@ -49,14 +49,20 @@ def spring(
     """
 
     def stretch(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        s = float(rho[0])
-        if not s > SHORTEST**2:
-            raise NumericalError(
-                f"its end points '{i.name}' and '{j.name}' are {np.sqrt(max(s, 0.0)):.2g} m apart, below {SHORTEST:g} m: "
-                "the force has no direction",
-                remedy="name frames that stay apart",
-            )
-        l = np.sqrt(s)
-        return l - length, np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])
+        l, slope, bend = length_of(rho, i.name, j.name)
+        return l - length, slope, bend
 
     return RelativeElement(name, (distance_squared(i, j),), SpringDamper(stretch, stiffness, damping))
+
+
+def length_of(rho: np.ndarray, first: str, second: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """l = √ρ, dl/dρ, d²l/dρ². Raises NumericalError, naming the two frames, where it has no direction."""
+    s = float(rho[0])
+    if not s > SHORTEST**2:
+        raise NumericalError(
+            f"its end points '{first}' and '{second}' are {np.sqrt(max(s, 0.0)):.2g} m apart, below {SHORTEST:g} m: the force "
+            "has no direction",
+            remedy="name frames that stay apart",
+        )
+    l = float(np.sqrt(s))
+    return l, np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])

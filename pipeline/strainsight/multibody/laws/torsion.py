@@ -26,15 +26,22 @@ def torsion(
     c, s = np.cos(angle), np.sin(angle)
 
     def turn(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        x, y = float(rho[0]), float(rho[1])
-        phi = np.arctan2(y * c - x * s, x * c + y * s)
+        x, y = rho
+        phi = float(np.arctan2(y * c - x * s, x * c + y * s))
         if stiffness and not abs(phi) <= FARTHEST:
             raise NumericalError(
                 f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
                 remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
             )
-        r = x * x + y * y
-        return phi, np.array([-y, x]) / r, np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
+        return phi, *turned_by(rho)[1:]
 
     law = SpringDamper(turn, stiffness, damping)
     return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
+
+
+def turned_by(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """φ = atan2(y, x) of ρ = (x, y), ∇φ (2,), ∇²φ (2, 2): slopes and so rates are regular at every angle."""
+    x, y = float(rho[0]), float(rho[1])
+    r = x * x + y * y
+    bend = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
+    return float(np.arctan2(y, x)), np.array([-y, x]) / r, bend

@@ -17,6 +17,7 @@ from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read, written
 from strainsight.records.simulated import Simulated
 from strainsight.stages.bench import inputs
+from strainsight.stages.bench.inputs import HISTORIES
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
@@ -153,6 +154,6 @@ ESTIMATE = Stage(
     version=7,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file", "joints.*.drive.signal.file", "estimate.measured.from", "estimate.measured.file"),
+    files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),
     run=run,
 )

@@ -9,6 +9,9 @@ from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.workflow.stage import Context
 
+HISTORIES = ("forces.*.signal.file", "forces.*.turns.signal.file", "joints.*.drive.signal.file")
+"""Keys of files with loads, turns of gravity and drives."""
+
 
 def meshes(context: Context[object]) -> dict[str, Mesh]:
     """import.h5: flexible body → its mesh."""

@@ -12,6 +12,7 @@ from strainsight.multibody.advance import GAIN, LAG
 from strainsight.multibody.band import SHARE, followed, missed
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
+from strainsight.stages.bench.inputs import HISTORIES
 from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 
@@ -102,6 +103,6 @@ SIMULATE = Stage(
     version=4,
     reads=("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate"),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file", "joints.*.drive.signal.file"),
+    files=HISTORIES,
     run=run,
 )
