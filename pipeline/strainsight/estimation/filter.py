@@ -89,7 +89,7 @@ def filter_runs(
     iterations: int = 1,
     through_step: bool = False,
     damped: bool = True,
-    project: Callable[[np.ndarray], np.ndarray] | None = None,
+    project: Callable[[np.ndarray, int], np.ndarray] | None = None,
     progress: Callable[[int], None] | None = None,
     watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     refuse: bool = True,
@@ -104,9 +104,9 @@ def filter_runs(
     form: "joseph", or "square_root", which carries a factor of P and serves noise so small that P spans more digits than
     a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
     through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
-    raises the cost or fails is halved. project: puts x (B, n) back on constraints after every update, its covariance is
-    left as it is; a step with the constraints inside and an update through it need none. progress: called with every step
-    that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
+    raises the cost or fails is halved. project: puts x (B, n) at instant k back on constraints after every update, its
+    covariance is left as it is; a step with the constraints inside and an update through it need none. progress: called with
+    every step that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
     No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
     that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
     not again once it is steady, as long as no sample is missing and the noise is the same.
@@ -170,7 +170,7 @@ def filter_runs(
                 adjusted = whiten(L, found.innovation)
                 record.spread[k] = np.diagonal(L, axis1=-2, axis2=-1)
             if project is not None:
-                x = project(x)
+                x = project(x, k + 1)
         astray = model.lost(x)
         if astray.any():
             record.lost[astray & (record.lost < 0)] = k + 1

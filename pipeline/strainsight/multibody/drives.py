@@ -53,6 +53,11 @@ class Drives:
         """Of u."""
         return self.at + 2 * len(self.names)
 
+    @property
+    def rates(self) -> slice:
+        """Places of ṗ in u."""
+        return slice(self.at + len(self.names), self.width)
+
 
 class Driven(NamedTuple):
     """φ_t (m,) = φ_p ṗ of all constraints; φ_p (k,), its derivative by time at rest (k,), and B_p (k, n) of the driven ones."""

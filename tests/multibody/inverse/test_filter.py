@@ -70,7 +70,7 @@ def test_a_bearing_parameter_from_one_percent_off_on_either_side(convention, par
         run = filter_runs(model, *b.start(model, std_xi=std, theta=guess), y, **ITERATED)
         found = model.coordinates.theta(run.mean[-1, 0, model.xi])[0]
         assert found[0] == pytest.approx(b.theta[0], rel=1e-6)
-        assert np.max(model.violation(run.mean[:, 0])) < 1e-15
+        assert np.max(model.violation(run.mean[:, 0], 0)) < 1e-15
 
 
 @pytest.mark.parametrize("h", [0.11, 0.3])
@@ -158,7 +158,7 @@ def draw(model, x, P, steps, rng):
     n = model.size
     values, vectors = np.linalg.eigh(P)
     x = x + vectors @ (np.sqrt(np.maximum(values, 0)) * rng.normal(size=n))
-    x = model.projected(x[None])[0]
+    x = model.projected(x[None], 0)[0]
     truth, y = [], []
     std = np.sqrt(np.diag(model.before(0)))
     for k in range(steps):

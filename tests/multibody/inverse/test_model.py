@@ -17,7 +17,7 @@ def disturbed(model, x, seed=0):
     x = x.copy()
     x[model.q] += 1e-4 * rng.normal(size=model.system.size)
     x[model.v] += 1e-3 * rng.normal(size=model.system.size)
-    x = model.projected(x[None])[0]
+    x = model.projected(x[None], 0)[0]
     x[model.w] = 1e2 * rng.normal(size=model.system.size)
     x[model.u] = 1e4 * rng.normal(size=len(model.inputs))
     x[model.delta] = 1e3 * rng.normal(size=len(model.inputs))
@@ -118,7 +118,7 @@ def test_a_step_that_fails_leaves_nan_in_its_run_alone():
     assert np.isfinite(A[0]).all()
     assert np.isnan(ahead[1:]).all()
     np.testing.assert_array_equal(model.lost(ahead), [False, True, True])
-    assert np.isnan(model.projected(ahead)[1:]).all()
+    assert np.isnan(model.projected(ahead, 1)[1:]).all()
 
 
 def test_the_same_point_is_stepped_once(monkeypatch):
@@ -147,9 +147,9 @@ def test_projection_puts_a_state_back_on_its_constraints():
     rng = np.random.default_rng(2)
     x = np.stack([b.start(model)[0]] * 3)
     x[:, : model.w.start] += 1e-3 * rng.normal(size=(3, model.w.start))
-    assert np.all(model.violation(x) > 1e-6)
-    back = model.projected(x)
-    assert np.all(model.violation(back) < 1e-15)
+    assert np.all(model.violation(x, 0) > 1e-6)
+    back = model.projected(x, 0)
+    assert np.all(model.violation(back, 0) < 1e-15)
     d = b.system.metric
     for old, new in zip(x, back, strict=True):
         phi, B = constraints_at(b.system, new[model.q])

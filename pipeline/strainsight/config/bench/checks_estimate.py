@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
 from strainsight.config.bench.bench import BenchConfig, Simulated
-from strainsight.config.bench.connections import Driven, Load
+from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
 
@@ -30,7 +30,6 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _load_models(config, estimate)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
-    yield from _driven(config)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
@@ -59,14 +58,6 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             what = f"{entry.model}: place takes unknown loads of a bench for random walks"
             yield Problem(
                 f"{key}.model", what, "take random_walk where gauges are placed, and this model in a run of its own"
-            )
-
-
-def _driven(config: BenchConfig) -> Iterator[Problem]:
-    for name, joint in config.joints.items():
-        if isinstance(joint, Driven):
-            yield Problem(
-                f"joints.{name}", "the filter does not follow driven joints yet", "take out estimate, or the drive"
             )
 
 

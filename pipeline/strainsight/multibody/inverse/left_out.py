@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.multibody.accelerations import instant
 from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
-from strainsight.multibody.equations import balance, input_slopes
+from strainsight.multibody.equations import input_slopes
 from strainsight.multibody.inverse.loads import SHORT, LoadProcess, step_noise
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
@@ -18,7 +19,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class Start:
-    """Where a step begins, and what is known of its loads: q, v (n,), c (k,) of the unknown ones, u and u_end (all inputs,) at
+    """Where a step begins, and what is known of its loads: q, v (n,), c (k,) of the unknown ones, u and u_end (width,) at
     its start and end, the unknown ones of c at both; theta (nθ,)."""
 
     q: np.ndarray
@@ -60,7 +61,7 @@ def left_out(
 
     The step takes loads for straight lines and modes for what implicit stages make of them; this is exact in both for a bench
     that is linear as long as the step lasts. ε is the path of the loads between its ends, a bridge, which no reading of c
-    tells: independent of δ, and of other steps. f₀: the force at the start, without that of the constraints.
+    tells: independent of δ, and of other steps. f₀: what accelerates the bench at the start along its motions.
     inputs (nu,): places of the unknown loads in `system.inputs`.
     """
     h, n, k = loads.h, system.size, loads.size
@@ -70,11 +71,13 @@ def left_out(
     M, C, K = at.project(at.at.mass), at.project(at.at.damping), at.project(at.at.stiffness)
     B = -T.T @ input_slopes(system, at.at, middle[0])
     speed = T.T @ (d * d * start.v)
-    force = -T.T @ _unheld(system, start)
+    p_second = (start.u_end - start.u)[system.drives.rates] / h
+    moving = instant(system, start.q, start.v, start.u, start.theta, p_second)
+    force = M @ (T.T @ (d * d * moving.acceleration))
     unknown = np.zeros((r, k))
     unknown[:, loads.first] = B[:, inputs]
     constant = force + C @ speed - unknown @ start.c
-    ramp = B @ (start.u_end - start.u)
+    ramp = B @ (start.u_end - start.u)[: B.shape[1]]
 
     # η = ω y, so that both halves of a motion count alike
     per = np.linalg.solve(M, np.column_stack([K, C, unknown, constant, ramp]))
@@ -104,16 +107,6 @@ def left_out(
     back[:r, :n] = back[r:, n:] = T.T * (d * d)
     bridge = out @ noise
     return LeftOut(out @ change, out @ by_state @ back, out @ by_load, out @ by_drawn, bridge @ bridge.T)
-
-
-def _unheld(system: System, start: Start) -> np.ndarray:
-    """The load (n,) at the start, without the forces of the constraints that balance it best."""
-    n, m, d = system.size, system.constrained, system.metric
-    none = np.zeros(m)
-    at = balance(system, start.q, start.v, np.zeros(n), none, none, start.u, start.theta, system.at(start.theta))
-    if not m:
-        return at.load
-    return np.asarray(at.load - at.B.T @ np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0])
 
 
 def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:

@@ -60,9 +60,9 @@ class AugmentedStep:
     zero where `corrected` is false, and the step with loads straight within it is taken for true. e leaves the constraints by its
     square, and x has to be put back (`projected`).
     system, sensors: compiled for each other; offset (m,) subtracted from every reading (zeroed gauges) [unit of the
-    channel]; method: of the step; known (T + 1, all inputs): row k acts at kh, columns of unknown inputs are not read
-    [N, N m]; inputs (nu,): places of the unknown inputs in `system.inputs`; loads: how they move, and the step h [s];
-    coordinates: of the unknown parameters;
+    channel]; method: of the step; known (T + 1, width): row k acts at kh, all inputs [N, N m], then p and ṗ of driven joints;
+    columns of unknown inputs are not read; inputs (nu,): places of the unknown inputs in `system.inputs`; loads: how they
+    move, and the step h [s]; coordinates: of the unknown parameters;
     Q_w (n,): variances a step, Q_xi (p,) or (p, p) covariance [unit²]; R (m,): variances of the readings [unit²];
     zero: ξ → a further offset (m,) and its slopes (m, p), of channels zeroed under load (`zero_at_rest`).
     rest: whether step 0 begins in the equilibrium under u and ξ: then q of x is only where that is sought from, v is zero, and
@@ -206,22 +206,24 @@ class AugmentedStep:
     def lost(self, x: np.ndarray) -> np.ndarray:
         return ~np.isfinite(x.sum(axis=1))
 
-    def projected(self, x: np.ndarray) -> np.ndarray:
-        """x (B, size) with q and v put back on φ(q) = 0, B(q)v = 0, nearest in the metric; NaN where that fails."""
+    def projected(self, x: np.ndarray, k: int) -> np.ndarray:
+        """x (B, size) at kh with q and v put back on φ(q) = 0, B(q)v = −φ_t, nearest in the metric; NaN where that fails."""
         x = x.copy()
         for own in x:
             if np.isfinite(own.sum()):
                 try:
-                    own[self.q], own[self.v] = nearest_state(self.system, own[self.q], own[self.v])
+                    own[self.q], own[self.v] = nearest_state(
+                        self.system, own[self.q], own[self.v], self.known[k]
+                    )
                 except UserError:
                     own[:] = np.nan
         return x
 
-    def violation(self, x: np.ndarray) -> np.ndarray:
-        """How far x (B, size) is off φ(q) = 0, beside ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
+    def violation(self, x: np.ndarray, k: int) -> np.ndarray:
+        """How far x (B, size) at kh is off φ(q) = 0, beside ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
         off = np.zeros(len(x))
         for run, own in enumerate(x):
-            phi, B = constraints_at(self.system, own[self.q])
+            phi, B = constraints_at(self.system, own[self.q], self.known[k])
             if len(phi):
                 d = self.system.metric
                 off[run] = np.max(np.abs(phi) / np.linalg.norm(B / d, axis=1)) / np.linalg.norm(d * own[self.q])

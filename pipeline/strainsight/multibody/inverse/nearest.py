@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.initial import constraints_at, project_position
+from strainsight.multibody.initial import moving_constraints, project_position
 from strainsight.multibody.system import System
 
 ITERATIONS = 20
@@ -14,20 +14,23 @@ ROUNDING = 1e-15
 """A correction below this, beside the state in the metric, is none."""
 
 
-def nearest_state(system: System, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """q, v (n,) with φ(q) = 0 and B(q)v = 0, nearest in the metric of the mass:
+def nearest_state(
+    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """q, v (n,) with φ(q) = 0 and B(q)v = −φ_t, nearest in the metric of the mass:
 
-        q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁻¹φ(q) until it rests,     v ← v − D⁻²Bᵀ(BD⁻²Bᵀ)⁻¹Bv
+        q ← q − D⁻²Bᵀ(BD⁻²Bᵀ)⁻¹φ(q) until it rests,     v ← v − D⁻²Bᵀ(BD⁻²Bᵀ)⁻¹(Bv + φ_t)
 
     as `project_position` and `project_velocity`, without their questions whether the joints are independent: that is for
-    the start. Raises InfeasibleError as `project_position` does, where no configuration nearby satisfies the joints.
+    the start. u as of `constraints_at`. Raises InfeasibleError as `project_position` does, where no configuration nearby
+    satisfies the joints.
     """
     q, d = np.array(q, dtype=float), system.metric
     if not system.constrained:
         return q, np.array(v, dtype=float)
     before = np.inf
     for _ in range(ITERATIONS):
-        phi, B = constraints_at(system, q)
+        phi, B, rate = moving_constraints(system, q, u)
         x = _across(B / d, phi)
         if x is None:
             break
@@ -37,7 +40,7 @@ def nearest_state(system: System, q: np.ndarray, v: np.ndarray) -> tuple[np.ndar
             B = B / d
             y = d * v
             for _ in range(2):
-                x = _across(B, B @ y)
+                x = _across(B, B @ y + rate)
                 if x is None:
                     break
                 y = y - x
@@ -45,7 +48,7 @@ def nearest_state(system: System, q: np.ndarray, v: np.ndarray) -> tuple[np.ndar
                 return q, y / d
             break
         before = size
-    project_position(system, q)
+    project_position(system, q, u)
     raise InfeasibleError(
         "the joints cannot be satisfied near this configuration",
         remedy="take a smaller time step, or iterate the update",

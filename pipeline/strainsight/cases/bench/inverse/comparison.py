@@ -159,4 +159,4 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
 
 def _violation(own: Estimated, k: int) -> float:
     x = own.mean[k, :1]
-    return float(own.trial.model.violation(x)[0]) if np.isfinite(x).all() else float("nan")
+    return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")

@@ -63,9 +63,9 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
     found = [_bank(method, trial, run, y[:, run], progress_of(run)) for run in range(runs)]
     model = trial.model
     mean = np.stack([own.mean for own in found], axis=1)
-    for states in mean[1:]:
+    for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
-        states[:] = model.projected(states)
+        states[:] = model.projected(states, k)
     return Filtered(
         model.h * np.arange(len(y) + 1),
         mean,

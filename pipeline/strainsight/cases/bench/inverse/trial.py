@@ -70,7 +70,7 @@ def trial_of(
         bench.system, channels, np.zeros(len(largest)), config.simulate.method,
         known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium", corrected=corrects(config),
+        rest=config.simulate.start == "equilibrium" and not known[0, bench.system.drives.rates].any(), corrected=corrects(config),
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u

@@ -67,7 +67,7 @@ def simulated(
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
     """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from `before`.
 
-    start (B, size), P (B, size, size), known (T + 1, all inputs). The drawn starts are put back on the constraints.
+    start (B, size), P (B, size, size), known (T + 1, width). The drawn starts are put back on the constraints.
     Raises NumericalError where a drawn step cannot be solved.
     """
     steps = len(known) - 1
@@ -77,7 +77,7 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         which = run % len(start)
         spread = covariance_factor(P[which])
         x[run] = start[which] + spread @ draw.standard_normal(spread.shape[1])
-    x = model.projected(x)
+    x = model.projected(x, 0)
     inputs = np.repeat(known[:, None], runs, axis=1)
     inputs[0][:, model.inputs] = x[:, model.u]
     readings = np.empty((steps, runs, model.channels))
@@ -89,7 +89,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         if model.corrected:
             within = square_factor(model.process(k))
             x = model.projected(
-                x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)])
+                x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)]),
+                k + 1,
             )
         if not np.all(np.isfinite(x)):
             raise NumericalError(

@@ -138,7 +138,7 @@ def _poses(
     at rest; each is sought from the one before."""
     time = np.array(place.poses)
     u = loads_of(config, bench, using.files)(time)
-    u[:, len(bench.system.inputs) + len(bench.system.drives.names) :] = 0.0
+    u[:, bench.system.drives.rates] = 0.0
     settings = config.simulate.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
         q = start_of(bench, settings, u[0])[0]
