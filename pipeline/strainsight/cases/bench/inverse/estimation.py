@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, measurements, simulated
@@ -128,12 +129,16 @@ def estimated(
         if has_bank(config)
         else by_extended(estimate.method, trial, y, filtering)
     )
+    doubts = (
+        *undistinguished(config, trial, unknowns, found.mean[:, 0]),
+        *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
+    )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        elsewhere, found.compared, done, (*trial.notes, *found.notes),
+        elsewhere, found.compared, done, (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
 
 
