@@ -1,4 +1,4 @@
-"""Does σ of loads and of a modulus hold on a bench that another integrator moved? python benchmarks/bench_sigma.py [seeds]
+"""Does σ of loads and of a modulus hold on a bench that another integrator moved? bench_sigma.py [seeds] [kind …]
 
 The small bench of the tests, 20 drawn truths of 1 s each: loads that are random walks or Matérn processes, drawn every
 millisecond, or sums of 24 sines below 0.6 Hz; motion by the explicit method of eighth order of Dormand and Prince with a step of
@@ -125,9 +125,9 @@ def shown(name: str, scores: np.ndarray) -> str:
     return f"{name:58s} {np.sqrt(np.mean(scores**2)):5.2f}  ({each.min():.2f} to {each.max():.2f})"
 
 
-def main(seeds: int) -> None:
+def main(seeds: int, kinds: list[str]) -> None:
     plain, elastic = bench(), bench(modulus=True)
-    for kind in ("walk", "matern", "sines"):
+    for kind in kinds:
         start = time.process_time()
         u = np.array([drawn(kind, seed) for seed in range(seeds)])
         y = np.array([motion(plain, own) for own in u])
@@ -149,4 +149,4 @@ def main(seeds: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20)
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20, sys.argv[2:] or ["walk", "matern", "sines"])
