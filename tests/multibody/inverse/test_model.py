@@ -3,10 +3,22 @@
 import numpy as np
 import pytest
 
+from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.advance import advance
+from strainsight.multibody.bodies import FlexibleBody
+from strainsight.multibody.forces import PointForce
+from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.inverse.loads import walks
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.observed import indistinct
+from strainsight.multibody.inverse.parameters import parameter_coordinates
+from strainsight.multibody.sensors import StrainSensor, readings
+from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.system import assemble
 
-from .benches import bench, loads
+from .benches import bench, inertia_of, loads
+from .test_left_out import springs
 
 FREE = ("ball_diameter", "radius_inner_left", "preload")
 
@@ -160,3 +172,32 @@ def test_projection_puts_a_state_back_on_its_constraints():
         across = np.linalg.lstsq((B / d).T, off, rcond=None)[0]
         np.testing.assert_allclose((B / d).T @ across, off, atol=1e-12 * np.abs(off).max())
     np.testing.assert_array_equal(back[:, model.w.start :], x[:, model.w.start :])
+
+
+def test_a_modulus_beside_the_loads_of_a_weightless_bench_at_rest_is_not_separated_from_them():
+    """Strain and displacement of springs are load over modulus: twice both reads the same, and a second force on the line of the
+    first adds another such combination. A known force beside them separates them."""
+    M, C, K, shape, _ = springs()
+    body = FlexibleBody("body", True, AffineOperator(0 * K, {"E": K / 7.0}), M, C, inertia_of(M, 3.0))
+    frame = Frame("end", "body", displacement=shape, rotation=0 * shape)
+    forces = [PointForce("F", frame, np.eye(3)[0], ["x"]), PointForce("G", frame, 2 * np.eye(3)[0], ["z"]),
+              PointForce("W", frame, np.eye(3)[1], ["w"])]  # fmt: skip
+    system = assemble([body], [], forces)
+    theta = np.array([7.0])
+
+    def lacking(unknown, known, free):
+        inputs = np.array([system.inputs.index(name) for name in unknown])
+        u = np.array([3.0, 0.0, known])
+        model = AugmentedStep(
+            system, readings(system, [StrainSensor("s", "body", np.eye(3))]), np.zeros(3), "second_order", np.tile(u, (2, 1)),
+            inputs, walks(np.ones(len(inputs)), 0.1), parameter_coordinates(["E"], ["E"] if free else [], theta, {}),
+            np.zeros(3), np.zeros(int(free)), np.full(3, 1e-6),
+        )  # fmt: skip
+        q, _ = static_equilibrium(system, np.zeros(3), u, theta)
+        return indistinct(model, model.pack(q, 0 * q, u[inputs], theta), 0, [*unknown, *["E"] * free])
+
+    assert lacking(["x"], 0.0, False) == []
+    assert lacking(["x"], 0.0, True) == ["x and E together: fix one of them, or make one known"]
+    assert lacking(["x"], 5.0, True) == []
+    assert lacking(["x", "z"], 0.0, False) == ["x and z together: fix one of them, or make one known"]
+    assert len(lacking(["x", "z"], 0.0, True)) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,8 +18,7 @@ ROUNDING = 1e-12
 """Share of its variance that is left of a motion when the load's ends are known, below which it is rounding."""
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(NamedTuple):
     """Where a step begins, and what is known of its loads: q, v (n,), c (k,) of the unknown ones, u and u_end (width,) at
     its start and end, the unknown ones of c at both; theta (nθ,)."""
 

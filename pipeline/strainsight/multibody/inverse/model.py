@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -11,7 +11,8 @@ import numpy as np
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.advance import Advance, Method, advance, slopes
 from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.inverse.left_out import LeftOut, Start, left_out
+from strainsight.multibody.inverse.begun import Begun, begun
+from strainsight.multibody.inverse.left_out import Start
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.nearest import nearest_state
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
@@ -31,19 +32,6 @@ class _Taken(NamedTuple):
     ahead: np.ndarray
     A: np.ndarray
     drive: tuple[np.ndarray, np.ndarray]
-
-
-class _Begun(NamedTuple):
-    """What step k leaves out where it begins at x; stale (2n, 2n): mean square of what the linearisation changes of it."""
-
-    k: int
-    x: np.ndarray
-    left: LeftOut | None
-    stale: np.ndarray
-
-
-CHECKED = 4
-"""Every how many steps the error that is left of `left_out` is estimated anew: half of what its cost would be in each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +75,7 @@ class AugmentedStep:
     corrected: bool = False
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
-    _begun: dict[int, _Begun] = field(default_factory=dict, init=False, repr=False)
+    _begun: dict[int, Begun] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def h(self) -> float:
@@ -162,6 +150,8 @@ class AugmentedStep:
 
     def begin(self, x: np.ndarray, k: int) -> None:
         """What step k from x (B, size) leaves out, for all trials of this step."""
+        for run in [old for old in self._begun if old >= len(x)]:
+            del self._begun[run]
         for run, own in enumerate(x if self.corrected else ()):
             self._begin(run, own, k)
 
@@ -192,9 +182,9 @@ class AugmentedStep:
             return self._noise[0]
         moved = self.v.stop
         whole = np.zeros((max(len(self._begun), 1), self.size, self.size))
-        for run, begun in self._begun.items():
-            if begun.k == k and begun.left is not None:
-                whole[run, :moved, :moved] = begun.left.noise + begun.stale
+        for run, now in self._begun.items():
+            if now.k == k:
+                whole[run, :moved, :moved] = now.noise
         return whole
 
     def before(self, k: int) -> np.ndarray:
@@ -243,58 +233,41 @@ class AugmentedStep:
         taken = self._take(run, x, k)
         if not self.corrected or not np.isfinite(taken.ahead.sum()):
             return taken.ahead, taken.A
-        begun = self._begun.get(run)
-        if begun is None or begun.k != k:
-            begun = self._begin(run, x, k)
-        if begun.left is None:
+        now = self._begun.get(run)
+        if now is None or now.k != k:
+            now = self._begin(run, x, k)
+        if now.left is None:
             return taken.ahead, taken.A
-        left, moved = begun.left, self.v.stop
+        left, moved = now.left, self.v.stop
         ahead, A = taken.ahead.copy(), taken.A.copy()
-        off = x - begun.x
+        off = x - now.x
+        ahead[:moved] += now.by_xi @ off[self.xi]
         ahead[:moved] += (
             left.change + left.by_state @ off[:moved] + left.by_load @ off[self.c] + left.by_drawn @ x[self.delta]
         )
         A[:moved, :moved] += left.by_state
         A[:moved, self.c] += left.by_load
         A[:moved, self.delta] += left.by_drawn
+        A[:moved, self.xi] += now.by_xi
         return ahead, A
 
-    def _begin(self, run: int, x: np.ndarray, k: int) -> _Begun:
-        """Linearised half-way along the step; every few steps beside the start, which tells how good half-way is."""
-        before, n = self._begun.get(run), self.v.stop
-        stale = before.stale if before is not None and before.k == k - 1 else np.zeros((n, n))
-        taken = self._take(run, x, k)
-        left: LeftOut | None = None
-        if np.isfinite(taken.ahead.sum()):
-            u, end = np.array(self.known[k : k + 2], dtype=float)
-            u[self.inputs] = end[self.inputs] = x[self.u]
-            theta = self.coordinates.theta(x[self.xi])[0]
-            q, v = (x[self.q], x[self.v]) if not (self.rest and k == 0) else self._rests(x, u, theta)
-            start = Start(q, v, x[self.c], u, end, theta)
-            middle = 0.5 * (q + taken.ahead[self.q]), 0.5 * (v + taken.ahead[self.v])
-            try:
-                left = left_out(self.system, self.method, self.loads, self.inputs, start, middle)
-                if k % CHECKED == 0:
-                    other = left_out(self.system, self.method, self.loads, self.inputs, start, (q, v))
-                    change = left.change - other.change
-                    stale = 0.5 * (stale + np.outer(change, change)) if stale.any() else np.outer(change, change)
-            except (NumericalError, UserError):
-                left = None
-            if left is not None and self.rest and k == 0:
-                left = self._from_rest(left)
-        begun = _Begun(k, x.copy(), left, stale)
-        self._begun[run] = begun
-        return begun
-
-    def _rests(self, x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        q = static_equilibrium(self.system, x[self.q], u, theta)[0]
-        return q, np.zeros_like(q)
-
-    def _from_rest(self, left: LeftOut) -> LeftOut:
-        """In equilibrium whatever u is, the step leaves nothing out of it: only of the rates, and of what is drawn."""
-        by_load = left.by_load.copy()
-        by_load[:, self.loads.first] = 0.0
-        return replace(left, by_state=np.zeros_like(left.by_state), by_load=by_load)
+    def _begin(self, run: int, x: np.ndarray, k: int) -> Begun:
+        """Nothing where the step itself cannot be taken."""
+        taken, n = self._take(run, x, k), self.v.stop
+        if not np.isfinite(taken.ahead.sum()):
+            self._begun[run] = Begun(k, x.copy(), None, np.zeros((n, self.coordinates.size)), np.zeros((n, n)))
+            return self._begun[run]
+        u, end = np.array(self.known[k : k + 2], dtype=float)
+        u[self.inputs] = end[self.inputs] = x[self.u]
+        theta, rest = self.coordinates.theta(x[self.xi])[0], self.rest and k == 0
+        q, v = x[self.q], x[self.v]
+        if rest:
+            q, v = static_equilibrium(self.system, q, u, theta)[0], np.zeros_like(v)
+        self._begun[run] = begun(
+            self.system, self.method, self.loads, self.inputs, self.coordinates, x, x[self.xi], k,
+            Start(q, v, x[self.c], u, end, theta), (taken.ahead[self.q], taken.ahead[self.v]), rest, self._begun.get(run),
+        )  # fmt: skip
+        return self._begun[run]
 
     def _take(self, run: int, x: np.ndarray, k: int) -> _Taken:
         before = self._taken.get(run, ())

@@ -11,6 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
@@ -138,12 +139,16 @@ def estimated(
         if has_bank(config)
         else by_extended(estimate.method, trial, y, filtering, watch)
     )
+    doubts = (
+        *undistinguished(config, trial, unknowns, found.mean[:, 0]),
+        *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
+    )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        elsewhere, rings_estimated(config, bench, watch), found.compared, done, (*trial.notes, *found.notes),
+        elsewhere, rings_estimated(config, bench, watch), found.compared, done, (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
 
 

@@ -1,0 +1,136 @@
+"""A record of a bench from outside: motion by another integrator, strains and displacements in a file, noise, offsets."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from typer.testing import CliRunner
+
+from strainsight.cases.bench.bench import bench_of
+from strainsight.cases.bench.sensors import sensors_of
+from strainsight.cases.bench.start import start_of
+from strainsight.config.load import load_config
+from strainsight.multibody.equations import balance
+from strainsight.records.bodies import ReducedBodies
+from strainsight.records.mesh import Meshes
+from strainsight.records.record import read
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from ..robustness.small import write_project
+
+BENCH = """
+kind: bench
+name: bench
+bodies:
+  beam: {type: flexible, mesh: {file: beam.bdf}, modes: 4, damping: {type: modal, ratio: 0.01}}
+  arm: {type: rigid, mass: 20.0, centre: [0.4, 0, 0], inertia: {xx: 0.5, yy: 5.0, zz: 5.0}, pose: {origin: [1.0, 0.05, 0.04]}}
+frames:
+  tip: {body: beam, node: 1000}
+  root: {body: arm}
+  end: {body: arm, pose: {origin: [0.8, 0, 0]}}
+joints:
+  hinge: {type: revolute, frames: [tip, root], axis: y}
+forces:
+  weight: {type: gravity}
+  spring: {type: torsion, frames: [tip, root], stiffness: 8.0e+3, damping: 20.0, axis: y}
+  side: {type: force, frame: end, direction: [0, 1, 0], signal: {type: constant, value: 0.0}}
+  down: {type: force, frame: end, direction: [0, 0, 1], signal: {type: constant, value: 0.0}}
+sensors:
+  gauges:
+    type: strain
+    body: beam
+    gauges:
+      - {position: [0.1, 0.05, 0.08], direction: [1, 0, 0]}
+      - {position: [0.1, 0.1, 0.04], direction: [1, 0, 0]}
+      - {position: [0.6, 0.05, 0.08], direction: [1, 0, 0]}
+    zeroed: true
+  end: {type: motion, frame: end}
+simulate: {duration: 0.8, time_step: 0.01}
+estimate:
+  sensors: {gauges: {noise: 1.0e-7}, end: {noise: 2.0e-5}}
+  inputs:
+    side: {guess: 0.0, std: 1.0, model: matern, amplitude: 300.0, frequency: 1.0}
+    down: {guess: 0.0, std: 1.0, model: matern, amplitude: 200.0, frequency: 1.0}
+"""
+REST, FINE, DURATION = 0.2, 1e-3, 0.8
+"""[s] at rest, over which the logger is zeroed; of the loads' steps."""
+
+
+def motion(folder, loads, time):
+    """Readings (k, m) at time (k,) of M v̇ + c + f = Bᵀλ, B v̇ + Ḃv = 0 by the implicit method of fifth order, from rest."""
+    found = Artefact(folder / "results" / "bench" / "reduce.h5"), Artefact(folder / "results" / "bench" / "import.h5")
+    reduced, meshes = read(ReducedBodies, found[0]).bodies, read(Meshes, found[1]).bodies
+    config = load_config(folder / "bench.yaml").model
+    own = bench_of(config, reduced, meshes)
+    system, sensors = own.system, sensors_of(config, own, reduced, meshes)
+    n, m, elastic = system.size, system.constrained, system.at(own.theta)
+    still, none = np.zeros(n), np.zeros(m)
+
+    def rate(t, x):
+        at = balance(system, x[:n], x[n:], still, none, none, loads(t), own.theta, elastic)
+        KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
+        return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
+
+    start = np.concatenate(start_of(own, config.simulate, loads(0.0)))
+    x = solve_ivp(rate, (0, time[-1]), start, "Radau", rtol=1e-6, atol=1e-9, t_eval=time, max_step=5e-3).y.T
+    return np.array([sensors.readings.read(own[:n], own[n:])[0] for own in x])
+
+
+def drawn(seed):
+    """Both loads [N], none while the logger is zeroed, then Matérn processes of ν = 3/2 and 1 Hz that begin at zero."""
+    rng, quiet = np.random.default_rng(seed), round(REST / FINE)
+    turning = 2 * np.pi / np.sqrt(2**0.5 - 1)
+    A = turning * np.array([[0.0, 1.0], [-1.0, -2.0]])
+    state, found = np.vstack([np.zeros(2), rng.normal(size=2)]), [np.zeros(2)] * quiet
+    for _ in range(round(DURATION / FINE) + 1 - quiet):
+        found.append(state[0])
+        state = state + FINE * A @ state + np.vstack([np.zeros(2), np.sqrt(4 * turning * FINE) * rng.normal(size=2)])
+    values = np.array(found) * np.array([300.0, 200.0])
+    return lambda t: np.array([np.interp(t, FINE * np.arange(len(values)), own) for own in values.T])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("outside")
+    write_project(folder)
+    (folder / "bench.yaml").write_text(BENCH)
+    return folder
+
+
+def run(folder, *words):
+    done = CliRunner().invoke(app, [words[0], str(folder / "bench.yaml"), "--results", str(folder / "results"), *words[1:]])
+    return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
+
+
+def measured(zero):
+    channels = {
+        "gauges": [{"channel": f"SG{i}", "unit": "um/m", "zero": zero} for i in range(3)],
+        "end": [{"channel": axis, "unit": "mm"} for axis in "xyz"],
+    }
+    return f"--set=estimate.measured={json.dumps({'file': 'test.csv', 'time': {'channel': 't'}, 'channels': channels})}"
+
+
+@pytest.mark.slow
+def test_error_of_loads_is_what_sigma_says_of_a_record_that_another_integrator_made(folder):
+    """Loads that move within the filter's step of 10 ms; gauges off by 40, −25 and 60 µm/m, zeroed over 0.2 s at rest."""
+    code, said = run(folder, "reduce")
+    assert code == 0, said
+    scores, rng, time = [], np.random.default_rng(5), 0.01 * np.arange(round(DURATION / 0.01) + 1)
+    for seed in range(2):
+        loads = drawn(seed)
+        y = motion(folder, loads, time) * np.array([1e6] * 3 + [1e3] * 3)
+        y += rng.normal(size=y.shape) * np.array([0.1] * 3 + [0.02] * 3) + np.array([40.0, -25.0, 60.0, 0, 0, 0])
+        rows = [",".join(f"{value:.9g}" for value in (t, *row)) for t, row in zip(time, y, strict=True)]
+        (folder / "test.csv").write_text("\n".join(["t,SG0,SG1,SG2,x,y,z", *rows]) + "\n")
+        code, said = run(folder, "estimate", measured([0.0, REST]))
+        assert code == 0, said
+        found = Artefact(folder / "results" / "bench" / "estimate.h5")
+        for i, name in enumerate(("side", "down")):
+            off = found[f"/inputs/{name}/estimate"] - np.array([loads(t)[i] for t in time])
+            scores.append((off / found[f"/inputs/{name}/std"])[round(REST / 0.01) + 10 :])
+    ratio = np.sqrt(np.mean(np.square(scores)))
+    assert 0.7 < ratio < 1.3, np.sqrt(np.mean(np.square(scores), axis=1))
