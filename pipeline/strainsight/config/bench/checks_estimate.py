@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
 from strainsight.config.bench.bench import BenchConfig, Simulated
-from strainsight.config.bench.connections import Load
+from strainsight.config.bench.connections import Driven, Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
 
@@ -28,6 +28,12 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     for name in estimate.inputs:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
     yield from _load_models(config, estimate)
+    if estimate.method.step_error == "estimated" and any(isinstance(j, Driven) for j in config.joints.values()):
+        yield Problem(
+            "estimate.method.step_error",
+            "what a step leaves out is not estimated beside driven joints",
+            "leave it out, and take a step that follows the loads and the drive",
+        )
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
     yield from _sensors(config, estimate)

@@ -127,7 +127,8 @@ class Method(Section):
         None,
         description="estimated: the filter adds what its step leaves out, by the bench linearised along the step, and takes the "
         "path of the loads within the step and what is left for noise of the motion; ignored: the step, with straight loads, is "
-        "taken for true; null: ignored with `simulate.method: thesis` and where the truth is made by the filter's own step.",
+        "taken for true; null: ignored with `simulate.method: thesis`, where the truth is made by the filter's own step, and "
+        "beside driven joints.",
     )
 
 

@@ -202,9 +202,7 @@ class AugmentedStep:
         for own in x:
             if np.isfinite(own.sum()):
                 try:
-                    own[self.q], own[self.v] = nearest_state(
-                        self.system, own[self.q], own[self.v], self.known[k]
-                    )
+                    own[self.q], own[self.v] = nearest_state(self.system, own[self.q], own[self.v], self.known[k])
                 except UserError:
                     own[:] = np.nan
         return x

@@ -29,6 +29,8 @@ FAR = 100.0
 """Times that a stated noise may be raised by; beyond, it is a unit that is wrong."""
 FELT = 1e-3
 """σ of its noise by which one σ of an unknown must move a reading to be felt."""
+STILL = 1e-9
+"""Share of its largest rate below which a drive stands still."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def trial_of(
         bench.system, channels, np.zeros(len(largest)), config.simulate.method,
         known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium" and not known[0, bench.system.drives.rates].any(), corrected=corrects(config),
+        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config),
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
@@ -94,6 +96,12 @@ def trial_of(
         return _starts_given(config, bench, model, unknowns, guess, xi)
 
     return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, notes)
+
+
+def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
+    """Whether no drive moves at the start, beside how it moves later."""
+    rates = np.abs(known[:, bench.system.drives.rates])
+    return bool(np.all(rates[0] <= STILL * rates.max(axis=0, initial=0.0)))
 
 
 def _start(

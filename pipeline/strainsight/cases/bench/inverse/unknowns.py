@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.bench.inverse.load_models import increments_of, load_process_of
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.connections import Driven
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter
 from strainsight.errors import blame
 from strainsight.multibody.bearing.geometry import PARAMETERS
@@ -50,12 +51,14 @@ def has_bank(config: BenchConfig) -> bool:
 
 def corrects(config: BenchConfig) -> bool:
     """Whether the filter allows for what its step leaves out: where it is asked to, else unless the truth is made by that very
-    step, or the step is the thesis's, which is taken for true as there."""
+    step, or the step is the thesis's, which is taken for true as there, or a joint is driven: along the motions that a drive
+    leaves the bench is not linear in a step."""
     estimate = asked(config)
     if estimate.method.step_error is not None:
         return estimate.method.step_error == "estimated"
     by_own_step = estimate.measured is None and estimate.truth.model == "own"
-    return config.simulate.method == "second_order" and not by_own_step
+    driven = any(isinstance(joint, Driven) for joint in config.joints.values())
+    return config.simulate.method == "second_order" and not by_own_step and not driven
 
 
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:

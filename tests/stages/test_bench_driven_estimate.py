@@ -1,0 +1,83 @@
+"""Loads on an arm that a motor turns while gauges on what carries it are read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from .conftest import ROOT
+
+HALF = float(np.sqrt(0.5))
+GAUGES = "".join(
+    f"{{position: [{x}], direction: [1, 0, 0]}}, " for x in ("0.075, 0.09, 0.095", "0.075, -0.125, 0.07", "0.125, -0.125, 0.07")
+)
+CONFIG = f"""
+kind: bench
+name: arm
+bodies:
+  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
+  arm:
+    type: rigid
+    mass: 20.0
+    inertia: {{xx: 1.0, yy: 1.0, zz: 1.0}}
+    pose: {{origin: [2.0, {-0.5 * HALF!r}, {-0.5 * HALF!r}], y_axis: [0, {HALF!r}, {-HALF!r}]}}
+frames:
+  tip: {{body: beam, node: 2}}
+  eye: {{body: arm, pose: {{origin: [0, 0, 0.5]}}}}
+  end: {{body: arm}}
+joints:
+  hinge: {{type: revolute, frames: [tip, eye], axis: x}}
+  motor:
+    type: driven_angle
+    frames: [tip, eye]
+    axis: x
+    drive: {{signal: {{type: sine, frequency: 0.5, amplitude: {np.pi / 4!r}, phase: {-np.pi / 2!r}}}}}
+forces:
+  weight: {{type: gravity}}
+  down: {{type: force, frame: end, direction: [0, 0, 1], signal: {{type: sine, frequency: 1.0, amplitude: 500.0}}}}
+  side: {{type: force, frame: end, direction: [0, 1, 0], signal: {{type: sine, frequency: 0.7, amplitude: 300.0}}}}
+sensors:
+  gauges: {{type: strain, body: beam, gauges: [{GAUGES}]}}
+  end: {{type: motion, frame: end}}
+simulate: {{duration: 0.5, time_step: 0.005}}
+estimate:
+  sensors: {{gauges: {{noise: 1.0e-7}}}}
+  inputs:
+    down: {{std: 500, increment: 20}}
+    side: {{std: 300, increment: 12}}
+"""
+"""Through a quarter of a turn and back in two seconds."""
+
+
+def run(folder: Path, *changes: str):
+    path = folder / "arm.yaml"
+    path.write_text(CONFIG, encoding="utf-8")
+    return CliRunner().invoke(app, ["estimate", str(path), "--results", str(folder / "r"), *changes], env={"COLUMNS": "200"})
+
+
+@pytest.mark.slow
+def test_loads_on_a_turning_arm_are_known_to_their_sigma(tmp_path):
+    """The truth in steps of a twentieth; the arm, its weight and its inertia turn, and are known."""
+    done = run(tmp_path, "--set=seed=3")
+    assert done.exit_code == 0, done.output
+    found = Artefact(tmp_path / "r" / "arm" / "estimate.h5")
+    for name in ("down", "side"):
+        off = found[f"/inputs/{name}/estimate"] - found[f"/inputs/{name}/true"]
+        assert found.summary[f"claim.{name}"] == "consistent"
+        assert np.sqrt(np.mean((off / found[f"/inputs/{name}/std"])[20:] ** 2)) < 1.2
+    end = found["/sensors/end/measured"]
+    assert np.ptp(end[:, 1]) > 0.3
+    np.testing.assert_allclose(found["/sensors/end/expected"], end, rtol=0, atol=2e-5)
+    assert found["/violation"].max() < 1e-12
+
+
+def test_the_error_of_a_step_is_not_made_up_for_beside_a_drive(tmp_path):
+    done = run(tmp_path, "--set=estimate.method.step_error=estimated")
+    assert done.exit_code == 2
+    assert "estimate.method.step_error: what a step leaves out is not estimated beside driven joints" in done.stderr
