@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,8 @@ STAGES = {
     "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
     "import": "Read the deck, with its materials and constraints",
     "reduce": "Reduce the flexible bodies of a bench",
-    "modes": "Find natural frequencies and mode shapes",
+    "statics": "Find where a bench rests, and what it carries there",
+    "modes": "Find natural frequencies and mode shapes, of a bench with its state space",
     "rom": "Reduce the model",
     "train": "Simulate the training run and the strain of every candidate",
     "screen": "Drop weak and clustered candidates",
@@ -105,6 +107,10 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
         raise UserError(f"a suite has no stage '{stage}'", where=str(path), remedy=other)
     loaded = with_last_test(path, overrides, results) if stage in PAGES else loaded_config(path, overrides)
     work = work_of(loaded, results)
+    if loaded.data["kind"] == "bench":
+        from strainsight.stages.bench.pipeline import demanded
+
+        work = replace(work, stages=demanded(stage) or work.stages)
     names = [own.name for own in work.stages]
     kind = loaded.data["kind"]
     if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing

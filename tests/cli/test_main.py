@@ -16,6 +16,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
+from strainsight.stages.bench.pipeline import ON_DEMAND
 from strainsight.stages.placement import stages_for
 from strainsight_cli import pipelines
 from strainsight_cli.failures import failure_of
@@ -126,7 +127,7 @@ def test_the_stages_of_the_command_line_are_those_of_the_pipelines():
     assert [name for name in pipelines.STAGES if name in bench] == bench
     tested = [stage.name for stage in stages_for(True, "modes")]
     assert [name for name in pipelines.STAGES if name in tested] == tested
-    assert set(pipelines.STAGES) == {*placement, *bench, *tested}
+    assert set(pipelines.STAGES) == {*placement, *bench, *tested, *ON_DEMAND}
 
 
 def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, monkeypatch):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from strainsight.records.at_rest import AtRest, Coupled
 from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
@@ -39,9 +40,11 @@ BENCH: dict[str, Any] = {
     "simulate": Simulated,
     "estimate": BenchEstimated,
     "field": SurfaceInTime,
+    "statics": AtRest,
+    "modes": Coupled,
 }
 """The same of a bench."""
 BESIDE: dict[str, Any] = {"estimate.h5 of several records": CampaignRecord}
 """Heading in docs/artefacts.md → what an artefact has in another case."""
-SHARED = ("import", "place", "estimate", "report")
+SHARED = ("import", "modes", "place", "estimate", "report")
 """Stages of both: docs/artefacts.md says "of a bench" in the heading of the second."""

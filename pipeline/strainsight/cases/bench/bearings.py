@@ -9,6 +9,8 @@ import numpy as np
 
 from strainsight.config.bench.bearing import Bearing as StatedBearing
 from strainsight.config.bench.bearing import Curve, LoadCase
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
@@ -32,7 +34,8 @@ class Displaced:
 def bearing_of(entry: StatedBearing) -> Bearing:
     """A bearing of the config; angles there are in degrees."""
     angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
-    return Bearing(**(dict(entry) | angles))
+    own = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
+    return Bearing(**(own | angles))
 
 
 def bearings_of(stated: Mapping[str, StatedBearing]) -> dict[str, Bearing]:
@@ -42,6 +45,27 @@ def bearings_of(stated: Mapping[str, StatedBearing]) -> dict[str, Bearing]:
         with blame(f"bearings.{name}"):
             found[name] = bearing_of(entry)
     return found
+
+
+def overloaded(config: BenchConfig, pressure: Mapping[str, float]) -> list[str]:
+    """What to say of forces of bearings, by name, whose highest contact pressure [Pa] is beyond the limit of the bearing."""
+    said = []
+    for name, highest in pressure.items():
+        force = config.forces[name]
+        assert isinstance(force, BearingForce)
+        said += beyond_limit(name, highest, config.bearings[force.bearing])
+    return said
+
+
+def beyond_limit(what: str, pressure: float, bearing: StatedBearing) -> list[str]:
+    """A sentence where the pressure [Pa] is beyond what the bearing bears."""
+    if pressure <= bearing.pressure_limit:
+        return []
+    return [
+        f"the contact pressure of {what} reaches {pressure / 1e6:.4g} MPa, beyond {bearing.pressure_limit / 1e6:.4g} MPa: "
+        "raceway and balls are pressed in for good, which no elastic contact shows; correct size, preload or loads, or state "
+        "pressure_limit"
+    ]
 
 
 def loaded(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:

@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.config.bench.bench import Simulate
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
+from strainsight.multibody.coupled import coupled_modes, growth
 from strainsight.multibody.initial import driven_slopes, project_position, project_velocity, state
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
@@ -42,6 +43,8 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
         except (InfeasibleError, NumericalError) as error:
             remedy = f"{error.remedy}; or set simulate.start: as_given"
             raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
+        if not settings.allow_unstable:
+            _refuse_unstable(bench, q, u)
         return q, project_velocity(bench.system, q, np.zeros_like(q), u)
     v = project_velocity(bench.system, q, rate, u)
     if bench.system.drives.names and not rate.any():
@@ -58,6 +61,18 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
                 remedy="give velocities that the joints allow: a body that turns about a pivot moves its origin too",
             )
     return q, v
+
+
+def _refuse_unstable(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
+    """An equilibrium that nothing would stay in."""
+    rate, body = growth(bench.system, coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta))
+    if rate > 0:
+        raise ConfigError(
+            f"the equilibrium is unstable: '{body}' falls out of it, {np.e:.1f}-fold in {1 / rate:.3g} s",
+            key="simulate.start",
+            remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
+            "simulate.allow_unstable: true",
+        )
 
 
 def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:

@@ -40,6 +40,11 @@ class Bearing(Section):
     poisson_ratio: float = Field(0.3, gt=-1, lt=0.5, description="Poisson's ratio of balls and rings [-].")
     density: Positive = Field(7850.0, description="Density of the balls [kg/m³], for their centrifugal force.")
     speed: float = Field(0.0, description="Speed of the inner ring, for the centrifugal force [rad/s].")
+    pressure_limit: Positive = Field(
+        4.2e9,
+        description="Contact pressure beyond which a warning says so [Pa]: 4200 MPa is what presses a hardened raceway in by "
+        "1e-4 of the ball (ISO 76).",
+    )
     first_ball: float = Field(0.0, description="Station of the first ball, from the y axis towards z [deg].")
 
 

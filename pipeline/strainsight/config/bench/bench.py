@@ -95,6 +95,10 @@ class Simulate(Section):
         description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "
         "bodies, projected onto the joints.",
     )
+    allow_unstable: bool = Field(
+        False,
+        description="true: start from an equilibrium that is left by itself, as of a pendulum that stands on its head.",
+    )
     snap_tolerance: Positive = Field(
         0.005,
         description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "

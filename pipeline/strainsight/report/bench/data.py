@@ -89,14 +89,25 @@ class BearingMotion:
 
 
 @dataclass(frozen=True)
+class DriveMotion:
+    """A driven joint in time: position (T,) [rad or m], and force (T,) [N m or N] by which it does work; whether it turns."""
+
+    name: str
+    turns: bool
+    position: FloatArray
+    force: FloatArray
+
+
+@dataclass(frozen=True)
 class BenchMotion:
-    """A bench in time (T,) [s]: inputs, name → (unit, history (T,)); sensors; bearings; numbers: the summary of simulate."""
+    """A bench in time (T,) [s]: inputs, name → (unit, history (T,)); sensors; bearings; drives; numbers: summary of simulate."""
 
     time: FloatArray
     inputs: Mapping[str, tuple[str, FloatArray]]
     sensors: tuple[BenchSensor, ...]
     bearings: tuple[BearingMotion, ...]
     numbers: Mapping[str, Scalar]
+    drives: tuple[DriveMotion, ...] = ()
 
 
 @dataclass(frozen=True)

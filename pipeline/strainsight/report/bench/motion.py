@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
-from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement, BenchStress
+from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement, BenchStress, DriveMotion
 from strainsight.report.bench.figures import line_style
 from strainsight.report.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
@@ -54,6 +54,24 @@ def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing
         f"{number(float(np.max(bearing.pressure, initial=0.0)) / 1e6, 4)} MPa.",
     )
     return [moved, pressed]
+
+
+def drive_figure(motion: BenchMotion, drive: DriveMotion) -> Drawing:
+    """Where a driven joint is, and the force or torque that it takes."""
+    largest = float(np.max(np.abs(drive.force), initial=0.0))
+    factor, unit = prefix(largest, "N·m" if drive.turns else "N")
+    place = ("angle [°]", np.rad2deg(drive.position)) if drive.turns else ("position [m]", drive.position)
+    what = "torque" if drive.turns else "force"
+    return _stacked(
+        f"drive-{drive.name}",
+        f"{drive.name}: motion and {what} of the drive",
+        motion.time,
+        (
+            (place[0], place[1][:, None], (drive.name,)),
+            (f"{what} [{unit}]", drive.force[:, None] / factor, (what,)),
+        ),
+        f"Motion that {drive.name} follows, and the {what} that it takes, at most {number(largest / factor, 3)} {unit}.",
+    )
 
 
 def stress_figure(stress: BenchStress) -> Drawing:

@@ -9,7 +9,7 @@ from strainsight.report.bench.answer import bench_answer, too_high
 from strainsight.report.bench.balls import balls_figures
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
-from strainsight.report.bench.motion import bearing_figures, loads_figure, random_figure, stress_figure
+from strainsight.report.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
 from strainsight.report.bench.verdicts import faults
@@ -64,6 +64,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
     if (motion := run.motion) is not None:
         drawings = [loads_figure(motion)] if motion.inputs else []
         drawings += [stress_figure(run.stress)] if run.stress is not None else []
+        drawings += [drive_figure(motion, drive) for drive in motion.drives]
         for bearing in motion.bearings:
             drawings += bearing_figures(motion, bearing)
         shown = {sensor.name for sensor in run.sensors}

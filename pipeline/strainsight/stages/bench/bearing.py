@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.bench.bearings import bearings_of, displaced, loaded
+from strainsight.cases.bench.bearings import bearings_of, beyond_limit, displaced, loaded
 from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.multibody.bearing.geometry import Bearing
@@ -62,7 +62,15 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if worst is not None:
         text += f"; at most {worst.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
-    return Output(written(alone, units), summary, text, _tables(cases), files={"bearing.html": page})
+    said = [
+        words
+        for case in cases
+        for words in beyond_limit(
+            f"{case.bearing} under {case.case}", case.pressure.max(), config.bearings[case.bearing]
+        )
+    ]
+    warned = (Table("warnings", ("",), tuple((words,) for words in said)),) if said else ()
+    return Output(written(alone, units), summary, text, (*_tables(cases), *warned), files={"bearing.html": page})
 
 
 def _facts(bearing: Bearing) -> str:
@@ -96,4 +104,4 @@ def _tables(cases: list[BearingCase]) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-BEARING = Stage("bearing", version=1, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)
+BEARING = Stage("bearing", version=2, reads=("name", "bearings", "cases", "curves"), upstream=(), files=(), run=run)

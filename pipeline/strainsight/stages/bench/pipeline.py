@@ -10,6 +10,8 @@ from strainsight.stages.bench.bearing import BEARING
 from strainsight.workflow.stage import Stage
 
 BEARING_ALONE = (BEARING,)
+ON_DEMAND = ("statics", "modes")
+"""Stages of a bench that a run has not."""
 
 
 def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
@@ -38,6 +40,17 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
 
     stages.append(report_stage([stage.name for stage in stages]))
     return tuple(stages)
+
+
+def demanded(stage: str) -> tuple[Stage, ...]:
+    """The stages up to one that is no part of a run, and is computed when its command asks for it; none of another name."""
+    if stage not in ON_DEMAND:
+        return ()
+    from strainsight.stages.bench.at_rest import MODES, STATICS
+    from strainsight.stages.bench.import_bodies import IMPORT
+    from strainsight.stages.bench.reduce import REDUCE
+
+    return (IMPORT, REDUCE, MODES if stage == MODES.name else STATICS)
 
 
 def _after(stage: Stage, name: str) -> Stage:

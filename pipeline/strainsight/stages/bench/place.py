@@ -6,7 +6,7 @@ from strainsight.cases.bench.layout.output import output_of
 from strainsight.cases.bench.layout.placement import placement_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody
-from strainsight.stages.bench.inputs import bodies, meshes
+from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -34,6 +34,7 @@ PLACE = Stage(
         "simulate.time_step",
         "simulate.method",
         "simulate.snap_tolerance",
+        "simulate.allow_unstable",
         "estimate.time_step",
         "estimate.increments",
         "estimate.disturbance",
@@ -45,6 +46,6 @@ PLACE = Stage(
         "place",
     ),
     upstream=("import", "reduce"),
-    files=("forces.*.signal.file",),
+    files=HISTORIES,
     run=run,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from strainsight.cases.bench.bearings import overloaded
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.bench.simulation import Simulation, simulation
@@ -53,7 +54,7 @@ def run(context: Context[BenchConfig]) -> Output:
         datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=tuple(t for t in (_moved(own), _rings(own), _warnings(own, config.simulate, summary)) if t.rows),
+        tables=tuple(t for t in (_moved(own), _rings(own), _warnings(own, config, summary)) if t.rows),
     )
 
 
@@ -75,13 +76,15 @@ def _rings(own: Simulation) -> Table:
     return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
 
 
-def _warnings(own: Simulation, settings: Simulate, summary: Mapping[str, Scalar]) -> Table:
+def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar]) -> Table:
     said = [
         f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
         "simulate.time_step, or leave out what is so quick"
         for name in own.found.inputs
         if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
     ]
+    said += overloaded(config, {name: float(ring.pressure.max()) for name, ring in own.found.bearings.items()})
+    settings = config.simulate
     if settings.tolerance is None and own.turn > TURN[settings.method]:
         said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
     return Table("warnings", ("",), tuple((text,) for text in said))

@@ -21,6 +21,7 @@ from strainsight.report.bench.data import (
     BenchSensor,
     BenchStress,
     BenchUnknown,
+    DriveMotion,
 )
 from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
 from strainsight.workflow.artefact import Artefact
@@ -68,6 +69,12 @@ def motion_of(artefact: Artefact) -> BenchMotion:
             BearingMotion(name, ring.displacement, ring.load, ring.pressure) for name, ring in own.bearings.items()
         ),
         numbers=artefact.summary,
+        drives=tuple(
+            DriveMotion(
+                name, artefact.header.config["joints"][name]["type"] == "driven_angle", drive.position, drive.force
+            )
+            for name, drive in own.drives.items()
+        ),
     )
 
 

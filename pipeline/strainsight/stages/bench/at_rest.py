@@ -1,0 +1,128 @@
+"""statics and modes: a bench in its equilibrium, its coupled modes and its state space; on demand, no stage of a run."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from strainsight.cases.bench.at_rest import Rest, at_rest, coupled, modes_in_space, rest_of
+from strainsight.cases.bench.bearings import overloaded
+from strainsight.cases.bench.loads import load_units
+from strainsight.cases.bench.sensors import dataset_units
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.errors import InfeasibleError
+from strainsight.records.at_rest import Coupled
+from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.record import written
+from strainsight.stages.bench import inputs
+from strainsight.stages.bench.inputs import HISTORIES
+from strainsight.workflow.output import Output, Table
+from strainsight.workflow.stage import Context, Stage
+
+LISTED = 20
+"""Most modes that are listed."""
+
+
+def statics(context: Context[BenchConfig]) -> Output:
+    """Where the bench rests under the loads at t = 0, and what joints, drives and bearings carry there."""
+    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
+    rest = rest_of(config, reduced, meshes, context, balanced=True)
+    if rest.growth > 0 and not config.simulate.allow_unstable:
+        raise InfeasibleError(
+            f"the equilibrium is unstable: '{rest.body}' falls out of it, {np.e:.1f}-fold in {1 / rest.growth:.3g} s",
+            key="simulate",
+            remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
+        )
+    found = at_rest(rest, reduced, meshes, inputs.placed(context), context)
+    loads = [
+        (name, *(f"{value:.5g}" for value in values), unit)
+        for name, six in found.reactions.items()
+        for values, unit in ((six[:3], "N"), (six[3:], "N m"))
+    ]
+    where = [(name, *(f"{value:.6g}" for value in frame.position)) for name, frame in found.frames.items()]
+    pressed = {name: ring.pressure for name, ring in found.bearings.items()}
+    drawn = [(name, f"{force:.6g}") for name, force in found.drives.items()]
+    rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
+    warned = overloaded(config, pressed)
+    if rest.growth > 0:
+        warned.append(
+            f"the equilibrium is unstable: '{rest.body}' falls out of it, {np.e:.1f}-fold in {1 / rest.growth:.3g} s"
+        )
+    tables = (
+        Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
+        Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
+        Table("drives [N or N m]", ("drive", "force"), tuple(drawn)),
+        Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
+        Table("warnings", ("",), tuple((text,) for text in warned)),
+    )
+    state = f"unstable, {rest.growth:.3g} 1/s" if rest.growth > 0 else "stable"
+    first = next((f for f in rest.modes.frequency if f > 0), 0.0)
+    return Output(
+        datasets=written(found, dataset_units(config, load_units(config, found.inputs))),
+        summary={"coordinates": len(found.q), "growth": rest.growth, "first_frequency": float(first)}
+        | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
+        | {f"force.{name}": force for name, force in found.drives.items()},
+        message=f"{len(found.q)} coordinates at rest, {state}"
+        + (f", lowest frequency {first:.4g} Hz" if first else ""),
+        tables=tuple(table for table in tables if table.rows),
+    )
+
+
+def modes(context: Context[BenchConfig]) -> Output:
+    """The bench in small motion about its start: frequencies, damping, shapes in space, and the state space."""
+    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
+    rest = rest_of(config, reduced, meshes, context, balanced=False)
+    found = coupled(rest, reduced, meshes, inputs.placed(context))
+    grid, attributes = vtkhdf_datasets(modes_in_space(rest, reduced, meshes)) if len(found.frequency) else ({}, {})
+    rows = [_row(rest, found, k) for k in range(min(LISTED, len(found.frequency)))]
+    held = found.frequency[found.frequency > 0]
+    text = f"{len(found.frequency)} coupled modes"
+    text += f", {held[0]:.4g} to {held[-1]:.4g} Hz" if len(held) else ""
+    free, topples = int(np.sum(found.stiffness == 0)), int(np.sum(found.stiffness < 0))
+    text += f"; {free} that nothing holds" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
+    return Output(
+        datasets=written(found) | grid,
+        attributes=attributes,
+        summary={
+            "modes": len(found.frequency),
+            "free": free,
+            "toppling": topples,
+            "growth": rest.growth,
+            **({"first": float(held[0]), "last": float(held[-1])} if len(held) else {}),
+        },
+        message=text,
+        tables=(Table("coupled modes", ("mode", "Hz", "damping", "moves most"), tuple(rows)),) if rows else (),
+        files={"modes.npz": _arrays(found)},
+    )
+
+
+def _row(rest: Rest, found: Coupled, k: int) -> tuple[str, str, str, str]:
+    frequency = f"{found.frequency[k]:.5g}" if found.stiffness[k] >= 0 else "topples"
+    motion = rest.bench.system.metric * found.shape[k]
+    body = max(found.coordinates, key=lambda name: float(np.linalg.norm(motion[slice(*found.coordinates[name])])))
+    return str(k + 1), frequency, f"{100 * found.damping[k]:.3g} %", body
+
+
+def _arrays(found: Coupled) -> bytes:
+    """modes.npz: A, B, C, D with the names of inputs and outputs, frequencies and shapes, for NumPy alone."""
+    own, file = found.system, io.BytesIO()
+    np.savez(
+        file,
+        A=own.A,
+        B=own.B,
+        C=own.C,
+        D=own.D,
+        inputs=np.array(own.inputs, dtype=str),
+        outputs=np.array(own.outputs, dtype=str),
+        frequency=found.frequency,
+        damping=found.damping,
+        shape=found.shape,
+        q=found.q,
+    )
+    return file.getvalue()
+
+
+READS = ("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate")
+STATICS = Stage("statics", version=1, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
+MODES = Stage("modes", version=1, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=modes)

@@ -1,0 +1,117 @@
+"""Statics, modes and state space of a bench by their commands, and equilibria that nothing would stay in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.mesh.vtkhdf import VTK_TYPE
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+G = 9.81
+ARM = """
+kind: bench
+name: own
+bodies:
+  arm: {type: rigid, mass: 2.0, centre: [0.5, 0, 0], inertia: {xx: 0.1, yy: 0.3, zz: 0.3}, pose: {POSE}}
+frames: {wall: {body: ground}, end: {body: arm}, tip: {body: arm, pose: {origin: [1.0, 0, 0]}}}
+joints: {pivot: {type: revolute, frames: [wall, end], axis: y}}
+forces:
+  weight: {type: gravity}
+  oil: {type: torsion, frames: [wall, end], axis: y, stiffness: 0.0, damping: 0.4}
+  push: {type: force, frame: tip, direction: [1, 0, 0], signal: {type: constant, value: 0.0}}
+sensors: {tip: {type: motion, frame: tip}, hold: {type: reaction, joint: pivot}}
+simulate: {duration: 0.1, time_step: 0.01}
+"""
+DOWN, UP = "x_axis: [0, 0, -1]", "x_axis: [0, 0, 1]"
+J, OMEGA = 0.3 + 2 * 0.25, np.sqrt(2 * G * 0.5 / 0.8)
+
+
+def command(folder, stage, text, *more):
+    (folder / "own.yaml").write_text(text, encoding="utf-8")
+    asked = [stage, str(folder / "own.yaml"), "--results", str(folder / "r"), *more]
+    return CliRunner().invoke(app, asked, env={"COLUMNS": "200"})
+
+
+def found(folder, stage, text, *more):
+    done = command(folder, stage, text, *more)
+    assert done.exit_code == 0, done.output
+    return Artefact(folder / "r" / "own" / f"{stage}.h5")
+
+
+def test_statics_says_where_a_bench_hangs_and_what_its_joint_carries(tmp_path):
+    """Sideways load F: it hangs along the resultant, whatever `start` says."""
+    text = ARM.replace("POSE", DOWN).replace("value: 0.0", "value: 5.0").replace("0.01}", "0.01, start: as_given}")
+    rest = found(tmp_path, "statics", text)
+    along = np.array([5.0, 0, -0.5 * 2 * G])  # the weight acts at half the arm
+    along /= np.linalg.norm(along)
+    np.testing.assert_allclose(rest["/frames/tip/position"], along, atol=1e-9)
+    np.testing.assert_allclose(rest["/reactions/pivot"], [-5.0, 0, 2 * G, 0, 0, 0], atol=1e-8)
+    np.testing.assert_allclose(rest["/sensors/hold"], rest["/reactions/pivot"])
+    assert rest.summary["growth"] == 0
+
+
+def test_modes_have_the_frequency_the_damping_and_the_shape_of_the_pendulum(tmp_path):
+    own = found(tmp_path, "modes", ARM.replace("POSE", DOWN))
+    np.testing.assert_allclose(own["/frequency"], [OMEGA / (2 * np.pi)], rtol=1e-9)
+    np.testing.assert_allclose(own["/damping"], [0.4 / (2 * J * OMEGA)], rtol=1e-9)
+    turn, moved = own["/frames/tip/rotation"][0], own["/frames/tip/displacement"][0]
+    assert abs(turn[1]) == pytest.approx(1 / np.sqrt(J), rel=1e-9)  # unit mass
+    np.testing.assert_allclose(moved, np.cross(turn, [0, 0, -1.0]), atol=1e-12)
+
+
+def test_the_state_space_answers_a_load_as_the_pendulum_does(tmp_path):
+    """G(iω) = L²/(J(ω₀² − ω²) + iωc) of the tip along the load, from modes.npz alone."""
+    found(tmp_path, "modes", ARM.replace("POSE", DOWN))
+    own = np.load(tmp_path / "r" / "own" / "modes.npz")
+    assert list(own["inputs"]) == ["push"]
+    assert list(own["outputs"]) == ["tip 1", "tip 2", "tip 3"]
+    for w in (0.0, 2.0, 7.0):
+        x = np.linalg.solve(1j * w * np.eye(2) - own["A"], own["B"])
+        exact = 1.0 / (J * (OMEGA**2 - w**2) + 1j * w * 0.4)
+        np.testing.assert_allclose(own["C"] @ x + own["D"], [[exact], [0], [0]], atol=1e-9)
+
+
+def test_shapes_stand_in_a_grid_that_paraview_plays(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    found(tmp_path, "modes", ARM.replace("POSE", DOWN))
+    reader = pyvista.get_reader(str(tmp_path / "r" / "own" / "modes.vtkhdf"))
+    grid = reader.read()
+    assert set(grid.celltypes) == {VTK_TYPE["line"]}
+    assert grid.points[:, 2].min() == pytest.approx(-1.0)
+    assert np.abs(grid["mode"]).max() == pytest.approx(1 / np.sqrt(J), rel=1e-6)
+
+
+@pytest.mark.parametrize("stage", ["simulate", "statics"])
+def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(tmp_path, stage):
+    text = ARM.replace("POSE", UP)
+    done = command(tmp_path, stage, text)
+    assert done.exit_code == 2
+    assert "the equilibrium is unstable: 'arm' falls out of it" in done.output
+    assert "simulate.allow_unstable: true" in done.output
+    done = command(tmp_path, stage, text, "--set", "simulate.allow_unstable=true")
+    assert done.exit_code == 0, done.output
+
+
+def test_modes_of_what_topples_say_so(tmp_path):
+    own = found(tmp_path, "modes", ARM.replace("POSE", UP))
+    assert own["/growth"] == pytest.approx(-0.2 / J + np.sqrt((0.2 / J) ** 2 + OMEGA**2), rel=1e-9)
+    assert own.summary["toppling"] == 1
+
+
+def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of(tmp_path):
+    text = """
+kind: bearing
+name: own
+bearings:
+  pitch: {balls: 112, ball_diameter: 0.06, pitch_diameter: 2.3, contact_angle: 45, radius_inner_left: 0.0318,
+    radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318, pressure_limit: LIMIT}
+cases: {thrust: {force: [1.0e+6, 0, 0]}}
+"""
+    done = command(tmp_path, "bearing", text.replace("LIMIT", "1.0e+9"))
+    assert done.exit_code == 0
+    assert "pitch under thrust reaches" in done.output
+    assert "beyond 1000 MPa" in done.output
+    assert "pressed in" not in command(tmp_path, "bearing", text.replace("LIMIT", "4.2e+9")).output
