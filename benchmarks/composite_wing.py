@@ -2,7 +2,8 @@
 
 Three unknown loads at the tip, E1 of all plies free, a known shaker at half span; eight gauges, none in the last bay, where
 loads enter. Every stage by the command line in a process of its own: processor seconds, those on the clock, peak memory.
-Each has 1 to 2 s of start-up that `strainsight run` has once. --lean: validation without its studies.
+Each has 1 to 2 s of start-up that `strainsight run` has once. --lean: validation without its studies. --whole: all by
+`strainsight run` in one process, in place of that.
 
 --ccx PROGRAM: then a record of its own, in time by modes of CalculiX on another mesh of quadratic shells with E1 5 % lower, goes
 through `strainsight estimate`, each of --seeds with other loads and noise: errors and σ of every unknown
@@ -92,6 +93,15 @@ def timed(folder: Path, lean: bool, until: str) -> None:
     print(f"{'sum':10s} {total[0]:12.1f} {total[1]:8.1f}")
 
 
+def whole(folder: Path, lean: bool) -> None:
+    """As a user does it."""
+    own = one_stage(folder, ("run", *(LEAN if lean else ())))
+    print(
+        f"run: {own['seconds']:.1f} s of processor, {own['clock']:.1f} s on the clock; load {os.getloadavg()[0]:.1f}",
+        flush=True,
+    )
+
+
 def estimated(folder: Path, config: str, ccx: str, seeds: int) -> None:
     """Records of CalculiX through `estimate`: errors RMS over the record and σ, over the RMS of a load."""
     with (folder / "results" / "wing" / "gauges.csv").open() as file:
@@ -137,6 +147,7 @@ if __name__ == "__main__":
         "--elements", nargs=3, type=int, default=ELEMENTS, metavar="N", help="along chord, span and height"
     )
     parser.add_argument("--lean", action="store_true", help="validation without its studies")
+    parser.add_argument("--whole", action="store_true", help="all stages by one command")
     parser.add_argument("--until", choices=STAGES, default=STAGES[-1], metavar="STAGE", help="the last stage to run")
     parser.add_argument("--ccx", metavar="PROGRAM")
     parser.add_argument(
@@ -149,6 +160,9 @@ if __name__ == "__main__":
         config = CONFIG.replace("angles: [0]", "angles: [0, 45, -45]") if chosen.diagonal else CONFIG
         (place / "wing.bdf").write_text(MADE.deck_text(tuple(chosen.elements)), encoding="ascii")
         (place / "wing.yaml").write_text(config, encoding="utf-8")
-        timed(place, chosen.lean, chosen.until)
+        if chosen.whole:
+            whole(place, chosen.lean)
+        else:
+            timed(place, chosen.lean, chosen.until)
         if chosen.ccx:
             estimated(place, config, chosen.ccx, chosen.seeds)

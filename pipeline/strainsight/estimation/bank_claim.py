@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
 from strainsight.estimation.along import steps_along
 from strainsight.estimation.claim import START, WHITE, Claim, by_sensors, by_source, starts
@@ -11,6 +14,9 @@ from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.settled import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
+
+BLOCK = 16
+"""Reflections at a time."""
 
 
 def bank_claim(
@@ -109,27 +115,61 @@ class _Followed:
     def update(
         self, parts: np.ndarray, K: np.ndarray, L: np.ndarray, H: np.ndarray, R: np.ndarray, slope: np.ndarray
     ) -> None:
-        """[R; L⁻¹ε] = [Q₁; Q₂] R⁺,   z⁺ = Q₁ᵀz + Q₂ᵀL⁻¹(v − H w): its covariance, and that with w⁺ = (1 − K H) w + K v.
+        """[R; L⁻¹ε] = Q [R⁺; 0],   [z⁺; ·] = Qᵀ[z; L⁻¹(v − H w)]: its covariance, and that with w⁺ = (1 − K H) w + K v.
 
         parts (3, n, n) before the update, K (n, m), H (m, n), R (3, m) variance of v by source, slope ε (B, c, m).
         """
         if not self.any:
             return
         whitened = np.linalg.solve(L, transposed(slope))
-        turn, self.root = np.linalg.qr(np.concatenate([self.root, whitened], axis=1))
-        c = self.prior.shape[1]
-        kept, on_samples = turn[0, :c].T, np.linalg.solve(L[0].T, turn[0, c:]).T
-        own, across, w = kept @ self.own @ kept.T, self.across @ kept.T, parts @ H.T
-        left, noise = np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
-        seen = on_samples @ (H @ across)
-        self.own = own - seen - transposed(seen) + on_samples @ (H @ w + noise) @ on_samples.T
-        self.across = left @ across + (K @ noise - left @ w) @ on_samples.T
+        factors = [_appended(root, rows) for root, rows in zip(self.root, whitened, strict=True)]
+        self.root = np.stack([own.root for own in factors])
+        w, left, noise = parts @ H.T, np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
+
+        def white(X: np.ndarray) -> np.ndarray:
+            """L⁻¹X of every source, X (3, m, k)."""
+            return np.asarray(np.linalg.solve(L[:1], X))
+
+        z_e = -transposed(white(H @ self.across))
+        e = white(transposed(white(H @ w + noise)))
+        whole = np.concatenate(
+            [np.concatenate([self.own, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
+        )
+        w_e = transposed(white(transposed(K @ noise - left @ w)))
+        turn = factors[0].turned
+        self.own = np.stack([turn(turn(own).T) for own in whole])
+        self.across = np.stack([turn(own.T).T for own in np.concatenate([left @ self.across, w_e], axis=2)])
 
     def covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """Λ (B, c, f) of all constants with those that are followed, and T (B, f, f): ĉ = T z of these. R is triangular."""
-        columns = np.linalg.solve(self.root, np.eye(len(self.root[0]))[:, self.first :])
+        ends = np.eye(len(self.root[0]))[:, self.first :]
+        columns = (
+            np.stack([dtrtrs(root, ends)[0] for root in self.root])
+            if self.any
+            else np.tile(ends, (len(self.root), 1, 1))
+        )
         tail = columns[:, self.first :]
         return columns @ transposed(tail), tail
+
+
+@dataclass(frozen=True)
+class _Appended:
+    """[R; rows] = Q [R⁺; 0]: root R⁺ (c, c) upper triangular; Q by c reflections, each of a row of it and all appended ones."""
+
+    root: np.ndarray
+    reflections: np.ndarray
+    blocks: np.ndarray
+
+    def turned(self, X: np.ndarray) -> np.ndarray:
+        """The first c rows of Qᵀ X, X (c + m, k)."""
+        c = len(self.root)
+        return np.asarray(dtpmqrt(0, self.reflections, self.blocks, X[:c], X[c:], side="L", trans="T")[0])
+
+
+def _appended(root: np.ndarray, rows: np.ndarray) -> _Appended:
+    """Of R (c, c), upper triangular, and rows (m, c) below it, in m c² operations."""
+    own, reflections, blocks, _ = dtpqrt(0, min(BLOCK, len(root)), root, rows)
+    return _Appended(own, reflections, blocks)
 
 
 class _Beside:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from strainsight.estimation.filter_loops import take_steps
 from strainsight.estimation.linear import LinearModels, agree
 
 KEPT = 4_000_000
@@ -176,6 +175,7 @@ def advance(
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
     own, (motion, reading, beyond) = filters, models.compiled
+    from strainsight.estimation.filter_loops import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
         take_steps(
