@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=11,
+    version=12,
     reads=(
         "seed",
         "bodies",
@@ -37,6 +37,7 @@ PLACE = Stage(
         "estimate.time_step",
         "estimate.increments",
         "estimate.disturbance",
+        "estimate.method.step_error",
         "estimate.inputs.*.increment",
         "estimate.inputs.*.model",
         "estimate.inputs.*.kappa",
