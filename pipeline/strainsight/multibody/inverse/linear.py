@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh
@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 from strainsight.fem.modes import signs, turned
 from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.equations import input_slopes
+from strainsight.multibody.inverse.loads import SHORT, step_noise
 from strainsight.multibody.inverse.start import white_force
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
@@ -22,7 +23,8 @@ class LinearBench:
 
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
-    variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration; method of the step.
+    variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration; method of the step;
+    corrected: whether the filter makes up for what the step leaves out (`left_out`).
     """
 
     T: np.ndarray
@@ -33,6 +35,7 @@ class LinearBench:
     force: np.ndarray
     h: float
     method: Method
+    corrected: bool = False
 
     @property
     def static(self) -> np.ndarray:
@@ -53,10 +56,12 @@ def linear_bench(
     increment: np.ndarray,
     h: float,
     method: Method,
+    corrected: bool = False,
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones."""
     T, M, C, K, B = linearised(system, q, u, theta)
-    return in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h, method)
+    own = in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h, method)
+    return replace(own, corrected=corrected)
 
 
 def in_modes(
@@ -135,10 +140,31 @@ def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nd
         through = carried @ X + (1 - CARRIED) * X
         start, end = (1 - GAMMA) * carried @ b @ bench.B, end + GAMMA * carried @ b @ bench.B
         force = force + carried @ force
+    if bench.corrected:
+        # sampled exactly, as the filter has it; the white force acts in the step as before
+        F, Q = in_time(bench, 0.0)
+        units = np.concatenate([frequency, np.ones(r + nu)])
+        F, Q = units[:, None] * F / units, units[:, None] * Q * units
+        parts = max(
+            0, int(np.ceil(np.log2(bench.h * max(float(np.linalg.norm(F[: 2 * r, : 2 * r], 2)), 1 / bench.h) / SHORT)))
+        )
+        A, gathered = step_noise(F, Q, bench.h / 2**parts, parts)
+        A, gathered = A / units[:, None] * units, gathered / units[:, None] / units
+        white = np.zeros((2 * r + nu, drawn.shape[1]))
+        white[: 2 * r] = force
+        own = scale[:, None] * _factor(gathered / scale[:, None] / scale)
+        return A / scale[:, None] * scale, np.hstack([own, white]) / scale[:, None], scale
     A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + drawn.shape[1]))
     A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, start + end
     N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = end * bench.increment, np.diag(bench.increment), force
     return A / scale[:, None] * scale, N / scale[:, None], scale
+
+
+def _factor(P: np.ndarray) -> np.ndarray:
+    """F (n, n) with F Fᵀ = P (n, n), positive semidefinite."""
+    size = np.sqrt(np.where(np.diag(P) > 0, np.diag(P), 1.0))
+    values, vectors = np.linalg.eigh(P / np.outer(size, size))
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _stage(bench: LinearBench, h: float) -> tuple[np.ndarray, np.ndarray]:

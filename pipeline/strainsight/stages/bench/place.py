@@ -38,6 +38,7 @@ PLACE = Stage(
         "estimate.time_step",
         "estimate.increments",
         "estimate.disturbance",
+        "estimate.method.step_error",
         "estimate.inputs.*.increment",
         "estimate.inputs.*.model",
         "estimate.inputs.*.kappa",

@@ -155,10 +155,12 @@ def _poses(
 def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
     estimate = asked(config)
     h = config.simulate.time_step if estimate.time_step is None else estimate.time_step
-    stated = dict(zip(estimate.inputs, increments_of(config, h), strict=True))
-    increment = np.array([stated[name] for name in inputs])
+    own = dict(zip(estimate.inputs, increments_of(config, h), strict=True))
+    increment = np.array([own[name] for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
-    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method)
+    stated, method = estimate.method.step_error, config.simulate.method
+    corrected = method == "second_order" if stated is None else stated == "estimated"
+    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected)
 
 
 def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
