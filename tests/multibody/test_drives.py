@@ -59,7 +59,7 @@ def test_a_driven_arm_is_at_its_angle_through_more_than_a_whole_turn():
 
 
 def test_the_torque_of_the_drive_is_what_turns_and_carries_the_arm():
-    """T = J p̈ + m g a cos p, at the end of the turn, its error of second order."""
+    """T = J p̈ + m g a cos p, at the end of the turn; λ of the last stage is of first order, the motion of second."""
     errors = []
     for steps in (100, 200, 400):
         time = np.linspace(0, 1.5, steps + 1)
@@ -68,8 +68,8 @@ def test_the_torque_of_the_drive_is_what_turns_and_carries_the_arm():
         torque = run.lam[-1, system.drives.row[0]]
         exact = INERTIA * 16 * np.cos(2 * time[-1]) + MASS * 9.81 * ARM * np.cos(u[-1, 0])
         errors.append(abs(torque - exact) / 20)
-    assert errors[2] < 2e-3
-    assert errors[1] / errors[2] > 1.9
+    assert errors[2] < 4e-4
+    assert errors[1] / errors[2] == pytest.approx(2.2, abs=0.1)
 
 
 def test_a_drive_started_on_its_other_side_is_a_half_turn_off():

@@ -81,7 +81,7 @@ def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     for name, slope in driven_slopes(bench.system, q, u):
         if slope > 0:
             raise ConfigError(
-                "the second frame stands half a turn from the driven angle",
+                "the second frame stands nearer to half a turn on from the driven angle than to it",
                 key=f"joints.{name}",
                 remedy="turn one of the frames or the body by half a turn, or add pi to the angle",
             )
