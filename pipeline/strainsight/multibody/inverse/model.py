@@ -69,11 +69,11 @@ class AugmentedStep:
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
 
-    @property
+    @cached_property
     def q(self) -> slice:
         return slice(0, self.system.size)
 
-    @property
+    @cached_property
     def v(self) -> slice:
         return slice(self.system.size, 2 * self.system.size)
 
@@ -81,19 +81,19 @@ class AugmentedStep:
     def w(self) -> slice:
         return slice(self.v.stop, self.v.stop + (self.system.size if self.Q_w.any() else 0))
 
-    @property
+    @cached_property
     def delta(self) -> slice:
         return slice(self.w.stop, self.w.stop + len(self.inputs))
 
-    @property
+    @cached_property
     def u(self) -> slice:
         return slice(self.delta.stop, self.delta.stop + len(self.inputs))
 
-    @property
+    @cached_property
     def xi(self) -> slice:
         return slice(self.u.stop, self.size)
 
-    @property
+    @cached_property
     def size(self) -> int:
         return self.u.stop + self.coordinates.size
 
