@@ -1,14 +1,14 @@
 """Cost of a time step: `python benchmarks/multibody.py [--quick]`.
 
 The same bodies here and in Exudyn, side by side in one process: a heavy top on a spherical joint, and a lattice mast of 15
-lumped masses on a hinge, its floating frame reduced to some modes. This package takes implicit Euler steps with exact
-second derivatives from Python and NumPy, so that every step can be differentiated; Exudyn takes generalised-α steps in
-C++ with its default settings, only its output to files turned off. Both take as many steps over the same half second; the
-error is the largest of the body's rotation matrix at the end, beside Exudyn's trapezoidal rule with ten times the steps.
-Then the bench of configs/bench-full.yaml through the stages `import` and `reduce` (31 coordinates, 7 constraints, a bearing
-of 112 balls), which has no counterpart: time of a step, of its bearing, and of its derivatives for a filter. Shortest of some
-runs, without the compiling of the first; one BLAS thread: the matrices are small. Machines differ and are shared: read the
-load beside the times. Exudyn comes with the `dev` extra only.
+lumped masses on a hinge, its floating frame reduced to some modes. This package takes steps of second order with exact
+second derivatives, so that every step can be differentiated; Exudyn takes generalised-α steps in C++ with its default
+settings, only its output to files turned off. Both take as many steps over the same half second; the error is the largest of
+the body's rotation matrix at the end, beside Exudyn's trapezoidal rule with ten times the steps. Then the bench of
+configs/bench-full.yaml through the stages `import` and `reduce` (31 coordinates, 7 constraints, a bearing of 112 balls),
+which has no counterpart: time of a step, of its bearing, and of its derivatives for a filter. Then how a step grows with
+bodies (a chain of hinges), modes and balls. Shortest of some runs, without the compiling of the first; one BLAS thread: the
+matrices are small. Machines differ and are shared: read the load beside the times. Exudyn comes with the `dev` extra only.
 """
 
 from __future__ import annotations
@@ -30,11 +30,14 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 
 from strainsight.multibody.advance import advance, slopes
+from strainsight.multibody.bearing.geometry import Bearing
+from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import FlexibleBody, RigidBody
-from strainsight.multibody.forces import Gravity
+from strainsight.multibody.forces import Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, project_position, state
-from strainsight.multibody.joints import revolute, spherical
+from strainsight.multibody.joints import Joint, revolute, spherical
+from strainsight.multibody.relations import bearing_displacements, dot
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import System, assemble
@@ -155,12 +158,12 @@ def rotor(modes: int) -> Case:
 
 
 def shortest(work: Callable[[], object], repeat: int = 3) -> float:
-    """Shortest of some times [s]."""
+    """Shortest of some times of the processor [s]."""
     times = []
     for _ in range(repeat):
-        start = time.perf_counter()
+        start = time.process_time()
         work()
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return min(times)
 
 
@@ -263,12 +266,48 @@ def full_bench(steps: int) -> None:
     )
 
 
+def chain(count: int) -> Case:
+    """Bars of 1 m on hinges about z, y, z, … from a wall."""
+    bars = [RigidBody(f"bar {k}", 1.0, np.array([0.5, 0.0, 0.0]), np.diag([0.01, 0.34, 0.34])) for k in range(count)]
+    tips = [Frame("wall"), *(Frame(f"tip {k}", f"bar {k}", np.array([1.0, 0.0, 0.0])) for k in range(count))]
+    hinges = [revolute(f"hinge {k}", tips[k], Frame(f"root {k}", f"bar {k}"), "zy"[k % 2]) for k in range(count)]
+    system = assemble(bars, hinges, [Gravity(GRAVITY)])
+    poses = {f"bar {k}": Pose(np.array([float(k), 0.0, 0.0])) for k in range(count)}
+    return Case(f"{count} bodies", system, *state(system, poses), lambda mbs: None)
+
+
+def ring(balls: int) -> Case:
+    """A mass on a bearing, pushed to and fro by its weight."""
+    bearing = Bearing(balls, 1.15, np.pi / 4, 0.03, 0.0159, 0.0159, 0.0159, 0.0159, 1e-5)
+    relations = bearing_displacements(Frame("wall"), Frame("root", "mass"))
+    held = Joint("spin", (dot(Frame("wall"), 1, Frame("root", "mass"), 2),))
+    mass = RigidBody("mass", 1750.0, np.array([1.0, 0.0, 0.0]), np.diag([500.0, 2500.0, 2500.0]))
+    system = assemble([mass], [held], [RelativeElement("bearing", relations, BearingLaw(bearing)), Gravity()])
+    return Case(f"{balls} balls", system, *state(system, {}), lambda mbs: None)
+
+
+def growth(steps: int) -> None:
+    h, none = DURATION / 500, np.zeros(0)
+    print(f"\n{'':18s} {'µs a step':>11s} {'iterations':>11s} {'derivatives':>12s}")
+    for case in (*map(chain, (1, 2, 5, 10, 20)), *map(rotor, (4, 8, 16, 32)), *map(ring, (28, 56, 112, 224))):
+        last, iterations = None, 0
+        seconds = shortest(lambda c=case: simulate(c.system, c.q, c.v, np.zeros((steps + 1, 0)), h, none)) / steps
+        for _ in range(20):
+            at = (case.q, case.v) if last is None else (last.q, last.v)
+            last = advance(case.system, *at, (none, none), h, none, "second_order", last=last)
+            iterations += sum(stage.iterations for stage in last.stages)
+        assert last is not None
+        by = shortest(lambda c=case, end=last: [slopes(c.system, end) for _ in range(20)]) / 20
+        print(f"{case.name:18s} {1e6 * seconds:11.0f} {iterations / 20:11.2f} {1e6 * by:12.0f}", flush=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a fifth of the steps")
     quick = parser.parse_args().quick
     print(f"load average {os.getloadavg()[0]:.1f}, {os.cpu_count()} processors")
     side_by_side(100 if quick else 500)
+    growth(50 if quick else 200)
     full_bench(200 if quick else 1000)
 
 

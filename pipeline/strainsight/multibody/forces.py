@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -28,6 +28,24 @@ class ForceLaw(Protocol):
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
         """From ρ (k,) [m, m² or -], ρ̇ = ∇ρ v (k,) a second, θ the element's own parameters, then its inputs. Raises
         NumericalError where there is no such load."""
+
+
+@runtime_checkable
+class CompiledLaw(ForceLaw, Protocol):
+    """A law that the step calls without Python; one without these members is called back through `load`, 10 to 30 µs a call.
+
+    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law` of `compiled/keep.py`, or 0; memory: how
+    many numbers it keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding.
+    """
+
+    @property
+    def address(self) -> int: ...
+
+    @property
+    def memory(self) -> int: ...
+
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """What that function takes of the law, for the element's own parameters θ (without inputs). Raises as `load` does."""
 
 
 @dataclass(frozen=True)

@@ -59,17 +59,17 @@ class Readings:
 
     def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """y (k,), ∂y/∂q, ∂y/∂v (k, n): strains first, then relations, each in the order given."""
-        rho, G, G_rate, *_ = relation_rows(self.products, q, v)
-        still = ~self.rate[:, None]
-        y = np.where(self.rate, G @ v, rho)
-        slopes = np.where(still, G, G_rate)
-        rates = np.where(still, 0.0, G)
-        first = np.zeros_like(self.strain)
-        return (
-            np.concatenate([self.strain @ q, y]),
-            np.concatenate([self.strain, slopes]),
-            np.concatenate([first, rates]),
-        )
+        first, moving = len(self.strain), bool(self.rate.any())
+        y, slopes = np.empty(len(self.channels)), np.empty((len(self.channels), len(q)))
+        rates = np.zeros_like(slopes)
+        y[:first], slopes[:first] = self.strain @ q, self.strain
+        if len(self.rate):
+            y[first:], slopes[first:], G_rate, *_ = relation_rows(self.products, q, v)
+        if moving:
+            rates[first:][self.rate] = slopes[first:][self.rate]
+            y[first:][self.rate] = rates[first:][self.rate] @ v
+            slopes[first:][self.rate] = G_rate[self.rate]
+        return y, slopes, rates
 
 
 def readings(system: System, sensors: Sequence[Sensor]) -> Readings:

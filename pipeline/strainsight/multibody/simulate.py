@@ -15,7 +15,8 @@ from strainsight.multibody.system import System
 
 @dataclass(frozen=True)
 class Trajectory:
-    """time (T + 1,) [s], q, v (T + 1, n), u (T + 1, nu), the start first; lam (T, m): multipliers of the last stage of a step."""
+    """time (T + 1,) [s], q, v (T + 1, n), u (T + 1, nu), the start first; lam (T, m): multipliers of the
+    joints in the last stage of a step, zero for the rigidity of bodies."""
 
     time: np.ndarray
     q: np.ndarray

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
-from numba import njit
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.multibody.equations import Balance, balance, element_load
+from strainsight.multibody.compiled import newton as iteration
+from strainsight.multibody.compiled.arrays import Point
+from strainsight.multibody.compiled.equations import BROKEN, SOLVED
+from strainsight.multibody.compiled.newton import newton
+from strainsight.multibody.compiled.system import Compiled, Prepared
+from strainsight.multibody.equations import balance, element_load
 from strainsight.multibody.initial import check_regular
-from strainsight.multibody.newton import TINY, StepMatrix, step_matrix
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import System
 
-ITERATIONS = 25
-CONVERGED = 1e-12
-"""Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
-ROUNDING = 1e-8
-"""A correction below this that no longer shrinks is rounding."""
-SLOW = 1e-3
-"""Motion in a step beside the coordinates below which the velocity is as good as none."""
-STILL = 1e-10
-"""Deformation of a body beside the whole system's coordinates that is as good as none: what no load deforms is rounding."""
-LEAST = 1e-3
-"""Share of a correction below which Newton's iteration is given up."""
+NONE = np.zeros(0)
 HALVINGS = 6
 """How often the step is halved to find a start for Newton's iteration."""
 
@@ -33,7 +28,8 @@ HALVINGS = 6
 class Step:
     """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to.
 
-    factor: the last Newton matrix, factorised one correction before (q, v).
+    μ and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are
+    solved. motion ζ (nt,): v in minimal coordinates; memory: what force laws remember.
     """
 
     q: np.ndarray
@@ -41,11 +37,24 @@ class Step:
     mu: np.ndarray
     lam: np.ndarray
     iterations: int
-    factor: StepMatrix
+    motion: np.ndarray
+    memory: np.ndarray
     start: tuple[np.ndarray, np.ndarray]
     u: np.ndarray
     theta: np.ndarray
+    w: np.ndarray
     h: float
+
+
+_compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
+
+
+def compiled(system: System) -> Compiled:
+    """The compiled form of a system, made once."""
+    found = _compiled.get(system)
+    if found is None:
+        found = _compiled[system] = Compiled(system)
+    return found
 
 
 def step(
@@ -69,18 +78,24 @@ def step(
     extra generalised force; guess: the step before, whose multipliers start Newton's iteration; near: q', v' (n,) from which
     it starts first, by default q + hv, v. D², the diagonal scale
     of the mass (`System.metric`), stands where the thesis has 1, so that no unit matters; μ = 0 in the exact solution.
+    The rotations R' of the trial states are rotations, v' = T(q')ζ' moves them as such, and both equations are taken along T:
+    so the constraints of rigidity and their multipliers are out of it, and the answer is the same.
     Where Newton fails from the start it is led there by steps of h/2, h/4, …: the equations stay those of h.
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
     Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985).
     """
-    u, theta = np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
-    problem = _Problem(system, q, v, u, theta, w, system.at(theta), np.zeros(system.constrained))
-    m = system.constrained
-    mu, lam = (guess.mu, guess.lam) if guess is not None else (np.zeros(m), np.zeros(m))
-    first = (q + h * v, v, mu, lam)
+    own = compiled(system)
+    q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+    u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
+    w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
+    problem = _Problem(system, own, own.at(system, theta), q, v, u, theta, w)
+    none = np.zeros(system.constrained)
+    mu, lam = (guess.mu, guess.lam) if guess is not None else (none, none)
+    memory = guess.memory if guess is not None else np.zeros(own.memory)
+    first = _Trial(q + h * v, v, mu, lam, memory)
     if near is not None:
         try:
-            return _newton(problem, h, (*near, mu, lam))
+            return _newton(problem, h, first._replace(q=near[0], v=near[1]))
         except NumericalError:
             pass
     try:
@@ -96,168 +111,105 @@ def step(
 @dataclass(frozen=True)
 class _Problem:
     system: System
+    compiled: Compiled
+    prepared: Prepared
     q: np.ndarray
     v: np.ndarray
     u: np.ndarray
     theta: np.ndarray
-    w: np.ndarray | None
-    elastic: tuple[np.ndarray, np.ndarray]
-    still: np.ndarray
+    w: np.ndarray
 
 
-def _lead(problem: _Problem, h: float, first: tuple[np.ndarray, ...], halvings: int) -> Step | None:
+class _Trial(NamedTuple):
+    """Where Newton's iteration starts."""
+
+    q: np.ndarray
+    v: np.ndarray
+    mu: np.ndarray
+    lam: np.ndarray
+    memory: np.ndarray
+
+
+def _lead(problem: _Problem, h: float, first: _Trial, halvings: int) -> Step | None:
     """Newton at h/2ᵏ, …, h/2, h, each started from the one before."""
     q, v = problem.q, problem.v
     start = first
     try:
         for k in range(halvings, -1, -1):
             part = h / 2**k
-            start = (start[0] if k < halvings else q + part * v, *start[1:])
-            found = _newton(problem, part, start)
-            start = (found.q + (found.q - q), 2 * found.v - v, found.mu, found.lam)
+            found = _newton(problem, part, start._replace(q=start.q if k < halvings else q + part * v))
+            start = _Trial(found.q + (found.q - q), 2 * found.v - v, found.mu, found.lam, found.memory)
     except NumericalError:
         return None
     return found
 
 
-def _newton(problem: _Problem, h: float, start: tuple[np.ndarray, ...]) -> Step:
-    """Undamped while the corrections shrink; a step after which they grow is halved."""
-    system, d = problem.system, problem.system.metric
-    q, v, mu, lam = start
-    before, share = np.inf, 1.0
-    last: tuple[np.ndarray, ...] | None = None
-    for iteration in range(1, ITERATIONS + 1):
-        try:
-            at = _balance(problem, h, q, v, mu, lam)
-        except NumericalError:
-            # a force that cannot be had at a trial state: go there by half
-            share *= 0.5
-            if last is None or share < LEAST:
-                raise
-            q, v, mu, lam = (z + share * dz for z, dz in zip(last[:4], last[4:], strict=True))
-            continue
-        load = at.load if problem.w is None else at.load - problem.w
-        still = problem.still if at.driven is None else at.driven.rate
-        r1, r2, r3, finite = _residual(d, h, problem.q, q, v, mu, lam, at.B, at.phi, still, load)
-        residual, failed = (r1, r2, r3, at.phi), not finite
-        if not failed:
-            try:
-                factor = step_matrix(at, d, h)
-            except NumericalError as error:
-                raise _refusal(problem, h, (q, v), residual, at, iteration, error.what) from error
-            dq, dv, dmu, dlam = (z[:, 0] for z in factor.solve(*(-r[:, None] for r in residual)))
-            size = _size(system.starts, d, q, v, dq, dv, h)
-            failed = not np.isfinite(size)
-        if last is not None and (failed or (size > 2 * before and size > 1e-3)):
-            share *= 0.5
-            if share < LEAST:
-                raise _refusal(problem, h, (q, v), residual, at, iteration, "Newton's iteration does not converge")
-            q, v, mu, lam = (z + share * dz for z, dz in zip(last[:4], last[4:], strict=True))
-            continue
-        if failed:
-            raise _refusal(problem, h, (q, v), residual, at, iteration, "it meets what is not finite")
-        last = (q, v, mu, lam, dq, dv, dmu, dlam)
-        q, v, mu, lam = q + dq, v + dv, mu + dmu, lam + dlam
-        beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
-        if size <= CONVERGED or beyond <= 0.1 * CONVERGED or (iteration > 2 and 0.3 * before < size < ROUNDING):
-            return Step(q, v, mu, lam, iteration, factor, (problem.q, problem.v), problem.u, problem.theta, h)
-        before, share = size, 1.0
-    raise _refusal(problem, h, (q, v), residual, at, ITERATIONS, "Newton's iteration does not converge")
+def point(at: Prepared, start: tuple[np.ndarray, np.ndarray], u: np.ndarray, h: float, w: np.ndarray) -> Point:
+    """A step as compiled code takes it."""
+    return Point(*start, h, u, at.K, at.C, w, at.address, at.begin, at.numbers)
 
 
-def _balance(problem: _Problem, h: float, q: np.ndarray, v: np.ndarray, mu: np.ndarray, lam: np.ndarray) -> Balance:
-    return balance(problem.system, q, v, (v - problem.v) / h, mu, lam, problem.u, problem.theta, problem.elastic)
+def _newton(problem: _Problem, h: float, start: _Trial) -> Step:
+    memory = start.memory.copy()
+    begun = problem.q, problem.v
+    given = point(problem.prepared, begun, problem.u, h, problem.w)
+    ended, iterations, q, v, motion, mu, lam = newton(
+        problem.compiled.arrays, given, problem.theta, memory, start.q, start.v, start.mu, start.lam
+    )
+    if ended == SOLVED:
+        return Step(q, v, mu, lam, iterations, motion, memory, begun, problem.u, problem.theta, problem.w, h)
+    if ended == BROKEN:
+        raise next(filter(None, [law.taken() for law in problem.compiled.in_python if law is not None]))
+    raise _refusal(problem, h, (q, v, mu, lam), ended, iterations)
 
 
-@njit(cache=True)
-def _residual(
-    d: np.ndarray,
-    h: float,
-    start: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    mu: np.ndarray,
-    lam: np.ndarray,
-    B: np.ndarray,
-    phi: np.ndarray,
-    rate: np.ndarray,
-    load: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """The first three equations of `step` at a trial state, and whether all four are finite."""
-    n, m = len(d), len(phi)
-    r1, r2, r3 = np.empty(n), load.copy(), rate.copy()
-    for i in range(n):
-        r1[i] = d[i] * d[i] * ((q[i] - start[i]) / h - v[i])
-    for k in range(m):
-        for i in range(n):
-            r1[i] += B[k, i] * mu[k]
-            r2[i] -= B[k, i] * lam[k]
-            r3[k] += B[k, i] * v[i]
-    return r1, r2, r3, bool(np.isfinite(r1.sum() + r2.sum() + r3.sum() + phi.sum()))
+REASONS = {
+    iteration.INFINITE: "it meets what is not finite",
+    iteration.SINGULAR: "the matrix of the step is singular",
+    iteration.ENDLESS: "Newton's iteration does not converge",
+}
 
 
-@njit(cache=True)
-def _size(
-    starts: np.ndarray, d: np.ndarray, q: np.ndarray, v: np.ndarray, dq: np.ndarray, dv: np.ndarray, h: float
-) -> float:
-    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
-    ends = np.append(starts[1:], len(d))
-    squares = np.zeros((len(starts), 4))
-    for body in range(len(starts)):
-        for i in range(starts[body], ends[body]):
-            squares[body, 0] += (d[i] * dq[i]) ** 2
-            squares[body, 1] += (h * d[i] * dv[i]) ** 2
-            squares[body, 2] += (d[i] * (q[i] + dq[i])) ** 2
-            squares[body, 3] += (h * d[i] * (v[i] + dv[i])) ** 2
-    whole, largest = squares[:, 2].sum(), 0.0
-    if not np.isfinite(squares.sum()):
-        return np.inf
-    for body in range(len(starts)):
-        own = max(squares[body, 2], STILL**2 * whole)
-        largest = max(largest, squares[body, 0] / max(own, TINY))
-        largest = max(largest, squares[body, 1] / max(squares[body, 3], SLOW**2 * own, TINY))
-    return float(np.sqrt(largest))
-
-
-def _refusal(
-    problem: _Problem,
-    h: float,
-    trial: tuple[np.ndarray, ...],
-    residual: tuple[np.ndarray, ...],
-    at: Balance,
-    count: int,
-    why: str,
-) -> NumericalError:
+def _refusal(problem: _Problem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
     """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
+    q = trial[0]
+    try:
+        off = _farthest(problem, h, trial)
+    except NumericalError as error:  # of a law that has no load there, in its own words
+        return error
     return NumericalError(
-        f"the step of {h:g} s was not solved after {count} iterations: {why}; {_farthest(problem, h, trial, residual, at)}"
-        f"{_dependent(problem.system, trial[0], problem.u)}",
+        f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
+        f"{_dependent(problem.system, q, problem.u)}",
         remedy="take a smaller time step, or start from a consistent state (`project_position`, `project_velocity`)",
     )
 
 
-def _farthest(
-    problem: _Problem, h: float, trial: tuple[np.ndarray, ...], residual: tuple[np.ndarray, ...], at: Balance
-) -> str:
-    system, d = problem.system, problem.system.metric
-    q, v = trial[:2]
+def _farthest(problem: _Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
+    system, d, rigid = problem.system, problem.system.metric, problem.system.rigid
+    q, v, mu, lam = trial
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
         F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    _, r2, r3, r4 = residual
+    elastic = problem.prepared.K, problem.prepared.C
+    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u, problem.theta, elastic)
     lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
+    r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi
     off = np.concatenate([np.abs(r4), h * np.abs(r3)]) / np.tile(lengths, 2) / whole
     if len(off) and np.max(off) > 1e-6:
         worst = int(np.argmax(off))
         row, moving = worst % len(r4), worst >= len(r4)
         value = r3[row] if moving else r4[row]
         return f"largest residual {value:.3g} in {'the rate of ' if moving else ''}{system.constraints[row]}"
-    forces = np.abs(r2 / d)
-    name = max(system.of, key=lambda body: float(np.max(forces[system.of[body]], initial=0.0)))
-    return f"largest residual {np.max(np.abs(r2[system.of[name]])):.3g} in the balance of body {name}"
+    r2 = at.load - at.B.T @ lam - (problem.w if len(problem.w) else 0.0)
+    # what the rigidity of the bodies carries is in balance
+    E = at.B[:rigid] / d
+    forces = r2 / d - E.T @ np.linalg.lstsq(E.T, r2 / d, rcond=None)[0] if rigid else r2 / d
+    name = max(system.of, key=lambda body: float(np.max(np.abs(forces[system.of[body]]), initial=0.0)))
+    own = system.of[name]
+    return f"largest residual {np.max(np.abs((d * forces)[own])):.3g} in the balance of body {name}"
 
 
 def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:

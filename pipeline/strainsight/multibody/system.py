@@ -96,6 +96,11 @@ class System:
         """Number m of constraints."""
         return len(self.constraints)
 
+    @property
+    def rigid(self) -> int:
+        """How many of them, the first, keep the bodies' frames orthonormal."""
+        return 6 * sum(moves(body) for body in self.bodies)
+
     def modal(self, name: str) -> slice:
         """The modal coordinates of a body."""
         body = next(b for b in self.bodies if b.name == name)

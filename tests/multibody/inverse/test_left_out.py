@@ -135,7 +135,7 @@ def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(me
     rng = np.random.default_rng(2)
     x[model.v] += 1e-3 * rng.normal(size=model.system.size)
     x[model.u] = [2e4, -1e4, 3e4]
-    x = model.projected(x[None])[0]
+    x = model.projected(x[None], 0)[0]
 
     def begun(x):
         model.begin(x[None], 1)

@@ -8,9 +8,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+from numba import carray, njit
 
 ITERATIONS = 200
+NEAR, FALL = 3e-8, 0.1
+"""Unbalanced force beside all forces on a ball from which one linear correction is exact to round-off, and by how much it
+has to fall in a step before."""
+KEPT = 8
+"""Numbers that `ring_law` keeps of a ball: its centre, and how it follows the ring. Six stand before: whether there are any,
+the displacement."""
 LOOSE = 1e-10
 """Approach, as a share of the ball diameter, whose force counts as no contact."""
 
@@ -151,6 +157,47 @@ def ball_centre(
 
 
 @njit(cache=True)
+def followed(
+    table: np.ndarray,
+    c: np.ndarray,
+    push: float,
+    soft: float,
+    loose: float,
+    px: float,
+    pr: float,
+    state: np.ndarray,
+) -> tuple[bool, float, float]:
+    """Newton's own steps from p near the equilibrium of a ball that two grooves hold: whether that led there, and p; fills
+    `state` there. A last correction is taken into the forces to first order."""
+    before = math.inf
+    for _ in range(4):
+        total, rounding = contact_state(table, c, px, pr, state)
+        gx, gr, a, b, e, touching = soft * px, soft * pr - push, soft, 0.0, soft, 0
+        for k in range(4):
+            if state[k, 5] > 0:
+                touching += 1
+                gx -= state[k, 0]
+                gr -= state[k, 1]
+                a += state[k, 2]
+                b += state[k, 3]
+                e += state[k, 4]
+        residual = math.hypot(gx, gr)
+        if touching < 2 or not residual < FALL * before or total <= 1e3 * loose:
+            return False, px, pr
+        determinant = a * e - b * b
+        sx, sr = -(e * gx - b * gr) / determinant, -(a * gr - b * gx) / determinant
+        px, pr = px + sx, pr + sr
+        if residual <= NEAR * total + 8 * rounding + loose:
+            for k in range(4):
+                if state[k, 5] > 0:
+                    state[k, 0] -= state[k, 2] * sx + state[k, 3] * sr
+                    state[k, 1] -= state[k, 3] * sx + state[k, 4] * sr
+            return True, px, pr
+        before = residual
+    return False, px, pr
+
+
+@njit(cache=True)
 def floors(table: np.ndarray, ball: float) -> tuple[float, float]:
     """Regularisation ε [N/m] of a ball without contact and the force [N] that counts as none: far below any that matter."""
     constant = np.max(table[:, 3])
@@ -163,9 +210,9 @@ def ring_load(
     centrifugal: np.ndarray,
     radius: float,
     ball: float,
-    balls: int,
-    first: float,
+    turns: np.ndarray,
     q: np.ndarray,
+    memory: np.ndarray,
     with_slopes: bool,
     force: np.ndarray,
     tangent: np.ndarray,
@@ -179,8 +226,10 @@ def ring_load(
         f_k = Q_k n_k,   g_k = H_k c_k' + n_k (K_k' δ^1.5 − 1.5 K_k √δ L_k')  at rest p,   ' = ∂/∂θ
 
     X is how the ball follows the ring; in the second form nothing cancels. T_k = A_k B(φ): A_k (2, 3) of `groove_centres`,
-    B (3, 5) from q to (u, w, τ). Fills force (5,), tangent (5, 5) and slopes (5, 6), given as zeros.
-    Returns the energy [J], the ball that did not settle (−1: none), and its excess as in `ball_centre`.
+    B (3, 5) from q to (u, w, τ). Fills force (5,), tangent (5, 5) and slopes (5, 6), given as zeros; turns (z, 2): cos φ, sin φ.
+    memory (0,), or (6 + KEPT z,) of another displacement nearby, whose balls are followed to here and kept: it saves most of the
+    work, and the energy is not computed. Returns the energy [J], the ball that did not settle (−1: none), and its excess as in
+    `ball_centre`.
     """
     soft, loose = floors(table, ball)
     c, state = np.empty((4, 2)), np.empty((4, 8))
@@ -189,16 +238,29 @@ def ring_load(
     for k in range(2):
         A[k, 0, 0] = A[k, 1, 1] = 1.0
         A[k, 0, 2], A[k, 1, 2] = radius + table[k, 1], -table[k, 0]
-    energy = 0.0
-    for i in range(balls):
-        angle = first + 2 * math.pi * i / balls
-        cos, sin = math.cos(angle), math.sin(angle)
-        tau = sin * q[3] - cos * q[4]
+    energy, keeps = 0.0, len(memory) > 0
+    following = keeps and memory[0] == 1.0
+    du = d1 = d2 = d3 = d4 = 0.0
+    if following:
+        du, d1, d2, d3, d4 = q[0] - memory[1], q[1] - memory[2], q[2] - memory[3], q[3] - memory[4], q[4] - memory[5]
+    for i in range(len(turns)):
+        cos, sin = turns[i, 0], turns[i, 1]
+        tau, at = sin * q[3] - cos * q[4], 6 + KEPT * i
         groove_centres(table, radius, q[0], cos * q[1] + sin * q[2], tau, c)
-        px, pr, excess = ball_centre(table, c, centrifugal[0], soft, loose, state)
-        if not excess <= 1:
-            return energy, i, excess
-        energy += potential(table, c, centrifugal[0], soft, px, pr)
+        settled, px, pr = False, 0.0, 0.0
+        if following:
+            dw, dt = cos * d1 + sin * d2, sin * d3 - cos * d4
+            px = memory[at] + memory[at + 2] * du + memory[at + 3] * dw + memory[at + 4] * dt
+            pr = memory[at + 1] + memory[at + 5] * du + memory[at + 6] * dw + memory[at + 7] * dt
+            settled, px, pr = followed(table, c, centrifugal[0], soft, loose, px, pr, state)
+        if not settled:
+            px, pr, excess = ball_centre(table, c, centrifugal[0], soft, loose, state)
+            if not excess <= 1:
+                if keeps:
+                    memory[0] = 0.0
+                return energy, i, excess
+        if not keeps:
+            energy += potential(table, c, centrifugal[0], soft, px, pr)
         hxx = soft + state[0, 2] + state[1, 2] + state[2, 2] + state[3, 2]
         hxr = state[0, 3] + state[1, 3] + state[2, 3] + state[3, 3]
         hrr = soft + state[0, 4] + state[1, 4] + state[2, 4] + state[3, 4]
@@ -215,6 +277,10 @@ def ring_load(
         for m in range(3):
             X[0, m] = (hrr * S[0, m] - hxr * S[1, m]) / determinant
             X[1, m] = (hxx * S[1, m] - hxr * S[0, m]) / determinant
+        if keeps:
+            memory[at], memory[at + 1] = px, pr
+            for m in range(3):
+                memory[at + 2 + m], memory[at + 5 + m] = X[0, m], X[1, m]
         stiff[:] = 0.0
         for k in range(2):
             for m in range(3):
@@ -237,6 +303,8 @@ def ring_load(
                 slopes[2, j] += sin * G[1, j]
                 slopes[3, j] += sin * G[2, j]
                 slopes[4, j] -= cos * G[2, j]
+    if keeps:
+        memory[0], memory[1:6] = 1.0, q
     return energy, -1, 0.0
 
 
@@ -334,3 +402,25 @@ def each_ball(
             return centre, arm, i, excess
         arm[i] = c - centre[i]
     return centre, arm, -1, 0.0
+
+
+def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
+    """The bearing as a compiled force law (`compiled/keep.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
+    diameter, balls z, cos φ and sin φ of every ball, places of the parameters among PARAMETERS."""
+    z = int(carray(numbers, 45)[44])
+    given = carray(numbers, 45 + 2 * z + p)
+    table, turns = given[:40].reshape((4, 10)), given[45 : 45 + 2 * z].reshape((z, 2))
+    q, slopes = carray(rho, 5), np.zeros((5, 6))
+    if not np.isfinite(q.sum()):
+        return 0
+    _, ball, _ = ring_load(
+        table, given[40:42], given[42], given[43], turns, q, carray(memory, 6 + KEPT * z), p > 0, carray(F, 5),
+        carray(F_rho, (5, 5)), slopes,
+    )  # fmt: skip
+    if ball >= 0:
+        return 0
+    by = carray(F_theta, (5, p))
+    for j in range(p):
+        for i in range(5):
+            by[i, j] = slopes[i, int(given[45 + 2 * z + j])]
+    return 1

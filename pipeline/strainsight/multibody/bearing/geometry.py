@@ -94,6 +94,12 @@ class Bearing:
         return replace(self, **dict(zip(PARAMETERS, values.tolist(), strict=True)))
 
     @cached_property
+    def turns(self) -> np.ndarray:
+        """cos φ, sin φ of the stations of the balls (z, 2)."""
+        angle = self.first_ball + 2 * np.pi * np.arange(self.balls) / self.balls
+        return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+    @cached_property
     def contacts(self) -> Contacts:
         """What the forces need of this geometry, computed once."""
         return _contacts(self)

@@ -7,8 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from strainsight.multibody.bearing.balls import KEPT, ring_law
 from strainsight.multibody.bearing.element import bearing_load
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.compiled.keep import compiled_law
 from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.friction import regular_friction
@@ -61,10 +63,7 @@ class BearingLaw:
 
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
         """F (5 or 7,), ∂F/∂ρ, ∂F/∂ρ̇, ∂F/∂θ (, number of free parameters). Raises the errors of `bearing_load` and `Bearing`."""
-        if self._places and not np.array_equal(self._at.parameters[self._places], theta):
-            values = self._bearing.parameters
-            values[self._places] = theta
-            self._at = self._bearing.with_parameters(values)
+        self._move(theta)
         found = bearing_load(self._at, rho[:5], slopes=bool(self._places))
         own, drag = Load(found.force, found.tangent, None, found.slopes[:, self._places]), self._drag
         rate = None
@@ -72,6 +71,12 @@ class BearingLaw:
             rate = np.diag(drag.damping)
             own = own._replace(F=own.F + rate @ rho_dot[:5], F_rate=rate)
         return self._turned(found.force, own, rho[5:], rho_dot[5:]) if drag.turns else own
+
+    def _move(self, theta: np.ndarray) -> None:
+        if self._places and not np.array_equal(self._at.parameters[self._places], theta):
+            values = self._bearing.parameters
+            values[self._places] = theta
+            self._at = self._bearing.with_parameters(values)
 
     def _turned(self, held: np.ndarray, own: Load, rho: np.ndarray, rho_dot: np.ndarray) -> Load:
         """With the moment against the turn; held (5,): what the balls carry."""
@@ -91,3 +96,22 @@ class BearingLaw:
         F_rate[5:, 5:] = steep * np.outer(slope, slope)
         F_theta = np.vstack([own.F_theta, np.outer(slope, by_coulomb * (by_load @ own.F_theta))])
         return Load(np.concatenate([own.F, T * slope]), F_rho, F_rate, F_theta)
+
+    @property
+    def address(self) -> int:
+        """0, which is in Python, where the bearing takes from motion."""
+        drag = self._drag
+        return 0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law).address)
+
+    @property
+    def memory(self) -> int:
+        """What is kept of every ball, from which it is followed."""
+        return 6 + KEPT * self._bearing.balls
+
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """As `ring_law` takes them."""
+        self._move(theta)
+        own = self._at
+        sizes = [own.pitch_diameter / 2, own.ball_diameter, own.balls]
+        parts = own.contacts.table.ravel(), own.contacts.centrifugal, sizes, own.turns.ravel(), self._places
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])

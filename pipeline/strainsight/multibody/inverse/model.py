@@ -81,11 +81,11 @@ class AugmentedStep:
     def h(self) -> float:
         return self.loads.h
 
-    @property
+    @cached_property
     def q(self) -> slice:
         return slice(0, self.system.size)
 
-    @property
+    @cached_property
     def v(self) -> slice:
         return slice(self.system.size, 2 * self.system.size)
 
@@ -93,11 +93,11 @@ class AugmentedStep:
     def w(self) -> slice:
         return slice(self.v.stop, self.v.stop + (self.system.size if self.Q_w.any() else 0))
 
-    @property
+    @cached_property
     def delta(self) -> slice:
         return slice(self.w.stop, self.w.stop + self.loads.size)
 
-    @property
+    @cached_property
     def c(self) -> slice:
         return slice(self.delta.stop, self.delta.stop + self.loads.size)
 
@@ -106,11 +106,11 @@ class AugmentedStep:
         """Places (nu,) of the unknown loads."""
         return self.c.start + self.loads.first
 
-    @property
+    @cached_property
     def xi(self) -> slice:
         return slice(self.c.stop, self.size)
 
-    @property
+    @cached_property
     def size(self) -> int:
         return self.c.stop + self.coordinates.size
 

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import carray
 
+from strainsight.multibody.compiled.keep import MOVING, STILL, compiled_law
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.relations import bushing_displacements, cosine
@@ -35,6 +37,36 @@ class LinearLaw:
         if self.damping is not None:
             F += self.damping @ rho_dot
         return Load(F, K, self.damping, slopes)
+
+    memory = 0
+
+    @property
+    def address(self) -> int:
+        return int(compiled_law(_load).address)
+
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """Whether it is damped; K(θ), D, rest, the terms."""
+        K = self.stiffness
+        for value, term in zip(theta, self.terms, strict=True):
+            K = K + value * term
+        D = np.zeros_like(K) if self.damping is None else self.damping
+        return np.concatenate([[self.damping is not None], *(np.ravel(X) for X in (K, D, self.rest, *self.terms))])
+
+
+def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
+    given = carray(numbers, 1 + 2 * k * k + k + p * k * k)
+    x, xr, out = carray(rho, k), carray(rate, k), carray(F, k)
+    by_rho, by_rate, by_theta = carray(F_rho, (k, k)), carray(F_rate, (k, k)), carray(F_theta, (k, p))
+    rest = 1 + 2 * k * k
+    for i in range(k):
+        for j in range(k):
+            apart = x[j] - given[rest + j]
+            by_rho[i, j] = given[1 + k * i + j]
+            by_rate[i, j] = given[1 + k * k + k * i + j]
+            out[i] += by_rho[i, j] * apart + by_rate[i, j] * xr[j]
+            for m in range(p):
+                by_theta[i, m] += given[rest + k + k * (k * m + i) + j] * apart
+    return MOVING if given[0] != 0.0 else STILL
 
 
 def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: Sequence[float]) -> RelativeElement:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import carray
 
 from strainsight.errors import NumericalError
+from strainsight.multibody.compiled.keep import MOVING, NONE, STILL
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.spring import SpringDamper
@@ -35,7 +37,7 @@ def torsion(
             )
         return phi, *turned_by(rho)[1:]
 
-    law = SpringDamper(turn, stiffness, damping)
+    law = SpringDamper(turn, stiffness, damping, _turned, angle)
     return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
 
 
@@ -45,3 +47,29 @@ def turned_by(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     r = x * x + y * y
     bend = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
     return float(np.arctan2(y, x)), np.array([-y, x]) / r, bend
+
+
+def _turned(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
+    given, x, y, dx, dy = (
+        carray(numbers, 3),
+        carray(rho, 2)[0],
+        carray(rho, 2)[1],
+        carray(rate, 2)[0],
+        carray(rate, 2)[1],
+    )
+    stiffness, damping, c, s = given[0], given[1], np.cos(given[2]), np.sin(given[2])
+    phi = np.arctan2(y * c - x * s, x * c + y * s)
+    if stiffness != 0.0 and not abs(phi) <= FARTHEST:
+        return NONE
+    r = x * x + y * y
+    slope = (-y / r, x / r)
+    bend = ((2 * x * y / r**2, (y * y - x * x) / r**2), ((y * y - x * x) / r**2, -2 * x * y / r**2))
+    T = stiffness * phi + damping * (slope[0] * dx + slope[1] * dy)
+    out, by_rho, by_rate = carray(F, 2), carray(F_rho, (2, 2)), carray(F_rate, (2, 2))
+    for i in range(2):
+        out[i] = T * slope[i]
+        for j in range(2):
+            bent = bend[j][0] * dx + bend[j][1] * dy
+            by_rho[i, j] = slope[i] * (stiffness * slope[j] + damping * bent) + T * bend[i][j]
+            by_rate[i, j] = damping * slope[i] * slope[j]
+    return MOVING if damping != 0.0 else STILL

@@ -1,0 +1,220 @@
+"""A system as the arrays that compiled code takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+from strainsight.multibody.bodies import modes, moves
+
+if TYPE_CHECKING:
+    from strainsight.multibody.system import System
+
+MOTIONS = 6
+"""Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
+
+
+class Arrays(NamedTuple):
+    """What a system is made of, by number.
+
+    Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
+    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
+    mass, natural and minimal. Carried vectors (nc): on: their body (−1: none), felt: modes, t, c, C.
+    Relations but those of rigidity (nr), the joints' first: part, sign, value, feels (nr, 4): their bodies (−1: none); joints:
+    how many are held; weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
+    Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
+    element_parameter: places in (θ, u). Moments (nm): moment_on: the body, its loads, their directions, the rotation shapes.
+    tied, pushed (nb, any): the bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those
+    that a row of the matrix reaches through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix
+    the unknowns (nt, μ, λ) stand; low (N,): the last row that a column can reach. rigid: constraints before the joints';
+    drive (k, 4): row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p
+    begins in u, how many.
+    """
+
+    body: np.ndarray
+    d: np.ndarray
+    dt: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
+    on: np.ndarray
+    felt: np.ndarray
+    t: np.ndarray
+    c: np.ndarray
+    C: np.ndarray
+    part: np.ndarray
+    sign: np.ndarray
+    value: np.ndarray
+    feels: np.ndarray
+    joints: int
+    weights: np.ndarray
+    input_row: np.ndarray
+    input_which: np.ndarray
+    element: np.ndarray
+    element_feels: np.ndarray
+    element_parameter: np.ndarray
+    moment_on: np.ndarray
+    moment_input: np.ndarray
+    moment_direction: np.ndarray
+    moment_rotation: np.ndarray
+    tied: np.ndarray
+    pushed: np.ndarray
+    reached: np.ndarray
+    held: np.ndarray
+    place: np.ndarray
+    low: np.ndarray
+    rigid: int
+    drive: np.ndarray
+    drive_at: int
+    drives: int
+
+
+class Point(NamedTuple):
+    """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, K(θ), C(θ) (n, n),
+    w (n,) or (0,); of every element the address of its law and where its numbers begin; the numbers."""
+
+    q: np.ndarray
+    v: np.ndarray
+    h: float
+    u: np.ndarray
+    K: np.ndarray
+    C: np.ndarray
+    w: np.ndarray
+    address: np.ndarray
+    begin: np.ndarray
+    numbers: np.ndarray
+
+
+def arrays(system: System, memory: Sequence[int]) -> Arrays:
+    """memory: numbers that every element's law keeps from one trial state to the next."""
+    names = [body.name for body in system.bodies]
+    body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
+    t0, begin, dt = 0, 0, []
+    for k, b in enumerate(system.bodies):
+        span, width = system.of[b.name], MOTIONS * moves(b) + modes(b)
+        body[k] = moves(b), span.start, t0, modes(b), -1, width
+        t0 += width
+        d = system.metric[span]
+        dt.append(np.concatenate([d[:3], np.sqrt(2.0) * d[3:6], d[12:]]) if moves(b) else d)
+        if span.start in inertia and moves(b) and modes(b):
+            x = inertia[span.start]
+            body[k, 4] = begin
+            flat += [np.array([x.mass]), *(np.ravel(field) for field in x[2:])]
+            begin = sum(len(part) for part in flat)
+    products, rigid = system.products, system.rigid
+    starts = body[:, 1]
+    on = np.full(len(products.t), -1, dtype=np.int64)
+    for i in range(len(on)):
+        first = products.place[i] if products.place[i] >= 0 else products.eta[i]
+        if first >= 0:
+            on[i] = np.searchsorted(starts, first, side="right") - 1
+    part = products.part[rigid:]
+    feels = [sorted({int(on[i]) for i in row if i >= 0 and on[i] >= 0}) for row in part]
+    joints, drives = system.constrained - rigid, system.drives
+    driven = np.stack([drives.row, drives.across, drives.which, drives.power], axis=1).astype(np.int64)
+    driven[:, :1] -= rigid
+    driven[:, 1] -= np.where(driven[:, 1] >= 0, rigid, 0)
+    for row, across, _, _ in driven:
+        if across >= 0:
+            feels[row] = feels[across] = sorted({*feels[row], *feels[across]})
+    elements = [
+        (e.rows.start - rigid, e.rows.stop - e.rows.start, len(e.parameters) + len(e.inputs)) for e in system.elements
+    ]
+    element_feels = [sorted({k for row in feels[first : first + rows] for k in row}) for first, rows, _ in elements]
+    tied, pushed = _neighbours(len(names), feels[:joints]), _neighbours(len(names), element_feels)
+    near = [sorted({j for i in own for j in tied[i]}) for own in pushed]
+    held = [[row for row in range(joints) if k in feels[row]] for k in range(len(names))]
+    place = _places(body, near, feels[:joints])
+    moments, most = system.moments, max(modes(b) for b in system.bodies)
+    rotation = np.zeros((len(moments), 3, most))
+    direction = np.zeros((len(moments), 3, max([len(m.inputs) for m in moments], default=0)))
+    for k, moment in enumerate(moments):
+        rotation[k, :, : moment.rotation.shape[1]] = moment.rotation
+        direction[k, :, : len(moment.inputs)] = moment.directions
+    moment_on = [int(np.searchsorted(starts, m.eta.start if m.R < 0 else m.R, side="right")) - 1 for m in moments]
+    table = np.zeros((len(elements), 4), dtype=np.int64)
+    for k, (first, rows, parameters) in enumerate(elements):
+        table[k] = first, rows, parameters, sum(memory[:k])
+    return Arrays(
+        body, np.ascontiguousarray(system.metric), np.concatenate(dt), np.ascontiguousarray(system.mass),
+        np.concatenate(flat), on, products.modes.astype(np.int64), products.t, np.ascontiguousarray(products.c),
+        np.ascontiguousarray(products.C), np.ascontiguousarray(part, dtype=np.int64),
+        np.ascontiguousarray(products.sign[rigid:]), np.ascontiguousarray(products.value[rigid:]),
+        _padded(feels, 4), joints, np.ascontiguousarray(system.weights[rigid:]),
+        (system.input_rows[0] - rigid).astype(np.int64), system.input_rows[1].astype(np.int64), table,
+        _padded(element_feels), _padded([[*e.parameters, *(len(system.parameters) + e.inputs)] for e in system.elements]),
+        np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]), direction,
+        rotation, _padded(tied), _padded(pushed), _padded(near), _padded(held), place, _reach(body, near, feels[:joints], place),
+        rigid, driven, drives.at, len(drives.names),
+    )  # fmt: skip
+
+
+def _padded(rows: Sequence[Sequence[int]], least: int = 0) -> np.ndarray:
+    """Lists of different lengths as one array, filled up with −1."""
+    found = np.full((len(rows), max([least, *(len(row) for row in rows)])), -1, dtype=np.int64)
+    for k, row in enumerate(rows):
+        found[k, : len(row)] = row
+    return found
+
+
+def _neighbours(count: int, groups: Sequence[Sequence[int]]) -> list[list[int]]:
+    found = [{k} for k in range(count)]
+    for group in groups:
+        for k in group:
+            found[k] |= set(group)
+    return [sorted(own) for own in found]
+
+
+def _places(body: np.ndarray, near: list[list[int]], joints: list[list[int]]) -> np.ndarray:
+    """From the free ends of chains to what is held: every joint's multipliers behind the first of its bodies that has motions
+    left for them, so that elimination fills little and meets no zero."""
+    count = len(body)
+    links = np.zeros((count, count))
+    for k, own in enumerate(near):
+        links[k, own] = links[own, k] = 1.0
+    order = reverse_cuthill_mckee(csr_matrix(links), symmetric_mode=True)
+    ground = {row[0] for row in joints if len(row) == 1} | {k for k in range(count) if not body[k, 0]}
+    where = {int(k): i for i, k in enumerate(order)}
+    if ground and np.mean([where[k] for k in ground]) < 0.5 * (count - 1):
+        order = order[::-1]
+    sequence: list[int] = []
+    nt, waiting, seen = int(body[:, 5].sum()), list(range(len(joints))), set()
+    for k in map(int, order):
+        seen.add(k)
+        sequence += range(body[k, 2], body[k, 2] + body[k, 5])
+        free = int(body[k, 5])
+        now = [row for row in waiting if set(joints[row]) <= seen]
+        free -= len(now)
+        for row in waiting:
+            if row not in now and k in joints[row] and free > 0:
+                now.append(row)
+                free -= 1
+        waiting = [row for row in waiting if row not in now]
+        sequence += [nt + row for row in now] + [nt + len(joints) + row for row in now]
+    place = np.empty(len(sequence), dtype=np.int64)
+    place[sequence] = np.arange(len(sequence))
+    return place
+
+
+def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], place: np.ndarray) -> np.ndarray:
+    """Last row (N,) that is not zero in a column or in one before it, elimination included."""
+    nt, count = int(body[:, 5].sum()), len(joints)
+    spans = [range(body[k, 2], body[k, 2] + body[k, 5]) for k in range(len(body))]
+    filled = np.eye(len(place), dtype=bool)
+    for k, own in enumerate(near):
+        for j in own:
+            here, there = place[list(spans[k])], place[list(spans[j])]
+            filled[np.ix_(here, there)] = filled[np.ix_(there, here)] = True
+    for row, mine in enumerate(joints):
+        felt = sorted({j for k in mine for j in near[k]})
+        columns = place[[i for k in felt for i in spans[k]]]
+        for unknown in (nt + row, nt + count + row):
+            filled[place[unknown], columns] = filled[columns, place[unknown]] = True
+        others = [r for r, other in enumerate(joints) if set(other) & set(mine)]
+        both = place[[nt + r for r in others] + [nt + count + r for r in others]]
+        filled[np.ix_(place[[nt + row, nt + count + row]], both)] = True
+    last = np.array([np.flatnonzero(column)[-1] for column in filled.T]) if len(place) else np.zeros(0, dtype=np.int64)
+    return np.maximum.accumulate(last).astype(np.int64)

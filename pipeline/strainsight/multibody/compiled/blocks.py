@@ -1,0 +1,261 @@
+"""What every body by itself gives to the equations in minimal coordinates: inertia, elasticity, moments, and the metric."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.inertia import Inertia, inertia_load
+
+
+@njit(cache=True, error_model="numpy")
+def natural_velocity(s: Arrays, q: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """v = T ζ (n,): Ṙ_β = ω × R_β."""
+    v = np.empty(len(q))
+    for k in range(len(s.body)):
+        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+        if moving:
+            w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
+            for a in range(3):
+                v[n0 + a] = z[t0 + a]
+                R = n0 + 3 + 3 * a
+                v[R] = w1 * q[R + 2] - w2 * q[R + 1]
+                v[R + 1] = w2 * q[R] - w0 * q[R + 2]
+                v[R + 2] = w0 * q[R + 1] - w1 * q[R]
+        for m in range(modes):
+            v[n0 + 12 * moving + m] = z[t0 + 6 * moving + m]
+    return v
+
+
+@njit(cache=True, error_model="numpy")
+def project_columns(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
+    """out (r, 6 + k) = A T of a matrix A (r, 12 + k): columns R_β of e_c × R_β; R (9,)."""
+    for i in range(len(A)):
+        for a in range(3):
+            out[i, a], out[i, 3 + a] = A[i, a], 0.0
+        for beta in range(3):
+            x, y, z = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]
+            A0, A1, A2 = A[i, 3 + 3 * beta], A[i, 4 + 3 * beta], A[i, 5 + 3 * beta]
+            # A·(e_c × R) = (R × A)·e_c
+            out[i, 3] += y * A2 - z * A1
+            out[i, 4] += z * A0 - x * A2
+            out[i, 5] += x * A1 - y * A0
+        for m in range(modes):
+            out[i, 6 + m] = A[i, 12 + m]
+
+
+@njit(cache=True, error_model="numpy")
+def project_rows(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
+    """out (6 + k, w) = Tᵀ A of a matrix A (12 + k, w)."""
+    w = A.shape[1]
+    for j in range(w):
+        for a in range(3):
+            out[a, j], out[3 + a, j] = A[a, j], 0.0
+        for beta in range(3):
+            x, y, z = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]
+            A0, A1, A2 = A[3 + 3 * beta, j], A[4 + 3 * beta, j], A[5 + 3 * beta, j]
+            out[3, j] += y * A2 - z * A1
+            out[4, j] += z * A0 - x * A2
+            out[5, j] += x * A1 - y * A0
+    for m in range(modes):
+        for j in range(w):
+            out[6 + m, j] = A[12 + m, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _add_turned(g: np.ndarray, R: np.ndarray, at: int, K: np.ndarray) -> None:
+    """K[at:, at:] (3, 3) += Σ R_β g_βᵀ − (Σ R_β·g_β) 1, of Σ (ε × R_β) × g_β; g, R (9,)."""
+    for beta in range(3):
+        along = 0.0
+        for m in range(3):
+            along += R[3 * beta + m] * g[3 * beta + m]
+            for n in range(3):
+                K[at + m, at + n] += R[3 * beta + m] * g[3 * beta + n]
+        for m in range(3):
+            K[at + m, at + m] -= along
+
+
+@njit(cache=True, error_model="numpy")
+def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
+    """The invariants of a body of n modes from `Arrays.inertia`, where they begin at `at`."""
+    x, f = at, s.inertia
+    first = f[x + 1 : x + 4]
+    x += 4
+    first_modal = f[x : x + 3 * n].reshape(3, n)
+    x += 3 * n
+    second = f[x : x + 9].reshape(3, 3)
+    x += 9
+    second_modal = f[x : x + 9 * n].reshape(n, 3, 3)
+    x += 9 * n
+    second_modal2 = f[x : x + 9 * n * n].reshape(n, n, 3, 3)
+    x += 9 * n * n
+    coupling = f[x : x + 9 * n].reshape(3, 3, n)
+    x += 9 * n
+    coupling_modal = f[x : x + 9 * n * n].reshape(n, 3, 3, n)
+    x += 9 * n * n
+    modal = f[x : x + n * n].reshape(n, n)
+    return Inertia(n0, f[at], first, first_modal, second, second_modal, second_modal2, coupling, coupling_modal, modal)
+
+
+@kept("inertia.py", "compiled/arrays.py")
+def add_bodies(
+    s: Arrays,
+    p: Point,
+    q: np.ndarray,
+    z: np.ndarray,
+    v: np.ndarray,
+    r1: np.ndarray,
+    r2: np.ndarray,
+    X: np.ndarray,
+    A: np.ndarray,
+    K: np.ndarray,
+    TM: np.ndarray,
+    tangents: bool,
+) -> None:
+    """r₁ = TᵀD²((q' − q)/h − v'), r₂ = Tᵀ(M a + c + K q + C v + moments − w) (nt,), and the blocks of every body of
+
+        X += TᵀD²T/h + ∂r₁ with the velocity at rest,    A += TᵀM T/h + ∂c/∂ζ + C,     K += ∂r₂ at the same ζ        (nt, nt)
+
+    given as zeros, without tangents not all of them; TM (nt, 12 + most modes) = TᵀM of every body.
+
+        ∂(Tᵀg) = Tᵀ∂g + Σ (ε × R_β) × g_β,     ∂v = T δζ + ω × (ε × R_β)
+    """
+    h = p.h
+    a = (v - p.v) / h
+    for k in range(len(s.body)):
+        moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
+        if moving == 0:
+            _add_clamped(s, p, n0, t0, modes, q, v, a, r1, r2, X, A, K, TM)
+            continue
+        size = 12 + modes
+        R = q[n0 + 3 : n0 + 12]
+        e = np.empty(size)
+        for i in range(size):
+            e[i] = s.d[n0 + i] ** 2 * ((q[n0 + i] - p.q[n0 + i]) / h - v[n0 + i])
+        # the equation of q
+        for i in range(width):
+            X[t0 + i, t0 + i] += s.dt[t0 + i] ** 2 / h
+        column = np.empty((size, 1))
+        column[:, 0] = e
+        down = np.empty((width, 1))
+        project_rows(column, R, modes, down)
+        r1[t0 : t0 + width] = down[:, 0]
+        _add_turned(e[3:12], R, t0 + 3, X)
+        w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
+        square = s.d[n0 + 3] ** 2
+        X[t0 + 3, t0 + 4] += square * w2
+        X[t0 + 3, t0 + 5] -= square * w1
+        X[t0 + 4, t0 + 3] -= square * w2
+        X[t0 + 4, t0 + 5] += square * w0
+        X[t0 + 5, t0 + 3] += square * w1
+        X[t0 + 5, t0 + 4] -= square * w0
+        # the equation of motion
+        own = slice(n0, n0 + size)
+        if s.body[k, 4] >= 0:
+            M, g, Gq, Gv = inertia_load(inertia_of(s, s.body[k, 4], n0, modes), q, v, a)
+            Gv += M / h
+        else:
+            M = s.mass[own, own].copy()
+            g = M @ a[own]
+            Gq, Gv = np.zeros((size, size)), M / h
+        project_rows(M, R, modes, TM[t0 : t0 + width, :size])
+        eta = n0 + 12
+        for i in range(modes):
+            for j in range(modes):
+                Kij, Cij = p.K[eta + i, eta + j], p.C[eta + i, eta + j]
+                g[12 + i] += Kij * q[eta + j] + Cij * v[eta + j]
+                Gq[12 + i, 12 + j] += Kij
+                Gv[12 + i, 12 + j] += Cij
+        if len(p.w):
+            for i in range(size):
+                g[i] -= p.w[n0 + i]
+        column[:, 0] = g
+        project_rows(column, R, modes, down)
+        r2[t0 : t0 + width] += down[:, 0]
+        if not tangents:
+            continue
+        AT, KT = np.empty((size, width)), np.empty((size, width))
+        square_block = np.empty((width, width))
+        project_columns(Gv, R, modes, AT)
+        project_rows(AT, R, modes, square_block)
+        A[t0 : t0 + width, t0 : t0 + width] += square_block
+        project_columns(Gq, R, modes, KT)
+        # ∂v of a turn: ω × (e_c × R_β) = e_c (ω·R_β) − R_β ω_c
+        for beta in range(3):
+            R0, R1, R2 = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]
+            along = w0 * R0 + w1 * R1 + w2 * R2
+            for i in range(size):
+                G0, G1, G2 = Gv[i, 3 + 3 * beta], Gv[i, 4 + 3 * beta], Gv[i, 5 + 3 * beta]
+                on = G0 * R0 + G1 * R1 + G2 * R2
+                KT[i, 3] += along * G0 - on * w0
+                KT[i, 4] += along * G1 - on * w1
+                KT[i, 5] += along * G2 - on * w2
+        project_rows(KT, R, modes, square_block)
+        K[t0 : t0 + width, t0 : t0 + width] += square_block
+        _add_turned(g[3:12], R, t0 + 3, K)
+    _add_moments(s, p, q, r2, K)
+
+
+@njit(cache=True, error_model="numpy")
+def _add_clamped(
+    s: Arrays,
+    p: Point,
+    n0: int,
+    t0: int,
+    modes: int,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    r1: np.ndarray,
+    r2: np.ndarray,
+    X: np.ndarray,
+    A: np.ndarray,
+    K: np.ndarray,
+    TM: np.ndarray,
+) -> None:
+    """The same of a body whose frame is the ground's: its coordinates are minimal."""
+    for i in range(modes):
+        square = s.d[n0 + i] ** 2
+        r1[t0 + i] = square * ((q[n0 + i] - p.q[n0 + i]) / p.h - v[n0 + i])
+        X[t0 + i, t0 + i] += square / p.h
+        force = -p.w[n0 + i] if len(p.w) else 0.0
+        for j in range(modes):
+            M, Kij, Cij = s.mass[n0 + i, n0 + j], p.K[n0 + i, n0 + j], p.C[n0 + i, n0 + j]
+            force += M * a[n0 + j] + Kij * q[n0 + j] + Cij * v[n0 + j]
+            TM[t0 + i, j] = M
+            A[t0 + i, t0 + j] += M / p.h + Cij
+            K[t0 + i, t0 + j] += Kij
+        r2[t0 + i] += force
+
+
+@njit(cache=True, error_model="numpy")
+def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray) -> None:
+    """Of the virtual work T·δθ, δθ = ε + RΨ δη:  rows ε: −T,   rows η: −ΨᵀRᵀT,  whose change is −ΨᵀRᵀ(T × ε)."""
+    T = np.empty(3)
+    for m in range(len(s.moment_on)):
+        T[:] = 0.0
+        for j in range(s.moment_input.shape[1]):
+            which = s.moment_input[m, j]
+            if which >= 0:
+                for a in range(3):
+                    T[a] += s.moment_direction[m, a, j] * p.u[which]
+        k = s.moment_on[m]
+        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+        if moving:
+            for a in range(3):
+                r2[t0 + 3 + a] -= T[a]
+        for beta in range(3):
+            if moving:
+                x, y, z = q[n0 + 3 + 3 * beta], q[n0 + 4 + 3 * beta], q[n0 + 5 + 3 * beta]
+                on = x * T[0] + y * T[1] + z * T[2]
+                # R_β·(T × ε) = (R_β × T)·ε
+                across = (y * T[2] - z * T[1], z * T[0] - x * T[2], x * T[1] - y * T[0])
+                for i in range(modes):
+                    for a in range(3):
+                        K[t0 + 6 + i, t0 + 3 + a] -= s.moment_rotation[m, beta, i] * across[a]
+            else:
+                on = T[beta]
+            for i in range(modes):
+                r2[t0 + 6 * moving + i] -= s.moment_rotation[m, beta, i] * on

@@ -1,0 +1,244 @@
+"""Newton's iteration of an implicit step, whole: no Python in it but laws that have no other form."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.blocks import natural_velocity
+from strainsight.multibody.compiled.equations import BROKEN, FILES, NO_LOAD, SOLVED, equations
+from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
+
+INFINITE, SINGULAR, ENDLESS = 3, 4, 5
+"""How an iteration ends beside SOLVED, NO_LOAD and BROKEN: not finite; singular; too many iterations."""
+ITERATIONS = 25
+CONVERGED = 1e-12
+"""Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
+ROUNDING = 1e-8
+"""A correction below this that no longer shrinks is rounding."""
+SLOW = 1e-3
+"""Motion in a step beside the coordinates below which the velocity is as good as none."""
+STILL = 1e-10
+"""Deformation of a body beside the whole system's coordinates that is as good as none: what no load deforms is rounding."""
+CLOSE, FAST, ROUNDED = 0.01, 1e-4, 1e-2
+"""A correction below which the next iteration tries the matrix of this one; what that one's has to be beside it to count; and
+what its expected successor has to be beside CONVERGED: with the old matrix corrections go on shrinking by the same factor
+only, and not by its square."""
+LEAST = 1e-3
+"""Share of a correction below which Newton's iteration is given up."""
+TINY = float(np.finfo(float).tiny)
+
+
+@kept("compiled/equations.py", *FILES)
+def newton(
+    s: Arrays,
+    p: Point,
+    theta: np.ndarray,
+    memory: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """How it ended, iterations, and q, v (n,), ζ (nt,), μ, λ (m,), from a trial q, v that is put on the rotations first.
+
+    Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved.
+    """
+    nt, m = len(s.dt), s.joints
+    q, z = on_rotations(s, q, v)
+    before, share, begun, again = np.inf, 1.0, False, False
+    y, dz, dmu, dlam = np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1))
+    last_q, last_z, last_mu, last_lam = q, z, mu, lam
+    iteration = 0
+    while iteration < ITERATIONS:
+        iteration += 1
+        state, r1, r2, r3, r4, g, gr, X, A, K, _, _, _ = equations(s, p, theta, memory, q, z, mu, lam, not again)
+        if state == BROKEN:
+            return state, iteration, q, natural_velocity(s, q, z), z, mu, lam
+        if state == NO_LOAD:
+            share *= 0.5
+            if not begun or share < LEAST:
+                return state, iteration, q, natural_velocity(s, q, z), z, mu, lam
+            q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+            again = False
+            continue
+        size, failed = np.inf, not np.isfinite(r1.sum() + r2.sum() + r3.sum() + r4.sum())
+        if not failed:
+            if not again:
+                Z, J, S = scaled(s, p.h, g, gr, X, A, K)
+                regular, pivots, last = factorise(Z, s.low)
+                if not regular:
+                    return SINGULAR, iteration, q, natural_velocity(s, q, z), z, mu, lam
+                old_X, old_A = X, A
+            own, right = right_side(
+                s,
+                p.h,
+                old_A,
+                J,
+                S,
+                -r1.reshape((nt, 1)),
+                -r2.reshape((nt, 1)),
+                -r3.reshape((m, 1)),
+                -r4.reshape((m, 1)),
+            )
+            substitute(Z, s.low, pivots, last, right)
+            new_y, new_dz, new_dmu, new_dlam = expanded(s, p.h, old_X, J, S, own, right)
+            size = correction(s, p.h, q, z, new_y, new_dz)
+            failed = not np.isfinite(size)
+        if again and (failed or size > FAST * before):
+            # the matrix of the iteration before is no good here
+            again = False
+            iteration -= 1
+            continue
+        if begun and (failed or (size > 2 * before and size > 1e-3)):
+            share *= 0.5
+            if share < LEAST:
+                return ENDLESS, iteration, q, natural_velocity(s, q, z), z, mu, lam
+            q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+            continue
+        if failed:
+            return INFINITE, iteration, q, natural_velocity(s, q, z), z, mu, lam
+        y, dz, dmu, dlam, begun = new_y, new_dz, new_dmu, new_dlam, True
+        last_q, last_z, last_mu, last_lam = q, z, mu, lam
+        q, z, mu, lam = moved(s, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
+        beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
+        enough = ROUNDED if again else 0.1
+        if size <= CONVERGED or beyond <= enough * CONVERGED or (iteration > 2 and 0.3 * before < size < ROUNDING):
+            return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
+        # so near the end the change of the matrix is one of the next order
+        again = size < CLOSE
+        before, share = size, 1.0
+    return ENDLESS, ITERATIONS, q, natural_velocity(s, q, z), z, mu, lam
+
+
+@njit(cache=True, error_model="numpy")
+def on_rotations(s: Arrays, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
+
+    R ← ½(R + R⁻ᵀ) (Higham), whose quadratic convergence ends at the polar factor of any regular R.
+    """
+    q, z = q.copy(), np.empty(len(s.dt))
+    C = np.empty(9)
+    for k in range(len(s.body)):
+        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+        for m in range(modes):
+            z[t0 + 6 * moving + m] = v[n0 + 12 * moving + m]
+        if moving == 0:
+            continue
+        R = q[n0 + 3 : n0 + 12]
+        for _ in range(60):
+            cofactors(R, C)
+            volume = R[0] * C[0] + R[1] * C[1] + R[2] * C[2]
+            change = 0.0
+            for i in range(9):
+                new = 0.5 * (R[i] + C[i] / volume)
+                change = max(change, abs(new - R[i]))
+                R[i] = new
+            if not change > 1e-15:
+                break
+        for a in range(3):
+            z[t0 + a] = v[n0 + a]
+            z[t0 + 3 + a] = 0.0
+        for beta in range(3):
+            x, y, w = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]
+            V0, V1, V2 = v[n0 + 3 + 3 * beta], v[n0 + 4 + 3 * beta], v[n0 + 5 + 3 * beta]
+            z[t0 + 3] += 0.5 * (y * V2 - w * V1)
+            z[t0 + 4] += 0.5 * (w * V0 - x * V2)
+            z[t0 + 5] += 0.5 * (x * V1 - y * V0)
+    return q, z
+
+
+@njit(cache=True, error_model="numpy")
+def cofactors(R: np.ndarray, C: np.ndarray) -> None:
+    """C = det(R) R⁻ᵀ column by column: R_2 × R_3, R_3 × R_1, R_1 × R_2."""
+    for j in range(3):
+        a, b = 3 * ((j + 1) % 3), 3 * ((j + 2) % 3)
+        C[3 * j] = R[a + 1] * R[b + 2] - R[a + 2] * R[b + 1]
+        C[3 * j + 1] = R[a + 2] * R[b] - R[a] * R[b + 2]
+        C[3 * j + 2] = R[a] * R[b + 1] - R[a + 1] * R[b]
+
+
+@njit(cache=True, error_model="numpy")
+def moved(
+    s: Arrays,
+    q: np.ndarray,
+    z: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    y: np.ndarray,
+    dz: np.ndarray,
+    dmu: np.ndarray,
+    dlam: np.ndarray,
+    share: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
+    q = q.copy()
+    turn = np.empty(3)
+    for k in range(len(s.body)):
+        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+        for m in range(modes):
+            q[n0 + 12 * moving + m] += share * y[t0 + 6 * moving + m, 0]
+        if moving == 0:
+            continue
+        for a in range(3):
+            q[n0 + a] += share * y[t0 + a, 0]
+            turn[a] = share * y[t0 + 3 + a, 0]
+        square = turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2
+        angle = np.sqrt(square)
+        if angle > 1e-4:
+            sine, cosine = np.sin(angle) / angle, (1 - np.cos(angle)) / square
+        else:
+            sine, cosine = 1 - square / 6, 0.5 - square / 24
+        for beta in range(3):
+            at = n0 + 3 + 3 * beta
+            x0, x1, x2 = q[at], q[at + 1], q[at + 2]
+            c0, c1, c2 = turn[1] * x2 - turn[2] * x1, turn[2] * x0 - turn[0] * x2, turn[0] * x1 - turn[1] * x0
+            q[at] += sine * c0 + cosine * (turn[1] * c2 - turn[2] * c1)
+            q[at + 1] += sine * c1 + cosine * (turn[2] * c0 - turn[0] * c2)
+            q[at + 2] += sine * c2 + cosine * (turn[0] * c1 - turn[1] * c0)
+        R = q[n0 + 3 : n0 + 12]
+        C = R.copy()
+        for i in range(3):
+            for j in range(3):
+                dot = C[3 * i] * C[3 * j] + C[3 * i + 1] * C[3 * j + 1] + C[3 * i + 2] * C[3 * j + 2]
+                if i == j:
+                    dot -= 1.0
+                for a in range(3):
+                    R[3 * i + a] -= 0.5 * dot * C[3 * j + a]
+    return q, z + share * dz[:, 0], further(mu, dmu, share, s.rigid), further(lam, dlam, share, s.rigid)
+
+
+@njit(cache=True, error_model="numpy")
+def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np.ndarray:
+    """Multipliers (m,) with a share of the change (joints, 1) of the joints'."""
+    lam = lam.copy()
+    for k in range(len(change)):
+        lam[rigid + k] += share * change[k, 0]
+    return lam
+
+
+@njit(cache=True, error_model="numpy")
+def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> float:
+    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
+    count = len(s.body)
+    squares, whole = np.zeros((count, 4)), 0.0
+    for k in range(count):
+        moving, n0, t0, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 5]
+        for i in range(width):
+            d = s.dt[t0 + i]
+            squares[k, 0] += (d * y[t0 + i, 0]) ** 2
+            squares[k, 1] += (h * d * dz[t0 + i, 0]) ** 2
+            squares[k, 3] += (h * d * (z[t0 + i] + dz[t0 + i, 0])) ** 2
+        for i in range(12 * moving + s.body[k, 3]):
+            squares[k, 2] += (s.d[n0 + i] * q[n0 + i]) ** 2
+        whole += squares[k, 2]
+    if not np.isfinite(squares.sum()):
+        return np.inf
+    largest = 0.0
+    for k in range(count):
+        own = max(squares[k, 2], STILL**2 * whole)
+        largest = max(largest, squares[k, 0] / max(own, TINY))
+        largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * own, TINY))
+    return float(np.sqrt(largest))
