@@ -36,7 +36,8 @@ def equations(
     nt, nr = len(s.dt), len(s.value)
     b, rate, J, Jr, turned = carried(s, q, z)
     rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
-    g, gr = np.empty((nr, nt)), np.empty((nr, nt))
+    # an element may have rows that feel different bodies
+    g, gr = np.zeros((nr, nt)), np.zeros((nr, nt))
     rows(s, b, rate, J, Jr, rho, rho_dot, g, gr, x)
     by_drive = np.zeros((len(s.drive), nt + 2))
     drive(s, p.u, rho, rho_dot, g, gr, by_drive)

@@ -94,14 +94,9 @@ def rows(
     gr: np.ndarray,
     x: np.ndarray,
 ) -> None:
-    """ρ, ρ̇ (nr,), ∇ρ, ∂ρ̇ under q alone (nr, nt) on the columns of the bodies that a row feels, its two vectors x (nr, 2, 3)."""
+    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros."""
     xr = np.empty((2, 3))
     for row in range(len(rho)):
-        for m in range(4):
-            k = s.feels[row, m]
-            if k >= 0:
-                g[row, s.body[k, 2] : s.body[k, 2] + s.body[k, 5]] = 0.0
-                gr[row, s.body[k, 2] : s.body[k, 2] + s.body[k, 5]] = 0.0
         x[row], xr[:] = 0.0, 0.0
         for p in range(4):
             i = s.part[row, p]
