@@ -72,6 +72,38 @@ def sought(inputs="{F: {std: 10, increment: 1}}", noise="1.0e-5", load=None, mor
     }
 
 
+def driven(joint, of="angle", frames="[pin, eye]", axis="axis: y, ", signal="{type: ramp, end: 0.5, duration: 0.1}"):
+    """The joint and a drive beside it."""
+    drive = f"{{type: driven_{of}, frames: {frames}, {axis}drive: {{signal: {signal}}}}}"
+    return {"joints": f"{{j: {{type: {joint}}}, drive: {drive}}}"}
+
+
+def stretched(end):
+    """A cylinder from the side, of √2 m at first: 2 m is its dead centre."""
+    ramp = f"{{type: ramp, start: 1.4142135623730951, end: {end}, duration: 0.1}}"
+    return driven(HINGE, "distance", "[side, tip]", "", ramp)
+
+
+def rubbed(coulomb, speed):
+    """A wheel about the upright that friction brings to rest within 0.02 s, against a motor of half of it."""
+    return {
+        "bodies": bob(spin="[0, 0, 0.1]"),
+        "joints": "{j: {type: revolute, frames: [pin, eye], axis: z}}",
+        "forces": forces(
+            f"f: {{type: friction, frames: [pin, eye], axis: z, coulomb: {coulomb}, speed: {speed}}}",
+            f"m: {{type: torque, frames: [pin, eye], axis: z, signal: {constant(coulomb / 2)}}}",
+        ),
+        "simulate": GIVEN,
+    }
+
+
+def turning(end):
+    ramp = f"{{type: ramp, end: {end}, duration: 0.05}}"
+    return {"forces": f"{{weight: {{type: gravity, turns: {{axis: [0, 1, 0], signal: {ramp}}}}}}}"}
+
+
+HINGE = "revolute, frames: [pin, eye], axis: y"
+BALL = "spherical, frames: [pin, eye]"
 AS_GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given%s}"
 GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given}"
 FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
@@ -120,6 +152,30 @@ REFUSED = {
     "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),
     "an unknown that is no load": (2, "estimate.inputs.weight", sought("{weight: {std: 10, increment: 1}}")),
     "an estimate of nothing": (2, "estimate: nothing is unknown", sought("{}")),
+    "an angle that jumps": (2, "joints.drive.drive", driven(HINGE, signal="{type: ramp, end: 6, duration: 1.0e-3}")),
+    "an angle that the pose has not": (2, "bodies.bob.pose", driven(HINGE, signal=constant(1.0))),
+    "an angle half a turn on": (2, "half a turn", driven(HINGE, signal=constant(np.pi))),
+    "an angle about what is held": (2, "1 of 12 constraints", driven(HINGE, axis="axis: x, ")),
+    "an angle about an axis that swings": (
+        2,
+        "hold them so by a joint",
+        {**driven(BALL, axis="axis: z, "), "bodies": moving(-3, 3), "simulate": GIVEN},
+    ),
+    "a cylinder longer than its joints": (2, "do not let the drives go on", stretched(3.0)),
+    "a cylinder at its dead centre": (2, "dead centre", stretched(2.0)),
+    "a cylinder of no length": (2, "joints.drive.drive.signal: the length is 0 m at t = 0.1 s", stretched(0.0)),
+    "a place beyond the reach of a hinge": (
+        2,
+        "do not let the drives go on",
+        driven(HINGE, "displacement", "[pin, tip]", "axis: x, ", "{type: ramp, end: 1.5, duration: 0.1}"),
+    ),
+    "a rod between points that are one": (
+        2,
+        "cannot all be satisfied",
+        {"joints": "{a: {type: distance, frames: [pin, eye], length: 1.0}}"},
+    ),
+    "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
+    "gravity that spins": (2, "forces.weight.turns: it turns by", turning(1.0e20)),
     "an estimate in steps longer than the run": (2, "estimate.time_step", sought(more=", time_step: 5.0")),
 }
 
