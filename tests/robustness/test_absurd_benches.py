@@ -97,6 +97,16 @@ def rubbed(coulomb, speed):
     }
 
 
+PUSHED = {
+    "bodies": f"{bob()[:-1]}, arm: {{type: rigid, mass: 1, inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}}}}}",
+    "frames": PARTS["frames"][:-1] + ", hub: {body: arm}}",
+    "joints": "{h: {type: revolute, frames: [pin, hub], axis: y}, e: {type: revolute, frames: [hub, eye], axis: y}, d: "
+    "{type: driven_angle, frames: [pin, hub], axis: y, drive: {signal: {type: ramp, end: 0.2, duration: 0.1}}}}",
+    "forces": forces(f"F: {{type: torque, frames: [pin, hub], axis: y, signal: {constant(1.0)}}}"),
+}
+"""The bob hangs on an arm that a motor turns, with a torque beside the motor."""
+
+
 def turning(end):
     ramp = f"{{type: ramp, end: {end}, duration: 0.05}}"
     return {"forces": f"{{weight: {{type: gravity, turns: {{axis: [0, 1, 0], signal: {ramp}}}}}}}"}
@@ -175,6 +185,7 @@ REFUSED = {
         {"joints": "{a: {type: distance, frames: [pin, eye], length: 1.0}}"},
     ),
     "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
+    "an unknown torque about a driven axis": (2, "the sensors cannot tell F, at none of 5 instants", {**sought(), **PUSHED}),
     "gravity that spins": (2, "forces.weight.turns: it turns by", turning(1.0e20)),
     "an estimate in steps longer than the run": (2, "estimate.time_step", sought(more=", time_step: 5.0")),
 }
@@ -226,3 +237,21 @@ def test_a_spring_beyond_measure_holds_as_a_bar_does(tmp_path):
     assert code == 0, said
     place = Artefact(tmp_path / "r" / "own" / "simulate.h5")["/sensors/m"]
     np.testing.assert_allclose(np.linalg.norm(place - [1, 0, 0], axis=1), np.sqrt(2), rtol=1e-10)
+
+
+def test_a_load_that_is_not_felt_at_the_start_is_sought_where_the_bench_moves_on(tmp_path):
+    """Along the line from the hinge at rest; gravity turns and the bob swings out of it."""
+    parts = sought(load=load(direction="[0, 0, 1]"))
+    assert UNFELT in simulated(tmp_path, **parts)[1]
+    turns = "weight: {type: gravity, turns: {axis: [0, 1, 0], signal: {type: ramp, end: 0.5, duration: 0.05}}}"
+    moved = parts["forces"].replace("weight: {type: gravity}", turns)
+    code, said = simulated(tmp_path, **{**parts, "forces": moved})
+    assert code == 0, said
+
+
+def test_what_no_sensor_feels_keeps_its_first_sigma_where_that_is_allowed(tmp_path):
+    code, said = simulated(tmp_path, **sought(load=load(direction="[0, 1, 0]"), more=", allow_unobservable: true"))
+    assert code == 0, said
+    assert "F is weakly observable" in said
+    found = Artefact(tmp_path / "r" / "own" / "estimate.h5")["/inputs/F/std"]
+    np.testing.assert_allclose(found, np.sqrt(10.0**2 + np.arange(len(found))), rtol=1e-9)

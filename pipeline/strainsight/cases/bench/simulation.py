@@ -16,6 +16,7 @@ from strainsight.cases.bench.start import start_of
 from strainsight.cases.bench.unsolved import explained
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.controlled import simulate_controlled
@@ -57,7 +58,7 @@ def simulation(
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
     loads = loads_of(config, bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    _refuse_spun(bench, u)
+    _refuse_spun(config, bench, u)
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
@@ -141,7 +142,7 @@ def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
                 )
 
 
-def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
+def _refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray) -> None:
     """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
     gravity, the loads between the steps are not those of a turn."""
     drives = bench.system.drives
@@ -150,14 +151,19 @@ def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
     ]
     laws = ((element.force, element.inputs) for element in bench.system.elements)
     turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
+    recorded = {
+        f"joints.{name}.drive"
+        for name, own in config.joints.items()
+        if isinstance(own, Driven) and own.drive.signal.type == "csv"
+    }
     for key, column in turned:
         moved = np.abs(np.diff(u[:, column]))
         if moved.max(initial=0.0) > SPUN:
+            smooth = "; the spline through its samples swings about a jump: smooth it" if key in recorded else ""
             raise ConfigError(
-                f"it turns by {moved.max():.3g} rad in step {int(np.argmax(moved)) + 1}, beyond {SPUN:g} rad",
+                f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
                 key=key,
-                remedy="take a smaller simulate.time_step; a file is followed by the spline through its samples, which swings "
-                "about a jump",
+                remedy=f"take a smaller simulate.time_step{smooth}",
             )
 
 

@@ -69,6 +69,11 @@ def has_drives(config: BenchConfig) -> bool:
     return any(isinstance(joint, Driven) for joint in config.joints.values())
 
 
+def has_other_poses(config: BenchConfig) -> bool:
+    """Whether drives, or gravity that turns, take the bench from where it starts."""
+    return has_drives(config) or any(own.type == "gravity" and own.turns is not None for own in config.forces.values())
+
+
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
     found: dict[str, list[str]] = {}
