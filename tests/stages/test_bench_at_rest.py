@@ -128,3 +128,10 @@ def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there(tmp_
     state = found(tmp_path, "modes", text)
     A, B, C = (state[f"/system/{name}"] for name in "ABC")
     np.testing.assert_allclose(-C @ np.linalg.solve(A, B[:, 0]) * 10.0, read, rtol=1e-6)
+
+
+def test_rounding_is_no_number_of_a_table(tmp_path):
+    done = command(tmp_path, "statics", ARM.replace("POSE", DOWN))
+    assert done.exit_code == 0, done.output
+    assert "e-" not in done.output
+    assert ["pivot", "0", "0", "19.62", "N"] in [line.split() for line in done.output.splitlines()]
