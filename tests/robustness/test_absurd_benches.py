@@ -72,6 +72,48 @@ def sought(inputs="{F: {std: 10, increment: 1}}", noise="1.0e-5", load=None, mor
     }
 
 
+def driven(joint, of="angle", frames="[pin, eye]", axis="axis: y, ", signal="{type: ramp, end: 0.5, duration: 0.1}"):
+    """The joint and a drive beside it."""
+    drive = f"{{type: driven_{of}, frames: {frames}, {axis}drive: {{signal: {signal}}}}}"
+    return {"joints": f"{{j: {{type: {joint}}}, drive: {drive}}}"}
+
+
+def stretched(end):
+    """A cylinder from the side, of √2 m at first: 2 m is its dead centre."""
+    ramp = f"{{type: ramp, start: 1.4142135623730951, end: {end}, duration: 0.1}}"
+    return driven(HINGE, "distance", "[side, tip]", "", ramp)
+
+
+def rubbed(coulomb, speed):
+    """A wheel about the upright that friction brings to rest within 0.02 s, against a motor of half of it."""
+    return {
+        "bodies": bob(spin="[0, 0, 0.1]"),
+        "joints": "{j: {type: revolute, frames: [pin, eye], axis: z}}",
+        "forces": forces(
+            f"f: {{type: friction, frames: [pin, eye], axis: z, coulomb: {coulomb}, speed: {speed}}}",
+            f"m: {{type: torque, frames: [pin, eye], axis: z, signal: {constant(coulomb / 2)}}}",
+        ),
+        "simulate": GIVEN,
+    }
+
+
+PUSHED = {
+    "bodies": f"{bob()[:-1]}, arm: {{type: rigid, mass: 1, inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}}}}}",
+    "frames": PARTS["frames"][:-1] + ", hub: {body: arm}}",
+    "joints": "{h: {type: revolute, frames: [pin, hub], axis: y}, e: {type: revolute, frames: [hub, eye], axis: y}, d: "
+    "{type: driven_angle, frames: [pin, hub], axis: y, drive: {signal: {type: ramp, end: 0.2, duration: 0.1}}}}",
+    "forces": forces(f"F: {{type: torque, frames: [pin, hub], axis: y, signal: {constant(1.0)}}}"),
+}
+"""The bob hangs on an arm that a motor turns, with a torque beside the motor."""
+
+
+def turning(end):
+    ramp = f"{{type: ramp, end: {end}, duration: 0.05}}"
+    return {"forces": f"{{weight: {{type: gravity, turns: {{axis: [0, 1, 0], signal: {ramp}}}}}}}"}
+
+
+HINGE = "revolute, frames: [pin, eye], axis: y"
+BALL = "spherical, frames: [pin, eye]"
 AS_GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given%s}"
 GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given}"
 FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
@@ -120,6 +162,31 @@ REFUSED = {
     "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),
     "an unknown that is no load": (2, "estimate.inputs.weight", sought("{weight: {std: 10, increment: 1}}")),
     "an estimate of nothing": (2, "estimate: nothing is unknown", sought("{}")),
+    "an angle that jumps": (2, "joints.drive.drive", driven(HINGE, signal="{type: ramp, end: 6, duration: 1.0e-3}")),
+    "an angle that the pose has not": (2, "bodies.bob.pose", driven(HINGE, signal=constant(1.0))),
+    "an angle half a turn on": (2, "half a turn", driven(HINGE, signal=constant(np.pi))),
+    "an angle about what is held": (2, "1 of 12 constraints", driven(HINGE, axis="axis: x, ")),
+    "an angle about an axis that swings": (
+        2,
+        "hold them so by a joint",
+        {**driven(BALL, axis="axis: z, "), "bodies": moving(-3, 3), "simulate": GIVEN},
+    ),
+    "a cylinder longer than its joints": (2, "do not let the drives go on", stretched(3.0)),
+    "a cylinder at its dead centre": (2, "dead centre", stretched(2.0)),
+    "a cylinder of no length": (2, "joints.drive.drive.signal: the length is 0 m at t = 0.1 s", stretched(0.0)),
+    "a place beyond the reach of a hinge": (
+        2,
+        "do not let the drives go on",
+        driven(HINGE, "displacement", "[pin, tip]", "axis: x, ", "{type: ramp, end: 1.5, duration: 0.1}"),
+    ),
+    "a rod between points that are one": (
+        2,
+        "cannot all be satisfied",
+        {"joints": "{a: {type: distance, frames: [pin, eye], length: 1.0}}"},
+    ),
+    "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
+    "an unknown torque about a driven axis": (2, "the sensors cannot tell F, at none of 5 instants", {**sought(), **PUSHED}),
+    "gravity that spins": (2, "forces.weight.turns: it turns by", turning(1.0e20)),
     "an estimate in steps longer than the run": (2, "estimate.time_step", sought(more=", time_step: 5.0")),
 }
 
@@ -170,3 +237,21 @@ def test_a_spring_beyond_measure_holds_as_a_bar_does(tmp_path):
     assert code == 0, said
     place = Artefact(tmp_path / "r" / "own" / "simulate.h5")["/sensors/m"]
     np.testing.assert_allclose(np.linalg.norm(place - [1, 0, 0], axis=1), np.sqrt(2), rtol=1e-10)
+
+
+def test_a_load_that_is_not_felt_at_the_start_is_sought_where_the_bench_moves_on(tmp_path):
+    """Along the line from the hinge at rest; gravity turns and the bob swings out of it."""
+    parts = sought(load=load(direction="[0, 0, 1]"))
+    assert UNFELT in simulated(tmp_path, **parts)[1]
+    turns = "weight: {type: gravity, turns: {axis: [0, 1, 0], signal: {type: ramp, end: 0.5, duration: 0.05}}}"
+    moved = parts["forces"].replace("weight: {type: gravity}", turns)
+    code, said = simulated(tmp_path, **{**parts, "forces": moved})
+    assert code == 0, said
+
+
+def test_what_no_sensor_feels_keeps_its_first_sigma_where_that_is_allowed(tmp_path):
+    code, said = simulated(tmp_path, **sought(load=load(direction="[0, 1, 0]"), more=", allow_unobservable: true"))
+    assert code == 0, said
+    assert "F is weakly observable" in said
+    found = Artefact(tmp_path / "r" / "own" / "estimate.h5")["/inputs/F/std"]
+    np.testing.assert_allclose(found, np.sqrt(10.0**2 + np.arange(len(found))), rtol=1e-9)

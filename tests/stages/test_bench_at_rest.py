@@ -10,6 +10,8 @@ from strainsight.mesh.vtkhdf import VTK_TYPE
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..robustness.small import BENCH, write_project
+
 G = 9.81
 ARM = """
 kind: bench
@@ -115,3 +117,21 @@ cases: {thrust: {force: [1.0e+6, 0, 0]}}
     assert "pitch under thrust reaches" in done.output
     assert "beyond 1000 MPa" in done.output
     assert "pressed in" not in command(tmp_path, "bearing", text.replace("LIMIT", "4.2e+9")).output
+
+
+def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there(tmp_path):
+    """The small bench, linear: the state space answers a constant load with what statics reads of it, of the same gauges."""
+    write_project(tmp_path)
+    text = BENCH.replace("type: sine, frequency: 2.0, amplitude: 100.0", "type: constant, value: 10.0")
+    text = text.replace("name: bench", "name: own")
+    read = found(tmp_path, "statics", text)["/sensors/gauges"]
+    state = found(tmp_path, "modes", text)
+    A, B, C = (state[f"/system/{name}"] for name in "ABC")
+    np.testing.assert_allclose(-C @ np.linalg.solve(A, B[:, 0]) * 10.0, read, rtol=1e-6)
+
+
+def test_rounding_is_no_number_of_a_table(tmp_path):
+    done = command(tmp_path, "statics", ARM.replace("POSE", DOWN))
+    assert done.exit_code == 0, done.output
+    assert "e-" not in done.output
+    assert ["pivot", "0", "0", "19.62", "N"] in [line.split() for line in done.output.splitlines()]

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..robustness.small import BENCH, write_project
 from .conftest import ROOT
 
 HALF = float(np.sqrt(0.5))
@@ -81,3 +82,19 @@ def test_the_error_of_a_step_is_not_made_up_for_beside_a_drive(tmp_path):
     done = run(tmp_path, "--set=estimate.method.step_error=estimated")
     assert done.exit_code == 2
     assert "estimate.method.step_error: what a step leaves out is not estimated beside driven joints" in done.stderr
+
+
+def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive(tmp_path):
+    """A motor that stands still on the small beam: placement and filter both take the step for true."""
+    write_project(tmp_path)
+    text = BENCH.replace("frames:", "  arm: {type: rigid, mass: 0.1, inertia: {xx: 1.0e-3, yy: 1.0e-3, zz: 1.0e-3}, "
+                         "pose: {origin: [1.0, 0.05, 0.04]}}\nframes:\n  eye: {body: arm}")  # fmt: skip
+    drive = "{type: driven_angle, frames: [tip, eye], drive: {signal: {type: constant, value: 0.0}}}"
+    text = text.replace("forces:", f"joints: {{hinge: {{type: revolute, frames: [tip, eye], axis: x}}, motor: {drive}}}\nforces:")
+    (tmp_path / "arm.yaml").write_text(text.replace("duration: 0.2", "duration: 1.0").replace("name: bench", "name: arm"))
+    asked = ["estimate", str(tmp_path / "arm.yaml"), "--results", str(tmp_path / "r")]
+    done = CliRunner().invoke(app, asked, env={"COLUMNS": "200"})
+    assert done.exit_code == 0, done.output
+    place, estimate = (Artefact(tmp_path / "r" / "arm" / f"{stage}.h5") for stage in ("place", "estimate"))
+    claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
+    np.testing.assert_allclose(claimed, place["/layouts/place/std"], rtol=1e-5)

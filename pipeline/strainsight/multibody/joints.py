@@ -104,7 +104,8 @@ def generic(name: str, i: Frame, j: Frame, held: Sequence[str]) -> Joint:
 def driven_angle(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:
     """j is turned by p(t) about an axis that another joint keeps common: one relation."""
     i, j = i.turned(axis), j.turned(axis)
-    return Joint(name, (DrivenRelation(dot(i, 1, j, 0), name, "angle", dot(i, 0, j, 0)),))
+    turned = DrivenRelation(dot(i, 1, j, 0), name, "angle", dot(i, 0, j, 0))
+    return Joint(name, (turned,), (cosine(i, 2, j, 2),))
 
 
 def driven_displacement(name: str, i: Frame, j: Frame, axis: str = "z") -> Joint:

@@ -13,12 +13,15 @@ from strainsight.cases.bench.loads import drives_of, loads_of
 from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import Sensors, sensors_of
 from strainsight.cases.bench.start import start_of
+from strainsight.cases.bench.unsolved import explained
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig, Simulate
-from strainsight.errors import ConfigError, blame
+from strainsight.config.bench.connections import Driven
+from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.controlled import simulate_controlled
 from strainsight.multibody.initial import moving_constraints
+from strainsight.multibody.laws.turning import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
 from strainsight.multibody.spectrum import coupled_frequencies
@@ -55,13 +58,16 @@ def simulation(
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
     loads = loads_of(config, bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    _refuse_spun(bench, u)
+    _refuse_spun(config, bench, u)
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
-        found, parts = _moved(
-            config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
-        )
+        try:
+            found, parts = _moved(
+                config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
+            )
+        except NumericalError as error:
+            raise explained(error, bench, q0, u, h) from error
     accelerated, driven = felt(config, bench, found, drives_of(config, bench, using.files))
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
@@ -116,31 +122,48 @@ def _violation(bench: Bench, found: Trajectory) -> Violation:
 
 
 def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
-    """Where a law takes the angle between axes to be small, they must stay nearly parallel, and not opposite."""
-    for force in (element.force for element in bench.system.elements if element.force.aligned):
-        together = readings(bench.system, [RelationSensor(force.name, force.aligned)])
+    """Where a force law takes the angle between axes to be small, or a drive turns about an axis of both frames, these must stay
+    nearly parallel, and not opposite."""
+    system = bench.system
+    held = [(f"forces.{own.name}", own.aligned) for own in (element.force for element in system.elements)]
+    held += [(f"joints.{own.name}", own.aligned) for own in system.joints if own.name in system.drives.names]
+    for key, aligned in ((key, aligned) for key, aligned in held if aligned):
+        together = readings(system, [RelationSensor(key, aligned)])
         cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
-        for relation, cosine in zip(force.aligned, cosines.T, strict=True):
+        for relation, cosine in zip(aligned, cosines.T, strict=True):
             worst = int(np.argmin(cosine))
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
                     f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
-                    key=f"forces.{force.name}",
-                    remedy="turn the frames so that their axes are parallel at rest; this force holds for small tilts",
+                    key=key,
+                    remedy="turn the frames so that their axes are parallel at rest, and hold them so by a joint; this "
+                    f"{'force' if key.startswith('forces') else 'drive'} holds for small tilts",
                 )
 
 
-def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
-    """A driven angle that moves by more than SPUN a step: where it ends, a step no longer tells from half a turn on."""
+def _refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray) -> None:
+    """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
+    gravity, the loads between the steps are not those of a turn."""
     drives = bench.system.drives
-    for k in np.unique(drives.which[drives.power == 0]):
-        moved = np.abs(np.diff(u[:, drives.at + k]))
+    turned = [
+        (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
+    ]
+    laws = ((element.force, element.inputs) for element in bench.system.elements)
+    turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
+    recorded = {
+        f"joints.{name}.drive"
+        for name, own in config.joints.items()
+        if isinstance(own, Driven) and own.drive.signal.type == "csv"
+    }
+    for key, column in turned:
+        moved = np.abs(np.diff(u[:, column]))
         if moved.max(initial=0.0) > SPUN:
+            smooth = "; the spline through its samples swings about a jump: smooth it" if key in recorded else ""
             raise ConfigError(
                 f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
-                key=f"joints.{drives.names[k]}.drive",
-                remedy="take a smaller simulate.time_step",
+                key=key,
+                remedy=f"take a smaller simulate.time_step{smooth}",
             )
 
 

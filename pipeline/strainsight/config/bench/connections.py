@@ -144,7 +144,8 @@ class Drive(Section):
 
 
 class DrivenAngle(Section):
-    """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis."""
+    """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis,
+    to 0.1 rad. It follows up to 1 rad in a time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
     frames: Frames = Field(description="Names of the two frames.")
@@ -193,7 +194,7 @@ class Turns(Section):
     """A turn of gravity in time."""
 
     axis: Vector = Field(description="Axis in global axes [-]; its length does not matter.")
-    signal: Signal = Field(description="Angle about it [rad].")
+    signal: Signal = Field(description="Angle about it [rad], up to 1 rad in a time step.")
 
 
 class Gravity(Section):

@@ -25,6 +25,8 @@ PANELS = 8
 """Most components of a sensor in one figure."""
 NONE = 1e-20
 """A violation of constraints below this, a millionth of rounding, is none: no logarithmic axis reaches down to it."""
+ROUNDING = 1e-12
+"""Share of the largest component of a simulated sensor, below which one is none: a scale of its own would show noise."""
 
 
 def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[str, BenchSensor]]) -> Drawing:
@@ -74,6 +76,8 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         drawn, *panels = figure(1.0 + 0.95 * len(kept), (1.0,) * len(kept))
         for axes, i in zip(panels, kept, strict=True):
             measured = drawable(sensor.measured[:, i])
+            if sensor.expected is None and size[i] <= ROUNDING * size.max():
+                measured = np.zeros_like(measured)
             factor, unit = sensor_unit(peak([measured]), sensor.units[i])
             index = visible_instants(measured[:, None], 240)
             if sensor.expected is None:

@@ -22,6 +22,8 @@ from strainsight.workflow.stage import Context, Stage
 
 LISTED = 20
 """Most modes that are listed."""
+ROUNDING = 1e-12
+"""Share of the largest number of its kind, below which one in a table is none."""
 
 
 def statics(context: Context[BenchConfig]) -> Output:
@@ -35,14 +37,16 @@ def statics(context: Context[BenchConfig]) -> Output:
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
     found = at_rest(rest, reduced, meshes, inputs.placed(context), context)
+    carried = max((float(np.abs(six).max()) for six in found.reactions.values()), default=0.0)
+    far = max(float(np.abs(frame.position).max()) for frame in found.frames.values())
     loads = [
-        (name, *(f"{value:.5g}" for value in values), unit)
+        (name, *(_digits(value, 5, carried) for value in values), unit)
         for name, six in found.reactions.items()
         for values, unit in ((six[:3], "N"), (six[3:], "N m"))
     ]
-    where = [(name, *(f"{value:.6g}" for value in frame.position)) for name, frame in found.frames.items()]
+    where = [(name, *(_digits(value, 6, far) for value in frame.position)) for name, frame in found.frames.items()]
     pressed = {name: ring.pressure for name, ring in found.bearings.items()}
-    drawn = [(name, f"{force:.6g}") for name, force in found.drives.items()]
+    drawn = [(name, _digits(force, 6, carried)) for name, force in found.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     warned = overloaded(config, pressed)
     if rest.growth > 0:
@@ -67,6 +71,11 @@ def statics(context: Context[BenchConfig]) -> Output:
         + (f", lowest frequency {first:.4g} Hz" if first else ""),
         tables=tuple(table for table in tables if table.rows),
     )
+
+
+def _digits(value: float, count: int, largest: float) -> str:
+    """Of a table, beside whose largest number rounding is nothing."""
+    return f"{value if abs(value) > ROUNDING * largest else 0.0:.{count}g}"
 
 
 def modes(context: Context[BenchConfig]) -> Output:

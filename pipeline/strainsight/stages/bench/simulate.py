@@ -85,7 +85,8 @@ def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar
     ]
     said += overloaded(config, {name: float(ring.pressure.max()) for name, ring in own.found.bearings.items()})
     settings = config.simulate
-    if settings.tolerance is None and own.turn > TURN[settings.method]:
+    free = own.bench.system.size > own.bench.system.constrained
+    if free and settings.tolerance is None and own.turn > TURN[settings.method]:
         said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
     return Table("warnings", ("",), tuple((text,) for text in said))
 

@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.truth import Reality
-from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_drives
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.multibody.band import followed, missed
@@ -60,10 +60,11 @@ def unfollowed(
     """
     said = list(_turning(bench, trial, mean) if corrects(config) else _missed(config, bench, trial, reality, mean, std))
     if said and not asked(config).allow_unfollowed:
+        made_up_for = "" if corrects(config) or has_drives(config) else "method.step_error: estimated, "
         raise ConfigError(
             said[0],
             key="estimate.time_step",
-            remedy="take a smaller estimate.time_step, method.step_error: estimated, or set estimate.allow_unfollowed: true",
+            remedy=f"take a smaller estimate.time_step, {made_up_for}or set estimate.allow_unfollowed: true",
         )
     yield from (f"{text}: σ does not allow for that" for text in said)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.bench import Bench
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
-from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects
+from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
 from strainsight.config.bench.bench import BenchConfig, MotionSensor
@@ -197,20 +197,22 @@ def _felt(
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
     unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
 
-    Where the start is no equilibrium, or a sensor measures a velocity, rest says nothing.
+    Where the start is no equilibrium, a sensor measures a velocity, or drives or gravity take the bench to other poses, rest says
+    nothing: `undistinguished` asks along the run.
     """
     quantities = [sensor.quantity for name in used.channels if isinstance(sensor := config.sensors[name], MotionSensor)]
-    if config.simulate.start != "equilibrium" or "velocity" in quantities:
+    if config.simulate.start != "equilibrium" or "velocity" in quantities or has_other_poses(config):
         return ()
     names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
-        if column.max() < FELT:
+        if column.max() < FELT and not asked(config).allow_unobservable:
             if unsolved is not None:
                 raise unsolved
             raise ConfigError(
                 f"no sensor feels it: one σ of it ({std:.3g}) moves every reading by less than {FELT:g} σ of its noise",
                 key=f"estimate.{name}",
-                remedy="give the filter a sensor on a body that it deforms or moves, or make it known",
+                remedy="give the filter a sensor on a body that it deforms or moves, make it known, or set "
+                "estimate.allow_unobservable: true",
             )
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"

@@ -50,15 +50,28 @@ def has_bank(config: BenchConfig) -> bool:
 
 
 def corrects(config: BenchConfig) -> bool:
-    """Whether the filter allows for what its step leaves out: where it is asked to, else unless the truth is made by that very
-    step, or the step is the thesis's, which is taken for true as there, or a joint is driven: along the motions that a drive
-    leaves the bench is not linear in a step."""
+    """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
     estimate = asked(config)
-    if estimate.method.step_error is not None:
-        return estimate.method.step_error == "estimated"
     by_own_step = estimate.measured is None and estimate.truth.model == "own"
-    driven = any(isinstance(joint, Driven) for joint in config.joints.values())
-    return config.simulate.method == "second_order" and not by_own_step and not driven
+    return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
+
+
+def corrects_in_a_test(config: BenchConfig) -> bool:
+    """The same where the bench itself moves: where it is asked to, else unless the step is the thesis's, which is taken for true
+    as there, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
+    stated = asked(config).method.step_error
+    if stated is not None:
+        return stated == "estimated"
+    return config.simulate.method == "second_order" and not has_drives(config)
+
+
+def has_drives(config: BenchConfig) -> bool:
+    return any(isinstance(joint, Driven) for joint in config.joints.values())
+
+
+def has_other_poses(config: BenchConfig) -> bool:
+    """Whether drives, or gravity that turns, take the bench from where it starts."""
+    return has_drives(config) or any(own.type == "gravity" and own.turns is not None for own in config.forces.values())
 
 
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.load_models import increments_of
-from strainsight.cases.bench.inverse.unknowns import asked
+from strainsight.cases.bench.inverse.unknowns import asked, corrects_in_a_test
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
 from strainsight.cases.bench.layout.scales import refuse_sizes
@@ -158,9 +158,8 @@ def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inp
     own = dict(zip(estimate.inputs, increments_of(config, h), strict=True))
     increment = np.array([own[name] for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
-    stated, method = estimate.method.step_error, config.simulate.method
-    corrected = method == "second_order" if stated is None else stated == "estimated"
-    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected)
+    corrected = corrects_in_a_test(config)
+    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method, corrected)
 
 
 def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
