@@ -115,3 +115,21 @@ cases: {thrust: {force: [1.0e+6, 0, 0]}}
     assert "pitch under thrust reaches" in done.output
     assert "beyond 1000 MPa" in done.output
     assert "pressed in" not in command(tmp_path, "bearing", text.replace("LIMIT", "4.2e+9")).output
+
+
+def test_statics_holds_a_drive_that_moves_at_the_start(tmp_path):
+    """p = p₀ cos ωt has p̈ = −ω²p₀ at t = 0: the torque on a bench at rest is that of the weight alone."""
+    away, signal = (
+        [float(np.sin(0.2)), 0, -float(np.cos(0.2))],
+        "{type: sine, frequency: 2, amplitude: 0.2, phase: PHASE}",
+    )
+    motor = f"motor: {{type: driven_angle, frames: [turned, end], axis: y, drive: {{signal: {signal}}}}}"
+    text = ARM.replace("POSE", DOWN).replace("axis: y}}\nforces", f"axis: y}}, {motor}}}\nforces")
+    text = text.replace("PHASE", repr(np.pi / 2)).replace(
+        "{wall:", f"{{turned: {{body: ground, pose: {{x_axis: {away}}}}}, wall:"
+    )
+    text = text.replace("{tip:", "{felt: {type: acceleration, frame: tip, axes: global}, tip:")
+    rest = found(tmp_path, "statics", text)
+    np.testing.assert_allclose(rest["/drives/motor"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(rest["/reactions/pivot"][:3], [0, 0, 2 * G], atol=1e-6)
+    np.testing.assert_allclose(rest["/sensors/felt"], [0, 0, G], atol=1e-6)
