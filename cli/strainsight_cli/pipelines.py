@@ -110,7 +110,7 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
     if loaded.data["kind"] == "bench":
         from strainsight.stages.bench.pipeline import demanded
 
-        work = replace(work, stages=demanded(stage) or work.stages)
+        work = replace(work, stages=demanded(stage, loaded.data) or work.stages)
     names = [own.name for own in work.stages]
     kind = loaded.data["kind"]
     if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing

@@ -26,7 +26,7 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         from strainsight.stages.bench.place import PLACE
 
         stages.append(PLACE)
-    takes_over = any(sensor.get("layout") for sensor in config["sensors"].values())
+    takes_over = _takes_over(config)
     stages.append(_after(SIMULATE, "place") if takes_over else SIMULATE)
     if config.get("estimate"):
         from strainsight.stages.bench.estimate import ESTIMATE
@@ -42,7 +42,7 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     return tuple(stages)
 
 
-def demanded(stage: str) -> tuple[Stage, ...]:
+def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
     """The stages up to one that is no part of a run, and is computed when its command asks for it; none of another name."""
     if stage not in ON_DEMAND:
         return ()
@@ -50,7 +50,17 @@ def demanded(stage: str) -> tuple[Stage, ...]:
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
 
-    return (IMPORT, REDUCE, MODES if stage == MODES.name else STATICS)
+    asked = MODES if stage == MODES.name else STATICS
+    if not _takes_over(config):
+        return (IMPORT, REDUCE, asked)
+    from strainsight.stages.bench.place import PLACE
+
+    return (IMPORT, REDUCE, PLACE, _after(asked, "place"))
+
+
+def _takes_over(config: Mapping[str, Any]) -> bool:
+    """Whether a sensor takes its gauges from a placement."""
+    return any(sensor.get("layout") for sensor in config["sensors"].values())
 
 
 def _after(stage: Stage, name: str) -> Stage:
