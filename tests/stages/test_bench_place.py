@@ -244,6 +244,20 @@ def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
     assert max(apart) > 0.05
 
 
+def test_beside_a_drive_a_filter_comes_to_claim_what_was_expected(tmp_path, beam):
+    """There a filter takes its step for true; to a part in a thousand, for the loads turn the bench a little."""
+    motor = (
+        "  motor: {type: driven_angle, frames: [tip, eye], axis: x, drive: {signal: {type: constant, value: 0.0}}}\n"
+    )
+    held = {key: text.replace("axis: x}\nframes", f"axis: x}}\n{motor}frames") for key, text in SWINGING.items()}
+    path = written(tmp_path, **held, **{"duration: 0.05": "duration: 0.5"})
+    job = job_of(path, beam["reduce"].path.parents[1], "name=driven", "field=null", "estimate.allow_unfollowed=true")
+    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
+    estimate, place = done["estimate"][2], done["place"][2]
+    for name, expected in zip(place["/inputs"], place["/layouts/place/std"], strict=True):
+        assert estimate[f"/inputs/{name}/std"][-1] == pytest.approx(expected, rel=1e-3)
+
+
 INPUTS = "  inputs:\n    side: {std: 1.0e+3, increment: 20.0}\n    down: {std: 1.0e+3, increment: 10.0}\n"
 GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
 

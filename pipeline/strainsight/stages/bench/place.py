@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=12,
+    version=13,
     reads=(
         "seed",
         "bodies",

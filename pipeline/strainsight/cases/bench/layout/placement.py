@@ -159,7 +159,9 @@ def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inp
     increment = np.array([own[name] for name in inputs])
     places = [bench.system.inputs.index(name) for name in inputs]
     stated, method = estimate.method.step_error, config.simulate.method
-    corrected = method == "second_order" if stated is None else stated == "estimated"
+    # as the filter has it by default (`corrects`)
+    default = method == "second_order" and not bench.system.drives.names
+    corrected = default if stated is None else stated == "estimated"
     return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected)
 
 
