@@ -135,3 +135,21 @@ def test_rounding_is_no_number_of_a_table(tmp_path):
     assert done.exit_code == 0, done.output
     assert "e-" not in done.output
     assert ["pivot", "0", "0", "19.62", "N"] in [line.split() for line in done.output.splitlines()]
+
+
+def test_statics_holds_a_drive_that_moves_at_the_start(tmp_path):
+    """p = p₀ cos ωt has p̈ = −ω²p₀ at t = 0: the torque on a bench at rest is that of the weight alone."""
+    away, signal = (
+        [float(np.sin(0.2)), 0, -float(np.cos(0.2))],
+        "{type: sine, frequency: 2, amplitude: 0.2, phase: PHASE}",
+    )
+    motor = f"motor: {{type: driven_angle, frames: [turned, end], axis: y, drive: {{signal: {signal}}}}}"
+    text = ARM.replace("POSE", DOWN).replace("axis: y}}\nforces", f"axis: y}}, {motor}}}\nforces")
+    text = text.replace("PHASE", repr(np.pi / 2)).replace(
+        "{wall:", f"{{turned: {{body: ground, pose: {{x_axis: {away}}}}}, wall:"
+    )
+    text = text.replace("{tip:", "{felt: {type: acceleration, frame: tip, axes: global}, tip:")
+    rest = found(tmp_path, "statics", text)
+    np.testing.assert_allclose(rest["/drives/motor"], 0.0, atol=1e-6)
+    np.testing.assert_allclose(rest["/reactions/pivot"][:3], [0, 0, 2 * G], atol=1e-6)
+    np.testing.assert_allclose(rest["/sensors/felt"], [0, 0, G], atol=1e-6)

@@ -248,6 +248,13 @@ def test_an_accelerometer_on_what_stands_still_sees_gravity_turn(tmp_path):
     np.testing.assert_allclose(found["/inputs/weight"][-1], np.pi / 2)
 
 
+def test_a_turn_of_gravity_that_is_no_angle_is_named_at_its_key(tmp_path):
+    gravity = "weight: {type: gravity, turns: {axis: [1, 0, 0], signal: {type: constant, value: 1.0e+60}}}"
+    done = run(tmp_path, WHEEL + f"forces: {{{gravity}}}\n")
+    assert done.exit_code == 2
+    assert "forces.weight.turns.signal: 1e+60 N, N m or rad, more than 1e+50" in done.output
+
+
 def test_a_pitch_bearing_is_turned_against_the_friction_of_its_load(tmp_path):
     """The motor's torque at steady speed is the maker's formula of the weight that the bearing carries along its axis."""
     found = simulated(

@@ -16,7 +16,8 @@ from .conftest import ROOT
 
 HALF = float(np.sqrt(0.5))
 GAUGES = "".join(
-    f"{{position: [{x}], direction: [1, 0, 0]}}, " for x in ("0.075, 0.09, 0.095", "0.075, -0.125, 0.07", "0.125, -0.125, 0.07")
+    f"{{position: [{x}], direction: [1, 0, 0]}}, "
+    for x in ("0.075, 0.09, 0.095", "0.075, -0.125, 0.07", "0.125, -0.125, 0.07")
 )
 CONFIG = f"""
 kind: bench
@@ -59,7 +60,9 @@ estimate:
 def run(folder: Path, *changes: str):
     path = folder / "arm.yaml"
     path.write_text(CONFIG, encoding="utf-8")
-    return CliRunner().invoke(app, ["estimate", str(path), "--results", str(folder / "r"), *changes], env={"COLUMNS": "200"})
+    return CliRunner().invoke(
+        app, ["estimate", str(path), "--results", str(folder / "r"), *changes], env={"COLUMNS": "200"}
+    )
 
 
 @pytest.mark.slow
@@ -98,3 +101,52 @@ def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive(tmp_path):
     place, estimate = (Artefact(tmp_path / "r" / "arm" / f"{stage}.h5") for stage in ("place", "estimate"))
     claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
     np.testing.assert_allclose(claimed, place["/layouts/place/std"], rtol=1e-5)
+
+
+ARM = """
+kind: bench
+name: arm
+bodies:
+  arm: {type: rigid, mass: 200.0, centre: [0.5, 0, 0], inertia: {xx: 10, yy: 30, zz: 30}}
+frames: {wall: {body: ground}, root: {body: arm}, tip: {body: arm, pose: {origin: [1, 0, 0]}}}
+joints: {lock: JOINT}
+bearings:
+  pitch: {balls: 24, ball_diameter: 0.03, pitch_diameter: 0.5, contact_angle: 45, radius_inner_left: 0.0159,
+    radius_inner_right: 0.0159, radius_outer_left: 0.0159, radius_outer_right: 0.0159, preload: 5.0e-6}
+forces: {FORCES}
+sensors: {relative: {type: relative, frames: [wall, root]}, tip: {type: motion, frame: tip}}
+simulate: {duration: 0.01, time_step: 0.005}
+estimate: {sensors: SENSORS, inputs: {push: {std: 1000}}, truth: {model: own}}
+"""
+
+
+def test_a_bearing_with_friction_says_what_its_balls_carry_as_one_without(tmp_path):
+    """Nothing turns: the drag has no part in it."""
+    pressure = []
+    for drag in ("{}", "{moment: 5.0}"):
+        text = ARM.replace("JOINT", "{type: perpendicular, frames: [wall, root], axis: y, to: z}").replace(
+            "FORCES",
+            f"weight: {{type: gravity}}, ring: {{type: bearing, bearing: pitch, outer: wall, inner: root, drag: {drag}}}, "
+            "push: {type: force, frame: tip, direction: [1, 0, 0], signal: {type: sine, frequency: 1.0, amplitude: 1000.0}}",
+        )
+        (tmp_path / "own.yaml").write_text(text.replace("SENSORS", "{relative: {noise: 1.0e-7}}"), encoding="utf-8")
+        done = CliRunner().invoke(app, ["estimate", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "r")])
+        assert done.exit_code == 0, done.output
+        pressure.append(Artefact(tmp_path / "r" / "arm" / "estimate.h5")["/bearings/ring/pressure"])
+    np.testing.assert_allclose(pressure[1], pressure[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("signal", "code"), [("sine, frequency: 1.0, amplitude: 900.0", 0), ("constant, value: 900.0", 2)]
+)
+def test_the_torque_of_a_motor_is_an_unknown_load_with_the_size_of_its_history(tmp_path, signal, code):
+    """Without increment: that of the sine, and where it is none the config is asked for it."""
+    text = ARM.replace("JOINT", "{type: revolute, frames: [wall, root], axis: y}").replace(
+        "FORCES",
+        "held: {type: torsion, frames: [wall, root], axis: y, stiffness: 2.0e+4, damping: 100.0}, "
+        f"push: {{type: torque, frames: [wall, root], axis: y, signal: {{type: {signal}}}}}",
+    )
+    (tmp_path / "own.yaml").write_text(text.replace("SENSORS", "{tip: {noise: 1.0e-5}}"), encoding="utf-8")
+    done = CliRunner().invoke(app, ["estimate", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "r")])
+    assert done.exit_code == code, done.output
+    assert ("estimate.inputs.push: a random walk without increment needs" in done.stderr) == (code == 2)

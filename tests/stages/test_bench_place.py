@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
 from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from .conftest import ROOT, finished, job_of
@@ -136,6 +137,17 @@ def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
         )
 
 
+def test_statics_reads_the_gauges_that_a_layout_has_placed(tmp_path, beam):
+    results = beam["place"].path.parents[1]
+    done = CliRunner().invoke(app, ["statics", str(written(tmp_path)), "--results", str(results)])
+    assert done.exit_code == 0, done.output
+    own = beam["place"]["/layouts/place/candidate"]
+    read = Artefact(results / "beam" / "statics.h5")["/sensors/gauges"]
+    np.testing.assert_allclose(
+        read, beam["place"]["/candidates/response"][own] @ [1000.0, 500.0], rtol=1e-6, atol=1e-12
+    )
+
+
 @pytest.mark.parametrize(("sensor", "layout"), [("gauges", "place"), ("others", "random-1")])
 def test_a_filter_comes_to_claim_what_was_expected(tmp_path, beam, sensor, layout):
     """The σ that the bench's own filter, with its constraints and its step, ends with."""
@@ -214,9 +226,13 @@ def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
     """σ of layouts drawn at random is the largest of those that each pose by itself gives, and poses differ."""
 
     def placed(poses, **more):
-        path = written(tmp_path, **SWINGING, **{"  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}, **more)
+        path = written(
+            tmp_path, **SWINGING, **{"  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}, **more
+        )
         job = job_of(path, beam["reduce"].path.parents[1], f"name=poses-{len(poses)}-{1000 * poses[-1]:.0f}")
-        return finished(job, [s for s in bench_stages(job.config) if s.name in ("import", "reduce", "place")])["place"][2]
+        return finished(job, [s for s in bench_stages(job.config) if s.name in ("import", "reduce", "place")])["place"][
+            2
+        ]
 
     first, last, both = placed([0.0]), placed([0.05]), placed([0.0, 0.05])
     assert both.summary["poses"] == 2
@@ -226,6 +242,20 @@ def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
         np.testing.assert_allclose(together, np.maximum(one, other), rtol=1e-9)
         apart.append(np.abs(one / other - 1).max())
     assert max(apart) > 0.05
+
+
+def test_beside_a_drive_a_filter_comes_to_claim_what_was_expected(tmp_path, beam):
+    """There a filter takes its step for true; to a part in a thousand, for the loads turn the bench a little."""
+    motor = (
+        "  motor: {type: driven_angle, frames: [tip, eye], axis: x, drive: {signal: {type: constant, value: 0.0}}}\n"
+    )
+    held = {key: text.replace("axis: x}\nframes", f"axis: x}}\n{motor}frames") for key, text in SWINGING.items()}
+    path = written(tmp_path, **held, **{"duration: 0.05": "duration: 0.5"})
+    job = job_of(path, beam["reduce"].path.parents[1], "name=driven", "field=null", "estimate.allow_unfollowed=true")
+    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
+    estimate, place = done["estimate"][2], done["place"][2]
+    for name, expected in zip(place["/inputs"], place["/layouts/place/std"], strict=True):
+        assert estimate[f"/inputs/{name}/std"][-1] == pytest.approx(expected, rel=1e-3)
 
 
 INPUTS = "  inputs:\n    side: {std: 1.0e+3, increment: 20.0}\n    down: {std: 1.0e+3, increment: 10.0}\n"

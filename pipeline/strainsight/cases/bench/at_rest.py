@@ -53,11 +53,13 @@ def rest_of(
     using: Resources,
     balanced: bool,
 ) -> Rest:
-    """balanced: in the equilibrium under the loads at t = 0 whatever `simulate.start` says; unstable ones, too."""
+    """balanced: in the equilibrium under the loads at t = 0, its drives held, whatever `simulate.start` says; unstable ones,
+    too."""
     bench = bench_of(config, reduced, meshes)
     u = loads_of(config, bench, using.files)(np.zeros(1))[0]
     settings = config.simulate.model_copy(update={"allow_unstable": True})
     if balanced:
+        u[bench.system.drives.rates] = 0.0
         settings = settings.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
         q, v = start_of(bench, settings, u)
@@ -77,7 +79,9 @@ def at_rest(
     every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
     asked = config.model_copy(update={"sensors": {**config.sensors, **every}})
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
-    own, drives = felt(asked, bench, still, drives_of(config, bench, using.files))
+    moved = drives_of(config, bench, using.files)(still.time)
+    moved[:, 1:] = 0.0
+    own, drives = felt(asked, bench, still, lambda time: moved)
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     read = sensors.readings.read(q, 0 * q)[0]
     return AtRest(

@@ -36,14 +36,14 @@ def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
 
 def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
-    signals = {}
+    signals, keys = {}, {}
     for name in bench.system.inputs:
         entry = config.forces[name]
         assert isinstance(entry, Load | Gravity)
         history = entry.turns if isinstance(entry, Gravity) else entry
         assert history is not None  # gravity that does not turn is no input
         turns = isinstance(entry, Gravity)
-        key = f"forces.{name}.{'turns.' * turns}signal"
+        key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
         with blame(key):
             signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)
     drives = drives_of(config, bench, files)
@@ -51,9 +51,9 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
     def at(time: np.ndarray) -> np.ndarray:
         columns = []
         for name, signal in signals.items():
-            with blame(f"forces.{name}.signal"):
+            with blame(keys[name]):
                 columns.append(evaluate(signal, time))
-                _refuse_huge(columns[-1], "N or N m")
+                _refuse_huge(columns[-1], "N, N m or rad")
         moved = drives(time)
         return (
             np.column_stack([*columns, *moved[:, 0], *moved[:, 1]])

@@ -54,7 +54,7 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             yield Problem(f"{key}.increment", what, "leave it out: amplitude and frequency say how the load moves")
         if walks and entry.increment is not None:
             continue
-        if force is not None and force.type in ("force", "moment") and force.signal.type != "sine":
+        if isinstance(force, Load) and force.signal.type != "sine":
             for field, given in (("frequency", entry.frequency), ("amplitude", entry.amplitude)):
                 if given is None:
                     need = "a random walk without increment" if walks else entry.model

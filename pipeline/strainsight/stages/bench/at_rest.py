@@ -27,7 +27,7 @@ ROUNDING = 1e-12
 
 
 def statics(context: Context[BenchConfig]) -> Output:
-    """Where the bench rests under the loads at t = 0, and what joints, drives and bearings carry there."""
+    """Where the bench rests under the loads at t = 0, its drives held, and what joints, drives and bearings carry there."""
     config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
     rest = rest_of(config, reduced, meshes, context, balanced=True)
     if rest.growth > 0 and not config.simulate.allow_unstable:
@@ -133,5 +133,5 @@ def _arrays(found: Coupled) -> bytes:
 
 
 READS = ("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate")
-STATICS = Stage("statics", version=1, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
+STATICS = Stage("statics", version=2, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
 MODES = Stage("modes", version=1, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=modes)

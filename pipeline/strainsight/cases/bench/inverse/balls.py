@@ -55,8 +55,9 @@ class RingWatch:
         rho, G, *_ = relation_rows(model.system.products, first[model.q], first[model.v])
         for name, rows in self.rows.items():
             J = np.zeros((5 + p, model.size))
-            J[:5, model.q], J[5:, model.xi] = G[rows], np.eye(p)
-            self.mean[name][k] = np.concatenate([rho[rows], first[model.xi]])
+            # one that takes from motion feels its turn, too
+            J[:5, model.q], J[5:, model.xi] = G[rows][:5], np.eye(p)
+            self.mean[name][k] = np.concatenate([rho[rows][:5], first[model.xi]])
             self.covariance[name][k] = J @ P[0] @ J.T
 
 

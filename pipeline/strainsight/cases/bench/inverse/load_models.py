@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.augmentation.input_models import WALK, input_model
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.connections import PointForce, PointMoment
+from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import Estimate
 from strainsight.config.loads import Sine
 from strainsight.multibody.inverse.loads import LoadProcess, load_process
@@ -43,7 +43,7 @@ def increments_of(config: BenchConfig, h: float) -> np.ndarray:
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
     entry, force = _asked(config).inputs[name], config.forces[name]
-    assert isinstance(force, PointForce | PointMoment)
+    assert isinstance(force, Load)
     sine = force.signal if isinstance(force.signal, Sine) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
     amplitude = entry.amplitude or (None if sine is None else sine.amplitude)
