@@ -255,3 +255,18 @@ def test_what_no_sensor_feels_keeps_its_first_sigma_where_that_is_allowed(tmp_pa
     assert "F is weakly observable" in said
     found = Artefact(tmp_path / "r" / "own" / "estimate.h5")["/inputs/F/std"]
     np.testing.assert_allclose(found, np.sqrt(10.0**2 + np.arange(len(found))), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("samples", "says"),
+    [
+        ([(k / 100, 0.3 * (k > 5)) for k in range(11)], "of their range beyond them at 0."),
+        ([(k / 1000, 0.0) for k in range(21)] + [(0.09, 0.1), (0.1, 0.1)], "drive has no sample from 0.02 to 0.09 s"),
+    ],
+)
+def test_a_file_that_a_spline_does_not_follow_is_warned_of(tmp_path, samples, says):
+    (tmp_path / "own.csv").write_text("t,a\n" + "".join(f"{t},{a}\n" for t, a in samples))
+    file = "{type: csv, file: own.csv, time_column: t, value_column: a}"
+    code, said = simulated(tmp_path, **driven(HINGE, signal=file))
+    assert code == 0, said
+    assert says in said

@@ -5,7 +5,7 @@ import pytest
 
 from strainsight.errors import InfeasibleError
 from strainsight.signals.histories import Constant, FromSamples, MultiSine, Ramp, Sine, Sweep, evaluate
-from strainsight.signals.motion import motion
+from strainsight.signals.motion import gap, motion, swing
 
 TIME = np.linspace(0.05, 2.95, 30)
 SAMPLED = FromSamples(np.linspace(0, 3, 61), np.sin(np.linspace(0, 3, 61)))
@@ -55,3 +55,14 @@ def test_a_ramp_begins_and_ends_at_rest():
     np.testing.assert_allclose(p, [1, 1, 2, 3, 3], atol=1e-14)
     np.testing.assert_allclose(rate, [0, 0, 1.875, 0, 0], atol=1e-14)
     np.testing.assert_allclose(second, 0.0, atol=1e-13)
+
+
+def test_a_spline_leaves_the_samples_of_a_parabola_by_its_vertex():
+    """Which it is exactly: y = t² at ±½, ±3/2 is ¼ below the samples about 0, which range over 2."""
+    t = np.array([-1.5, -0.5, 0.5, 1.5])
+    assert swing(FromSamples(t, t**2)) == pytest.approx((0.125, 0.0))
+    assert swing(FromSamples(t, t))[0] == 0.0
+
+
+def test_the_longest_time_without_a_sample_is_found():
+    assert gap(FromSamples(np.array([0.0, 0.1, 0.2, 1.4, 1.5]), np.zeros(5))) == pytest.approx((12.0, 0.2, 1.4))

@@ -47,6 +47,26 @@ def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) 
     )
 
 
+def swing(signal: FromSamples) -> tuple[float, float]:
+    """How far the spline through the samples goes beyond both neighbours, over the range of all samples, and the time of it [s]:
+    about 0.05 where a sine is sampled seven times a period, more about a jump."""
+    t, y = np.asarray(signal.time, float), np.asarray(signal.value, float)
+    between = t[:-1, None] + np.diff(t)[:, None] * np.array([0.25, 0.5, 0.75])
+    p = CubicSpline(t, y)(between)
+    low, high = np.minimum(y[:-1], y[1:])[:, None], np.maximum(y[:-1], y[1:])[:, None]
+    beyond = np.maximum(p - high, low - p)
+    worst = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    return max(float(beyond[worst]), 0.0) / (float(np.ptp(y)) or 1.0), float(between[worst])
+
+
+def gap(signal: FromSamples) -> tuple[float, float, float]:
+    """The longest time without a sample over the median of all, and where it begins and ends [s]."""
+    t = np.asarray(signal.time, float)
+    steps = np.diff(t)
+    k = int(np.argmax(steps))
+    return float(steps[k] / np.median(steps)), float(t[k]), float(t[k + 1])
+
+
 def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
     if len(signal.time) < 2:
         raise InfeasibleError("a record of one sample is no motion", remedy="record at least two instants")

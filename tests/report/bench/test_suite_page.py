@@ -252,3 +252,14 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         assert len(regions) == len(set(regions)) > 2
         assert not re.search(r"<a>|<v>|<statement>", page)
         assert "F$z: not identified." in page
+
+
+def test_a_component_of_rounding_is_drawn_as_none():
+    """Of a sensor that is simulated only: 1e-13 N beside 10 N has no scale of its own."""
+    wave, noise = np.sin(TIME[1:]), np.random.default_rng(1).standard_normal(len(TIME) - 1)
+
+    def drawn(small):
+        read = np.column_stack([10 * wave, small * noise])
+        return components_figure("k", "t", BenchSensor("r", TIME[1:], read, None, ("Fx", "Fy"), ("N", "N"), True))
+
+    assert drawn(1e-13) == drawn(0.0) != drawn(1e-10)

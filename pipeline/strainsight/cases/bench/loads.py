@@ -14,11 +14,15 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity, Load
 from strainsight.errors import ConfigError, blame
 from strainsight.multibody.laws.spring import SHORTEST
-from strainsight.signals.histories import evaluate
-from strainsight.signals.motion import motion
+from strainsight.signals.histories import FromSamples, evaluate
+from strainsight.signals.motion import gap, motion, swing
 
 LARGEST = 1e50
 """[N, N m, m, rad] Its fourth power is still a number."""
+SWING = 0.05
+"""Share of the range of a drive's samples by which the spline may leave them."""
+GAP = 10.0
+"""Median times between samples that may pass without one."""
 MOTIONS = {
     (True, "position"): ("angle",),
     (True, "rate"): ("angular velocity",),
@@ -90,6 +94,28 @@ def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> C
         return found
 
     return at
+
+
+def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:
+    """Of drives from files: where the spline through the samples swings, or has none to follow."""
+    said = []
+    for name, entry in config.joints.items():
+        if not isinstance(entry, Driven) or entry.drive.signal.type != "csv":
+            continue
+        kinds = MOTIONS[entry.type == "driven_angle", entry.drive.of]
+        signal = signal_at(f"joints.{name}.drive.signal", entry.drive.signal, files, kinds)
+        if not isinstance(signal, FromSamples):
+            continue
+        share, at = swing(signal)
+        if share > SWING:
+            said.append(
+                f"the spline through the samples of {name} goes {100 * share:.2g} % of their range beyond them at {at:.4g} s: a "
+                "jump, or too few samples; smooth it, or record more often"
+            )
+        times, begin, end = gap(signal)
+        if times > GAP:
+            said.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
+    return said
 
 
 def _refuse_huge(values: np.ndarray, unit: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from strainsight.cases.bench.bearings import overloaded
-from strainsight.cases.bench.loads import load_units
+from strainsight.cases.bench.loads import doubtful_drives, load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.bench.simulation import Simulation, simulation
 from strainsight.config.bench.bench import BenchConfig, Simulate
@@ -54,7 +54,11 @@ def run(context: Context[BenchConfig]) -> Output:
         datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=tuple(t for t in (_moved(own), _rings(own), _warnings(own, config, summary)) if t.rows),
+        tables=tuple(
+            t
+            for t in (_moved(own), _rings(own), _warnings(own, config, summary, doubtful_drives(config, context.files)))
+            if t.rows
+        ),
     )
 
 
@@ -76,13 +80,14 @@ def _rings(own: Simulation) -> Table:
     return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
 
 
-def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar]) -> Table:
+def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> Table:
     said = [
         f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
         "simulate.time_step, or leave out what is so quick"
         for name in own.found.inputs
         if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
     ]
+    said += drives
     said += overloaded(config, {name: float(ring.pressure.max()) for name, ring in own.found.bearings.items()})
     settings = config.simulate
     free = own.bench.system.size > own.bench.system.constrained
