@@ -68,6 +68,8 @@ def estimated(folder: Path, error=0.01, there=None, truth=True, parameter=True, 
     load = LoadHistory(
         estimate=true + wrong,
         std=np.full(len(time), 5e4 * max(error, 1e-12)),
+        smoothed=true + 0.5 * wrong,
+        smoothed_std=np.full(len(time), 5e4 * max(error, 1e-12) / 2),
         true=true if truth else None,
         there=None if there is None else true / there,
     )

@@ -60,6 +60,9 @@ def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
     assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
     for name in ("Fx", "Fy", "Fz"):
         assert 0.6 < found.summary[f"ratio.{name}"] < 1.5
+        assert found.summary[f"claim.smoothed.{name}"] == "consistent"
+        assert found.summary[f"smoothed_std.{name}"] < found.summary[f"std.{name}"]
+        assert found[f"/inputs/{name}/smoothed"][-1] == found[f"/inputs/{name}/estimate"][-1]
 
 
 def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
@@ -86,7 +89,7 @@ def test_loads_are_written_as_a_command_history(estimate):
     found = estimate(LOADS, "estimate.duration=0.2", *EXACT)
     rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
     assert rows[0] == ["time", "Fx", "Fy", "Fz"]
-    np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/estimate"], rtol=1e-8)
+    np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
 
 
 def test_noise_of_zero_is_raised_and_reported(estimate):
@@ -101,6 +104,7 @@ def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
         "estimate.parameters.diameter.guess=0.0612", "estimate.parameters.diameter.std=1.2e-3",
     )  # fmt: skip
     assert not (found.path.parent / "loads.csv").exists()
+    assert "/inputs/Fz/smoothed" not in found
     assert np.isnan(found["/inputs/Fx/std"][-1])
     assert "diverged" in str(found.tables)
 

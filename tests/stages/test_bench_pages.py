@@ -207,6 +207,7 @@ def test_the_page_of_one_run_shows_its_estimate_placement_and_motion(results, tm
     assert "Force on each of the 12 balls of bearing by the estimate at 1.5 s" in words
     assert "at most 40 kN ± 300 N" in words.replace("\N{NO-BREAK SPACE}", " ")
     assert "at most 2 GPa ± 10 MPa" in words.replace("\N{NO-BREAK SPACE}", " ")
+    assert "with ±2 claimed standard deviations, and smoothed (green)" in words
     assert output.summary["warnings"] == 1
     assert page.count("<figure") == output.summary["figures"] == 15
 

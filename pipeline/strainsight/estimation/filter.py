@@ -100,7 +100,8 @@ def filter_runs(
 
     mean (n,) or (B, n) and covariance (n, n) or (B, n, n) of x at t = 0, which may be singular;
     measurement (T, m) or (T, B, m) at h, 2h, … (NaN: missing; a step without any costs no update);
-    keep "all" stores what the smoother needs (2 T b n² numbers).
+    keep "all" stores what the smoother needs (2 T b n² numbers, 3 where the model finds its process noise on the way), "first"
+    that of the first run.
     form: "joseph", or "square_root", which carries a factor of P and serves noise so small that P spans more digits than
     a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
     through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
@@ -124,7 +125,9 @@ def filter_runs(
     P = np.broadcast_to(covariance, (b, model.size, model.size)).astype(float)
     start = x.copy(), P.copy()
     belief = belief_of(form, P)
-    record = Record(model, len(y), runs, b, keep, iterating)
+    # a model of one set of noises that has one for every run has found them on the way, and `process` will not tell later
+    each = model.sets == 1 and model.process(0).ndim == 3
+    record = Record(model, len(y), runs, b, keep, iterating, found=each)
     record.state(0, x, P)
     if watch is not None:
         watch(0, x, P)
@@ -187,6 +190,7 @@ def filter_runs(
             record.state(k + 1, x, None)
             record.readings(k, *model.measure(x, k), None)
         record.linearised(k, A, H, adjusted)
+        record.noises(k, process, R)
         if watch is not None:
             watch(k + 1, x, P)
     return record.finished(P, there)

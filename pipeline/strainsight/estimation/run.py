@@ -10,7 +10,8 @@ import numpy as np
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
-Keep = Literal["mean", "all"]
+Keep = Literal["mean", "first", "all"]
+"""Whether what a smoother needs is kept of no run, of the first one or of all."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,8 @@ class FilterRun:
     lost (B,) index of the step that lost the run (NaN from there on), −1 for none;
     last (b, n*, n*) covariance at the end, from which a next run may go on;
     only where kept: covariance (T + 1, b, n*, n*), jacobian (T, b, n*, n*) of the step, rows (T, b, m, n*) of the
-    measurement, adjusted (T, B, m) the whitened innovation of the linear model along these; b is 1 where runs share them;
+    measurement, adjusted (T, B, m) the whitened innovation of the linear model along these; b is 1 where runs share them, or
+    where the first one's alone are kept;
     process (T, b, n*, n*) and noise (T, b, m, m): covariances of step and measurement where what the filter found decides on
     them, else None.
     A missing measurement (NaN) leaves NaN in innovation and whitened and adds nothing to nis.
@@ -55,7 +57,8 @@ class FilterRun:
 
 class Record:
     """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
-    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too."""
+    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too; found:
+    whether the process noise is."""
 
     def __init__(
         self,
@@ -66,6 +69,7 @@ class Record:
         keep: Keep,
         iterating: bool = False,
         regressed: bool = False,
+        found: bool = False,
     ):
         n, m, k = model.size, model.channels, len(model.position)
         self.model, self.steps = model, steps
@@ -78,11 +82,13 @@ class Record:
         self.lost = np.full(runs, -1)
         # what is the same in every step is kept once
         once = 1 if model.linear else steps
-        kept = keep == "all"
+        kept = keep != "mean"
+        self.first = slice(1 if keep == "first" else None)
+        b = 1 if keep == "first" else b
         self.covariance = np.empty((steps + 1, b, n, n)) if kept else None
         self.jacobian = np.empty((once, b, n, n)) if kept else None
         self.rows = np.zeros((once, b, m, n)) if kept else None
-        self.process = np.empty((steps, b, n, n)) if kept and regressed else None
+        self.process = np.empty((steps, b, n, n)) if kept and (regressed or found) else None
         self.noise = np.empty((steps, b, m, m)) if kept and regressed else None
 
     def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
@@ -94,7 +100,7 @@ class Record:
             at = self.model.position
             self.std[k], self.unknown_covariance[k] = standard_deviation(P), P[:, at[:, None], at]
         if self.covariance is not None:
-            self.covariance[k] = self.covariance[k - 1] if P is None else P
+            self.covariance[k] = self.covariance[k - 1] if P is None else P[self.first]
 
     def readings(self, k: int, y: np.ndarray, C: np.ndarray, P: np.ndarray | None) -> None:
         """y (B, m) after step k, with its standard deviation by C (b, m, n); P None: as before."""
@@ -105,16 +111,17 @@ class Record:
         """The Jacobians of step k; H None where nothing was measured."""
         if self.jacobian is not None and self.rows is not None:
             if k < len(self.jacobian):
-                self.jacobian[k] = A
+                self.jacobian[k] = A[self.first]
             if H is not None:
-                self.rows[min(k, len(self.rows) - 1)] = H
+                self.rows[min(k, len(self.rows) - 1)] = H[self.first]
         if adjusted is not None and self.adjusted is not self.whitened:
             self.adjusted[k] = adjusted
 
     def noises(self, k: int, process: np.ndarray, noise: np.ndarray) -> None:
-        """Covariances (b, n, n) of step k and of its measurement, (b, m) variances or (b, m, m)."""
-        if self.process is not None and self.noise is not None:
-            self.process[k] = process
+        """Covariances (b, n, n) of step k and of its measurement, (b, m) variances or (b, m, m), those that are kept."""
+        if self.process is not None:
+            self.process[k] = process if process.ndim == 2 else process[self.first]
+        if self.noise is not None:
             self.noise[k] = noise if noise.ndim == 3 else noise[:, None, :] * np.eye(noise.shape[1])
 
     def finished(self, P: np.ndarray, there: np.ndarray) -> FilterRun:

@@ -24,11 +24,13 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     run: `run_filter(..., keep="all")` or `run_sigma_points` of the same model, in any form and by any update. A singular
     P⁻ (states without process noise) needs no care.
     A nonlinear model is smoothed along the Jacobians, or the regressions, that its filter used.
-    Raises ValueError where the run was not kept.
+    Raises ValueError where the run was not kept, or the first one alone of several.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
     if run.covariance is None or run.jacobian is None or run.rows is None or run.adjusted is None:
         raise ValueError("the smoother needs a run kept with keep='all'")
+    if run.covariance.shape[1] != run.unknown_covariance.shape[1]:
+        raise ValueError("only the first run was kept")
     core = Driven(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
     b, size = run.covariance.shape[1:3]

@@ -10,10 +10,15 @@ from strainsight.records.record import dataset, group, record
 
 @record
 class LoadHistory:
-    """An unknown load; true: without `estimate.measured`, there: on the bench that was measured, with it."""
+    """An unknown load; true: without `estimate.measured`, there: on the bench that was measured, with it; smoothed: by an
+    extended filter whose first run did not diverge, smoothed_std: where it is known to hold."""
 
     estimate: np.ndarray = dataset("/estimate", "<unit>", "/time", "estimate of <what>")
     std: np.ndarray = dataset("/std", "<unit>", "/time", "its claimed σ")
+    smoothed: np.ndarray | None = dataset(
+        "/smoothed", "<unit>", "/time", "<what> by all samples, also the later ones", default=None
+    )
+    smoothed_std: np.ndarray | None = dataset("/smoothed_std", "<unit>", "/time", "its claimed σ", default=None)
     true: np.ndarray | None = dataset("/true", "<unit>", "/time", "the true load", default=None)
     there: np.ndarray | None = dataset(
         "/there", "<unit>", "/time", "the load on the bench that was measured", default=None

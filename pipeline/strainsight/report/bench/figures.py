@@ -13,7 +13,18 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.bench.data import BenchUnknown
-from strainsight.report.chart.drawing import BLUE, INK, MUTED, SERIES, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.drawing import (
+    BLUE,
+    GREEN,
+    INK,
+    MUTED,
+    SERIES,
+    Drawing,
+    figure,
+    styled,
+    svg,
+    visible_instants,
+)
 from strainsight.report.chart.panels import drawable, legend_above, legend_of_lines, log_ticks, plain_axis, time_axis
 from strainsight.report.text import number, prefix, reading_unit, short
 
@@ -41,7 +52,8 @@ class Line:
 def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
-    A single line has the band of ±2 claimed standard deviations, and the claimed σ beside its error.
+    A single line has the band of ±2 claimed standard deviations, the claimed σ beside its error, and what it is once it is
+    smoothed.
     """
     factor, unit = shown_unit([line.history for line in lines])
     labels = [line_label(line.label, len(lines)) for line in lines]
@@ -60,6 +72,12 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Dr
             axes.plot(
                 own.time[index], drawable(own.mean)[index] / factor, **style, label=line_label(line.label, len(lines))
             )
+        smoothed = lines[0].history.smoothed if len(lines) == 1 else None
+        if smoothed is not None:
+            index = visible_instants(drawable(smoothed)[:, None], 240)
+            axes.plot(
+                lines[0].history.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed"
+            )
         if len(lines) == 1 and kind == "input":
             _bulk(axes, lines[0].history, factor)
         plain_axis(axes)
@@ -74,7 +92,7 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Dr
         " beside the truth (dashed)" if known else ""
     )
     if len(lines) == 1:
-        caption += ", with ±2 claimed standard deviations"
+        caption += ", with ±2 claimed standard deviations" + ("" if smoothed is None else ", and smoothed (green)")
     if known:
         caption += "; below, the size of the error over the largest true value" + (
             ", and the claimed σ (dotted)" if len(lines) == 1 else ""
@@ -195,12 +213,15 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
     for place, own in histories:
         assert own.truth is not None
         scale = peak([own.truth]) or 1.0
-        error = np.abs(drawable(own.mean - own.truth)) / scale
-        error = np.where(error > ROUNDING, error, np.nan)
-        index = visible_instants(np.log(error)[:, None], 240)
-        axes.plot(
-            own.time[index], error[index], **{**line_style(place), "lw": 1.1 if alone else line_style(place)["lw"]}
-        )
+        style = line_style(place)
+        shown = [(own.mean, {**style, "lw": 1.1 if alone else style["lw"]})]
+        if alone and own.smoothed is not None:
+            shown.append((own.smoothed, {"color": GREEN, "lw": 1.0}))
+        for values, how in shown:
+            error = np.abs(drawable(values - own.truth)) / scale
+            error = np.where(error > ROUNDING, error, np.nan)
+            index = visible_instants(np.log(error)[:, None], 240)
+            axes.plot(own.time[index], error[index], **how)
         if alone:
             index = visible_instants(drawable(own.std)[:, None], 240)
             std = np.where(own.std[index] > 0, own.std[index] / scale, np.nan)

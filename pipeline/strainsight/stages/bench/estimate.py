@@ -33,7 +33,7 @@ TRUTHS = {
     "walk": "drawn from the filter's own model",
 }
 COLUMNS = {
-    "inputs": ("slope", "offset", "error", "std"),
+    "inputs": ("slope", "offset", "error", "std", "smoothed_error", "smoothed_std"),
     "elsewhere": ("ratio_slope", "ratio_offset", "ratio_low", "ratio_high"),
     "parameters": ("error", "std", "ratio"),
     "measured": ("rms", "estimate", "largest", "rms_std"),
@@ -134,24 +134,33 @@ def _table(own: Estimated, result: Compared, in_test: bool) -> Table:
     for name, keys in shown.items():
         numbers = [(key, result.numbers.get(f"{key}.{name}")) for key in keys]
         cells = [f"{key.replace('_', ' ')} {value:.4g}" for key, value in numbers if value is not None]
-        rows.append((name, *cells, *[""] * (4 - len(cells))))
+        load = result.found.inputs.get(name)
+        if load is not None and load.smoothed is not None and load.smoothed_std is None:
+            cells.append("smoothed σ withheld")
+        rows.append((name, *cells))
     title = "unknowns, errors and σ over the largest true value"
     if in_test or own.elsewhere:
         title = "unknowns, settled" if in_test else "unknowns"
-    return Table(title, ("unknown", "", "", "", ""), tuple(rows))
+    width = max((len(row) for row in rows), default=1)
+    filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
+    return Table(title, ("unknown", *[""] * (width - 1)), filled)
 
 
 def _command_history(found: BenchEstimated) -> bytes:
-    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m]."""
+    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m], smoothed where it was.
+
+    A rig moves the bench after the record, so that what later samples say of a load is known by then.
+    """
+    loads = [own.estimate if own.smoothed is None else own.smoothed for own in found.inputs.values()]
     lines = [",".join(["time", *found.inputs])]
     for k, instant in enumerate(found.time):
-        lines.append(",".join([f"{instant:.9g}", *(f"{load.estimate[k]:.9g}" for load in found.inputs.values())]))
+        lines.append(",".join([f"{instant:.9g}", *(f"{load[k]:.9g}" for load in loads)]))
     return ("\n".join(lines) + "\n").encode()
 
 
 ESTIMATE = Stage(
     "estimate",
-    version=7,
+    version=8,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

@@ -126,4 +126,4 @@ def report_stage(stages: Sequence[str]) -> Stage:
     """The stage of a bench that has these stages."""
     upstream = tuple(stage for stage in stages if stage in SHOWN)
     reads = ("name", "seed", "bodies.*.type", "sensors", "field", "place")
-    return Stage("report", version=9, reads=reads, upstream=upstream, files=(), run=run)
+    return Stage("report", version=10, reads=reads, upstream=upstream, files=(), run=run)

@@ -126,7 +126,9 @@ def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
 
 def _input(own: BenchEstimated, name: str) -> BenchUnknown:
     load, runs = own.inputs[name], own.input_runs.get(name)
-    history = History(name, unit_of(load, "estimate"), own.time, load.true, load.estimate, load.std)
+    history = History(
+        name, unit_of(load, "estimate"), own.time, load.true, load.estimate, load.std, load.smoothed, load.smoothed_std
+    )
     return BenchUnknown("input", history, None if runs is None else runs.error, None, load.there)
 
 

@@ -15,6 +15,8 @@ from strainsight.cases.bench.inverse.numbers import (
     parameter_numbers,
     ratio_numbers,
     size_numbers,
+    smoothed_name,
+    smoothed_numbers,
 )
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
@@ -51,6 +53,8 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
     input_runs: dict[str, LoadRuns] = {}
     for i, (name, column) in enumerate(zip(asked(config).inputs, own.unknowns.inputs, strict=True)):
         inputs[name], error, claims[name], more = _load(own, name, i, column)
+        numbers |= more
+        claims[smoothed_name(name)], more = _smoothed(own, name, i, column)
         numbers |= more
         if error is not None:
             input_runs[name] = LoadRuns(error=error)
@@ -112,8 +116,31 @@ def _load(
         numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
     if there is not None:
         numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
-    history = LoadHistory(estimate=mean[:, 0], std=std[:, 0], true=true[:, 0] if known else None, there=there)
+    smoothed = own.smoothed
+    history = LoadHistory(
+        estimate=mean[:, 0],
+        std=std[:, 0],
+        smoothed=None if smoothed is None else smoothed.mean[:, i],
+        smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
+        true=true[:, 0] if known else None,
+        there=there,
+    )
     return history, error, claim, numbers
+
+
+def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | None, Numbers]:
+    """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
+    true = own.reality.inputs[:, 0, column]
+    if own.smoothed is None or not np.isfinite(true).all():
+        return None, {}
+    mean, std = own.smoothed.mean[:, i], own.smoothed.std[:, i]
+    numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
+    if not numbers:
+        return None, {}
+    late = slice(len(mean) // 2, None)
+    off, claimed = (mean - true)[late], std[late]
+    scaled = np.divide(off, claimed, out=np.full_like(off, np.nan), where=claimed > 0)
+    return claim_of(off, claimed, alike=samples_alike(scaled[:, None])), numbers
 
 
 def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:

@@ -13,6 +13,7 @@ from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_exte
 from strainsight.cases.bench.inverse.from_file import from_file
 from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
+from strainsight.cases.bench.inverse.smoothing import SmoothedLoads
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
@@ -36,7 +37,8 @@ class Estimated:
 
     measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
-    (T + 1, all channels) of every sensor at the first run's estimate; elsewhere: loads of the other bench (T + 1,) by input;
+    (T + 1, all channels) of every sensor at the first run's estimate; smoothed: loads of the first run by all samples, of an
+    extended filter; elsewhere: loads of the other bench (T + 1,) by input;
     rings: what every bearing does, by the first run of an extended filter; compared: the parameters of the first run by bank
     and extended filter, where a bank has filtered; done: what was done to measurements from a file; notes: doubts. Sentences.
     """
@@ -55,6 +57,7 @@ class Estimated:
     nis: np.ndarray
     lost: np.ndarray
     reading: np.ndarray
+    smoothed: SmoothedLoads | None
     elsewhere: Mapping[str, np.ndarray]
     rings: dict[str, RingEstimate]
     compared: Compared | None
@@ -148,7 +151,8 @@ def estimated(
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        elsewhere, rings_estimated(config, bench, watch), found.compared, done, (*doubts, *trial.notes, *found.notes),
+        found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, done,
+        (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
 
 

@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.bench.inverse.smoothing import SmoothedLoads, keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.unknowns import Unknowns
 from strainsight.cases.filters_compared import BANK, EXTENDED
 from strainsight.config.bench.estimate import Method
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.estimation.run import Keep
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
 from strainsight.estimation.verdict import expected_ratio
 from strainsight.multibody.inverse.model import AugmentedStep
@@ -26,7 +28,7 @@ Progress = Callable[[float], None]
 class Filtered:
     """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads and
     parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters of the first run by
-    the bank and by the extended filter; notes in words."""
+    the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in words."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -35,6 +37,7 @@ class Filtered:
     nis: np.ndarray
     lost: np.ndarray
     compared: Compared | None = None
+    smoothed: SmoothedLoads | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -46,11 +49,22 @@ def by_extended(
     watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
 ) -> Filtered:
     """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
+    keep, notes = keep_for(trial.model, len(y))
     found = _filter(
-        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)), watch,
+        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)), watch, keep,
         refuse=method.update == "iterated",
     )  # fmt: skip
-    return Filtered(found.time, found.mean, found.std, found.unknown_covariance, found.nis, found.lost)
+    smoothed = smoothed_loads(trial.model, found)
+    return Filtered(
+        found.time,
+        found.mean,
+        found.std,
+        found.unknown_covariance,
+        found.nis,
+        found.lost,
+        smoothed=smoothed,
+        notes=notes,
+    )
 
 
 def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:
@@ -74,7 +88,7 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
         np.stack([own.nis for own in found], axis=1),
         np.full(runs, -1),
         _compared(method, trial, unknowns, y, found[0]),
-        _notes(found),
+        notes=_notes(found),
     )
 
 
@@ -86,6 +100,7 @@ def _filter(
     y: np.ndarray,
     progress: Callable[[int], None] | None = None,
     watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
+    keep: Keep = "mean",
     *,
     refuse: bool,
 ) -> FilterRun:
@@ -95,6 +110,7 @@ def _filter(
         x,
         P,
         y,
+        keep,
         form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
         iterations=1 if one_shot else method.iterations,
         through_step=not one_shot,

@@ -34,6 +34,18 @@ def load_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndar
     }
 
 
+def smoothed_name(name: str) -> str:
+    """What a load is called in claims once it is smoothed."""
+    return f"smoothed.{name}"
+
+
+def smoothed_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> Numbers:
+    """The rms error and the mean σ of a smoothed load over the second half, over the largest |true|: the same as of the filter's
+    estimate. true, estimate, std (T,) after the start."""
+    found = load_numbers(name, true, estimate, std)
+    return {f"smoothed_{key}.{name}": found[f"{key}.{name}"] for key in ("error", "std") if f"{key}.{name}" in found}
+
+
 def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers:
     """Of a load that nobody knows: RMS and largest size of its estimate, and RMS of σ [N, N m], settled. (T,) each."""
     estimate, std = _settled(estimate, std)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from strainsight.cases.bench.inverse.numbers import smoothed_name
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
@@ -36,11 +37,13 @@ def warnings_of(
     if len(gone):
         yield f"{len(gone)} of {len(lost)} runs diverged, the first after {gone.min()} steps"
     for name in (*estimate.inputs, *free):
-        std, claim = _float(numbers, f"std.{name}"), claims.get(name)
-        if claim is not None and claim.verdict == OVERCONFIDENT:
+        std = _float(numbers, f"std.{name}")
+        for said, claim in ((name, claims.get(name)), (f"{name}, smoothed,", claims.get(smoothed_name(name)))):
+            if claim is None or claim.verdict != OVERCONFIDENT:
+                continue
             digits = digits_apart(claim.ratio, claim.band[1], 2)
             yield (
-                f"{name} is {OVERCONFIDENT} (error {number(claim.ratio, digits)} times the claimed σ, at most "
+                f"{said} is {OVERCONFIDENT} (error {number(claim.ratio, digits)} times the claimed σ, at most "
                 f"{number(claim.band[1], max(digits, 3))} where it holds)"
             )
         if name in estimate.inputs and std > HARDLY:

@@ -1,0 +1,169 @@
+"""Loads by all samples, also the later ones: one least squares problem of the whole record, and σ that holds."""
+
+import numpy as np
+import pytest
+
+from strainsight.augmentation.input_models import Matern, RandomWalk
+from strainsight.cases.bench.inverse.smoothing import keep_for, smoothed_loads
+from strainsight.cases.bench.inverse.truth import drawn
+from strainsight.estimation.filter import filter_runs
+from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.estimation.smoother import smooth
+from strainsight.multibody.bodies import FlexibleBody
+from strainsight.multibody.forces import PointForce
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.inverse.loads import load_process, walks
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.multibody.inverse.parameters import parameter_coordinates
+from strainsight.multibody.sensors import StrainSensor, readings
+from strainsight.multibody.system import assemble
+
+from .benches import bench, inertia_of
+from .test_filter import ITERATED, step_matrices
+
+
+def least_squares(maps, offsets, rows, y, noise):
+    """Mean and σ (T + 1, n) of xₖ = maps[k] ζ + offsets[k], ζ of unit normals, by rows[k] xₖ₊₁ = y[k] within noise (m,); NaN is
+    not measured."""
+    seen = np.concatenate([H @ M / noise[:, None] for H, M in zip(rows, maps[1:], strict=True)])
+    off = np.concatenate([(own - H @ x) / noise for own, H, x in zip(y, rows, offsets[1:], strict=True)])
+    there, count = np.isfinite(off), seen.shape[1]
+    Q, R = np.linalg.qr(np.concatenate([seen[there], np.eye(count)]))
+    zeta, inverse = np.linalg.solve(R, Q.T @ np.concatenate([off[there], np.zeros(count)])), np.linalg.inv(R)
+    mean = np.array([M @ zeta + x for M, x in zip(maps, offsets, strict=True)])
+    return mean, np.array([np.linalg.norm(M @ inverse, axis=1) for M in maps])
+
+
+@pytest.mark.parametrize("how", [{}, ITERATED], ids=["one shot", "through the step"])
+def test_springs_are_the_least_squares_solution_over_all_samples(how):
+    """Steps by hand; velocities known at the start and one mass undisturbed, so that P and P⁻ are singular; a sample missing."""
+    rng = np.random.default_rng(8)
+    n, h, steps = 3, 0.02, 40
+    X = rng.normal(size=(n, n))
+    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(n))
+    C, shape, rows = 1e-3 * K, rng.normal(size=(3, n)), rng.normal(size=(2, n))
+    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
+    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
+    system = assemble([body], [], [force])
+    known, Q_w, R = rng.normal(size=(steps + 1, 3)), np.array([0.2, 0.0, 0.3]), np.array([1e-6, 4e-6])
+    model = AugmentedStep(
+        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), "second_order", known, np.array([1]),
+        walks(np.array([0.7]), h), parameter_coordinates([], [], np.zeros(0), {}), Q_w, np.zeros(0), R,
+    )  # fmt: skip
+    y = 1e-2 * rng.normal(size=(steps, 2))
+    y[7, 1] = y[8] = np.nan
+    std = np.array([1e-2] * 3 + [0.0] * 3 + [1.5])
+    run = filter_runs(model, np.zeros(model.size), model.spread(np.diag(std**2)), y, "first", form="square_root", **how)
+    found = smooth_first(model, run)
+
+    own, before, after, by_w = step_matrices(M, C, K, shape, h, "second_order")
+    F, draws = np.eye(7), np.zeros((7, 4))
+    F[:6, :6], F[:6, 6] = own, before[:, 1] + after[:, 1]
+    draws[:, 0], draws[:6, 1:] = 0.7 * np.append(after[:, 1], 1.0), by_w * np.sqrt(Q_w)
+    maps, offsets = [np.zeros((7, 7 + 4 * steps))], [np.zeros(7)]
+    maps[0][:, :7] = np.diag(std)
+    for k in range(steps):
+        told = known[k : k + 2].copy()
+        told[:, 1] = 0.0
+        maps.append(F @ maps[-1])
+        maps[-1][:, 7 + 4 * k : 11 + 4 * k] = draws
+        offsets.append(F @ offsets[-1])
+        offsets[-1][:6] += before @ told[0] + after @ told[1]
+    mean, sigma = least_squares(maps, offsets, [np.hstack([rows, np.zeros((2, 4))])] * steps, y, np.sqrt(R))
+    mine = [*range(6), *model.u]
+    scale = np.where(sigma > 1e-12, sigma, 1.0)
+    np.testing.assert_allclose(found.mean[:, 0, mine] / scale, mean / scale, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found.std[:, 0, mine] / scale, sigma / scale, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("corrected", [False, True])
+def test_on_constraints_and_from_a_wide_start_sigma_keeps_its_digits(corrected):
+    """A jointed bench at 1e-10 of noise, loads from 10 kN: σ of Fy at the start is 0.5 N, where the adjoint form, which takes the
+    variance off the first one, has lost it. Least squares along the filter's own linearisations, in deviations from x̂⁻."""
+    b, h, steps = bench(), 0.02, 15
+    model = b.model(h, steps, load=3e3, noise=(1e-10, 1e-10), white=1e-3, corrected=corrected)
+    x, P = b.start(model, std_u=1e4, spread=1e-3)
+    real = drawn(model, x[None], P[None], np.zeros((steps + 1, 3)), 1, 3)
+    y = real.readings + np.sqrt(model.R) * np.random.default_rng(1).normal(size=real.readings.shape)
+    project = model.projected if corrected else None
+    run = filter_runs(model, x, P, y, "first", form="square_root", project=project, **ITERATED)
+    found = smooth_first(model, run)
+
+    def factor(P):
+        scale = np.where(np.diag(P) > 0, np.sqrt(np.diag(P)), 1.0)
+        values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
+        return scale[:, None] * vectors[:, values > 1e-14] * np.sqrt(values[values > 1e-14])
+
+    n, start, before = model.size, factor(P), factor(model.before(0))
+    after = [np.zeros((n, 0))] * steps if run.process is None else [factor(own[0]) for own in run.process]
+    at = start.shape[1]
+    maps = [np.hstack([start, np.zeros((n, steps * before.shape[1] + sum(own.shape[1] for own in after)))])]
+    for k in range(steps):
+        own = maps[-1].copy()
+        own[:, at : at + before.shape[1]] += before
+        own, at = run.jacobian[k, 0] @ own, at + before.shape[1]
+        own[:, at : at + after[k].shape[1]] += after[k]
+        maps.append(own)
+        at += after[k].shape[1]
+    sigma = least_squares(maps, np.zeros((steps + 1, n)), run.rows[:, 0], 0 * y[:, 0], np.sqrt(model.R))[1]
+    np.testing.assert_allclose(found.std[:, 0, model.u], sigma[:, model.u], rtol=1e-6)
+    np.testing.assert_array_equal(found.mean[-1], run.mean[-1])
+
+
+def test_sigma_of_drawn_loads_holds_and_is_smaller():
+    """Six truths of the filter's own model."""
+    b, h, steps = bench(), 0.02, 25
+    model = b.model(h, steps, load=3e3, noise=(1e-8, 1e-8), white=1e-3, corrected=True)
+    x, P = b.start(model, std_u=1e4, spread=1e-3)
+    scores, shares = [], []
+    for seed in range(6):
+        real = drawn(model, x[None], P[None], np.zeros((steps + 1, 3)), 1, seed)
+        y = real.readings + np.sqrt(model.R) * np.random.default_rng((seed, 7)).normal(size=real.readings.shape)
+        run = filter_runs(model, x, P, y, "first", form="square_root", project=model.projected, **ITERATED)
+        found = smooth_first(model, run)
+        scores.append((found.mean[:, 0, model.u] - real.inputs[:, 0]) / found.std[:, 0, model.u])
+        shares.append(found.std[1:-1, 0, model.u] / run.std[1:-1, 0, model.u])
+    assert 0.85 < np.sqrt(np.mean(np.square(scores))) < 1.15
+    assert np.max(shares) < 1 + 1e-6
+    assert np.mean(shares) < 0.7
+
+
+def test_of_several_runs_the_first_is_smoothed_as_it_is_alone():
+    b, h, steps = bench(), 0.02, 6
+    model = b.model(h, steps, load=3e3, corrected=True)
+    x, P = b.start(model, std_u=1e3)
+    y = np.random.default_rng(2).normal(size=(steps, 3, 9)) * 1e-9 + model.measure(x[None], 0)[0]
+    how = {"form": "square_root", "project": model.projected, **ITERATED}
+    alone = smooth_first(model, filter_runs(model, x, P, y[:, :1], "first", **how))
+    several = filter_runs(model, np.tile(x, (3, 1)), np.tile(P, (3, 1, 1)), y, "first", **how)
+    assert several.covariance.shape[1] == several.jacobian.shape[1] == several.process.shape[1] == 1
+    found = smooth_first(model, several)
+    np.testing.assert_allclose(found.mean[:, 0, model.u], alone.mean[:, 0, model.u], rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.std[:, 0, model.u], alone.std[:, 0, model.u], rtol=1e-6)
+    with pytest.raises(ValueError, match="only the first run was kept"):
+        smooth(model, several)
+    with pytest.raises(ValueError, match="keep="):
+        smooth_first(model, filter_runs(model, x, P, y[:, :1], **how))
+
+
+def test_sigma_of_smooth_loads_is_withheld_where_the_step_is_corrected():
+    """Up to half of what errors are against another integrator (`benchmarks/bench_smoother.py`); of a walk beside it holds."""
+    b, h, steps = bench(), 0.02, 4
+    mixed = load_process([RandomWalk(), Matern(0.5, 2.5), RandomWalk()], [1e3] * 3, [1e3] * 3, h)
+    for corrected in (True, False):
+        model = b.model(h, steps, loads=mixed, corrected=corrected)
+        x, P = b.start(model, std_u=1e3)
+        y = np.tile(model.measure(x[None], 0)[0], (steps, 1))
+        run = filter_runs(model, x, P, y, "first", form="square_root", **ITERATED)
+        found = smoothed_loads(model, run)
+        np.testing.assert_array_equal(np.isnan(found.std), np.broadcast_to([False, corrected, False], found.std.shape))
+        assert np.isfinite(found.mean).all()
+
+
+def test_a_long_record_is_filtered_without_and_says_so():
+    b = bench()
+    assert keep_for(b.model(0.02, 2), 1000) == ("first", ())
+    keep, notes = keep_for(b.model(0.02, 2), 100_000)
+    assert keep == "mean"
+    assert "loads are not smoothed: 100000 steps of" in notes[0]
+    assert keep_for(b.model(0.02, 2, known=np.zeros((2, 3))), 100_000) == ("mean", ())
