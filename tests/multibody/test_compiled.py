@@ -1,5 +1,6 @@
 """The compiled step in minimal coordinates is the step in natural ones; compiled laws are their Python."""
 
+import inspect
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ import pytest
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes
 from strainsight.multibody.compiled.keep import kept
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
@@ -113,7 +115,9 @@ def test_a_compiled_law_is_its_python(kind):
     for own in (law, in_python(law)):
         system = assemble([stone], [], [RelativeElement("law", relations, own, parameters), Gravity()])
         place = np.array([0.2, 0.2, -0.15]) + (5e-6 if kind == "bearing" else 0.2)
-        q, v = state(system, {"stone": Pose(place, velocity=np.array([1e-3, 2e-3, 0]), spin=np.array([0.01, 0.0, 0.02]))})
+        q, v = state(
+            system, {"stone": Pose(place, velocity=np.array([1e-3, 2e-3, 0]), spin=np.array([0.01, 0.0, 0.02]))}
+        )
         new = step(system, q, v, np.zeros(0), 1e-4, theta)
         again = step(system, new.q, new.v, np.zeros(0), 1e-4, theta, guess=new)
         s = sensitivities(system, again)
@@ -142,3 +146,15 @@ def test_kept_code_notices_a_change_of_other_files():
     made = kept("inertia.py")(function)
     other = Path(__file__).parents[2] / "pipeline" / "strainsight" / "multibody" / "inertia.py"
     assert (other.stat().st_mtime, other.stat().st_size) in made._cache._cache_file._source_stamp
+
+
+@pytest.mark.parametrize("module", [blocks, relations, equations, matrix, newton, slopes])
+def test_compiled_code_notices_a_change_of_the_arrays_that_it_takes(module):
+    """numba knows a tuple by its name and the types in it: with two of its fields exchanged, code that was kept would read
+    one for the other."""
+    file = Path(arrays.__file__).stat()
+    for name, own in vars(module).items():
+        if getattr(own, "py_func", None) is None or "s" not in inspect.signature(own.py_func).parameters:
+            continue
+        stamp = own._cache._cache_file._source_stamp
+        assert (file.st_mtime, file.st_size) in stamp, name

@@ -48,10 +48,6 @@ class Motion:
         """Of some of the models."""
         return Motion(*(getattr(self, entry.name)[points] for entry in fields(self)))
 
-    def without_nu(self) -> Motion:
-        """As if ν changed nothing."""
-        return replace(self, **{name: getattr(self, name)[:, :0] for name in ("pairs_nu", "beside_nu", "fed_nu")})
-
     def about(self, nu: np.ndarray) -> Motion:
         """That at ν (e,), in which it is linear."""
 

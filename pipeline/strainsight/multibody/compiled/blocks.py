@@ -10,7 +10,7 @@ from strainsight.multibody.compiled.keep import kept
 from strainsight.multibody.inertia import Inertia, inertia_load
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def natural_velocity(s: Arrays, q: np.ndarray, z: np.ndarray) -> np.ndarray:
     """v = T ζ (n,): Ṙ_β = ω × R_β."""
     v = np.empty(len(q))
@@ -77,7 +77,7 @@ def _add_turned(g: np.ndarray, R: np.ndarray, at: int, K: np.ndarray) -> None:
             K[at + m, at + m] -= along
 
 
-@njit(cache=True, error_model="numpy")
+@kept("inertia.py", "compiled/arrays.py")
 def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
     """The invariants of a body of n modes from `Arrays.inertia`, where they begin at `at`."""
     x, f = at, s.inertia
@@ -198,7 +198,7 @@ def add_bodies(
     _add_moments(s, p, q, r2, K)
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def _add_clamped(
     s: Arrays,
     p: Point,
@@ -230,7 +230,7 @@ def _add_clamped(
         r2[t0 + i] += force
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray) -> None:
     """Of the virtual work T·δθ, δθ = ε + RΨ δη:  rows ε: −T,   rows η: −ΨᵀRᵀT,  whose change is −ΨᵀRᵀ(T × ε)."""
     T = np.empty(3)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import add_bodies, natural_velocity
@@ -84,7 +83,7 @@ def equations(
     return state, r1, r2, r3, r4, g, gr, X, A, K, TM, by_theta, by_drive
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def drive(
     s: Arrays,
     u: np.ndarray,
@@ -194,7 +193,7 @@ def add_element(
     return answer
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def _add(s: Arrays, e: int, first: int, n: int, g: np.ndarray, pulled: np.ndarray, K: np.ndarray) -> None:
     """K += gᵀ pulled on the bodies that an element feels."""
     for m in range(s.element_feels.shape[1]):

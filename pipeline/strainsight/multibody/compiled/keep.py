@@ -19,8 +19,8 @@ NONE, STILL, MOVING = 0, 1, 2
 
 
 def kept(*files: str) -> Callable[[F], F]:
-    """`njit(cache=True)` of a function that calls compiled code of these other files of `multibody`; what is divided by zero is
-    not finite, which Newton's iteration looks for."""
+    """`njit(cache=True)` of a function that is made of these other files of `multibody`, too: of compiled code that it calls, and
+    of what its tuples are; what is divided by zero is not finite, which Newton's iteration looks for."""
 
     def compiled(function: F) -> F:
         return _noticing(njit(cache=True, error_model="numpy")(function), files)

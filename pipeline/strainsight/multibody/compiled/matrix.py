@@ -6,11 +6,12 @@ import numpy as np
 from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays
+from strainsight.multibody.compiled.keep import kept
 
 TINY = float(np.finfo(float).tiny)
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def scaled(
     s: Arrays, h: float, g: np.ndarray, gr: np.ndarray, X: np.ndarray, A: np.ndarray, K: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -126,7 +127,7 @@ def scaled(
     return Z, J, S
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def right_side(
     s: Arrays, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
     r4: np.ndarray,
@@ -226,7 +227,7 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
             right[j, c] *= pivot
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def expanded(
     s: Arrays, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -113,7 +113,7 @@ def newton(
     return ENDLESS, ITERATIONS, q, natural_velocity(s, q, z), z, mu, lam
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def on_rotations(s: Arrays, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
 
@@ -160,7 +160,7 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
         C[3 * j + 2] = R[a] * R[b + 1] - R[a + 1] * R[b]
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def moved(
     s: Arrays,
     q: np.ndarray,
@@ -219,7 +219,7 @@ def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np
     return lam
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> float:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
     count = len(s.body)

@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays
+from strainsight.multibody.compiled.keep import kept
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def carried(
     s: Arrays, q: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -81,7 +82,7 @@ def _turn(a: np.ndarray, J: np.ndarray) -> None:
     J[2, 4] -= a[0]
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def rows(
     s: Arrays,
     b: np.ndarray,
@@ -122,7 +123,7 @@ def rows(
                 gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def add_curvature(
     s: Arrays,
     row: int,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.equations import FILES, equations
@@ -85,7 +84,7 @@ def step_slopes(
     return regular, by_all, by_u, by_theta, by_w
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """δq, δv (2n, k) of y, ζ (nt, k):  δR_β = ε × R_β,   δṘ_β = δω × R_β + ω × (ε × R_β)."""
     n, k = len(q), y.shape[1]
@@ -116,7 +115,7 @@ def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: n
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
     """out (r, n) = W Tᵀ diag(scale), of W (r, nt)."""
     for i in range(len(W)):
@@ -137,7 +136,7 @@ def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, o
                 out[i, at + 2] = (e0 * R1 - e1 * R0) * scale[at + 2]
 
 
-@njit(cache=True, error_model="numpy")
+@kept("compiled/arrays.py")
 def _moment_slopes(s: Arrays, q: np.ndarray, F: np.ndarray) -> None:
     """F (nt, nu) += ∂r₂/∂u of the moments:  −d_k in rows ε,  −ΨᵀRᵀd_k in rows η."""
     for m in range(len(s.moment_on)):
