@@ -180,7 +180,7 @@ def _refusal(problem: _Problem, h: float, trial: tuple[np.ndarray, ...], ended: 
     return NumericalError(
         f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
         f"{_dependent(problem.system, q, problem.u)}",
-        remedy="take a smaller time step, or start from a consistent state (`project_position`, `project_velocity`)",
+        remedy="take a smaller time step",
     )
 
 
