@@ -55,7 +55,7 @@ def simulation(
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
     loads = loads_of(config, bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    _refuse_spun(bench, u)
+    refuse_spun(bench, u, "simulate")
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
@@ -131,8 +131,9 @@ def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
                 )
 
 
-def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
-    """A driven angle that moves by more than SPUN a step: where it ends, a step no longer tells from half a turn on."""
+def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
+    """A driven angle that moves by more than SPUN a step: where it ends, a step no longer tells from half a turn on.
+    u (T + 1, width) at its instants; section of the config that has the step."""
     drives = bench.system.drives
     for k in np.unique(drives.which[drives.power == 0]):
         moved = np.abs(np.diff(u[:, drives.at + k]))
@@ -140,7 +141,7 @@ def _refuse_spun(bench: Bench, u: np.ndarray) -> None:
             raise ConfigError(
                 f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
                 key=f"joints.{drives.names[k]}.drive",
-                remedy="take a smaller simulate.time_step",
+                remedy=f"take a smaller {section}.time_step",
             )
 
 
