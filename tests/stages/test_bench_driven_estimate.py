@@ -103,6 +103,14 @@ def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive(tmp_path):
     np.testing.assert_allclose(claimed, place["/layouts/place/std"], rtol=1e-5)
 
 
+def test_a_drive_that_turns_too_far_in_a_step_of_the_filter_is_refused(tmp_path):
+    """From one end to the other in half a period, which simulate takes in ten steps."""
+    done = run(tmp_path, "--set=joints.motor.drive.signal.frequency=10", "--set=estimate.time_step=0.05")
+    assert done.exit_code == 2
+    assert "joints.motor.drive: it turns by 1.57 rad in a step" in done.stderr
+    assert "take a smaller estimate.time_step" in done.stderr
+
+
 ARM = """
 kind: bench
 name: arm

@@ -58,7 +58,7 @@ def simulation(
     h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
     loads = loads_of(config, bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    _refuse_spun(config, bench, u)
+    refuse_spun(config, bench, u, "simulate")
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
         frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
@@ -142,9 +142,10 @@ def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
                 )
 
 
-def _refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray) -> None:
+def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) -> None:
     """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
-    gravity, the loads between the steps are not those of a turn."""
+    gravity, the loads between the steps are not those of a turn. u (T + 1, width) at its instants; section of the config that
+    has the step."""
     drives = bench.system.drives
     turned = [
         (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
@@ -163,7 +164,7 @@ def _refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray) -> None:
             raise ConfigError(
                 f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
                 key=key,
-                remedy=f"take a smaller simulate.time_step{smooth}",
+                remedy=f"take a smaller {section}.time_step{smooth}",
             )
 
 

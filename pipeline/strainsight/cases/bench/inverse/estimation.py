@@ -19,6 +19,7 @@ from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
+from strainsight.cases.bench.simulation import refuse_spun
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
@@ -84,6 +85,7 @@ def estimated(
     unknowns = unknowns_of(config, bench, h)
     loads = loads_of(config, bench, using.files)
     known = loads(time)
+    refuse_spun(config, bench, known, "estimate")
     zeroing = known[0].copy()
     heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
