@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
@@ -68,7 +70,7 @@ def _refuse_unstable(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     rate, body = growth(bench.system, coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta))
     if rate > 0:
         raise ConfigError(
-            f"the equilibrium is unstable: '{body}' falls out of it, {np.e:.1f}-fold in {1 / rate:.3g} s",
+            f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s",
             key="simulate.start",
             remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
             "simulate.allow_unstable: true",

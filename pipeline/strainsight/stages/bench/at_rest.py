@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     rest = rest_of(config, reduced, meshes, context, balanced=True)
     if rest.growth > 0 and not config.simulate.allow_unstable:
         raise InfeasibleError(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {np.e:.1f}-fold in {1 / rest.growth:.3g} s",
+            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s",
             key="simulate",
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
@@ -51,7 +52,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     warned = overloaded(config, pressed)
     if rest.growth > 0:
         warned.append(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {np.e:.1f}-fold in {1 / rest.growth:.3g} s"
+            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s"
         )
     tables = (
         Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
