@@ -269,7 +269,7 @@ def test_a_projection_keeps_the_update_in_one_shot_on_the_constraint():
     model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
     y = np.sin(0.5 * np.cos(4 * model.h * np.arange(1, 41)))[:, None]
 
-    def project(x):
+    def project(x, k):
         x = x.copy()
         x[:, :2] /= np.linalg.norm(x[:, :2], axis=1)[:, None]
         x[:, 2:4] -= np.sum(x[:, :2] * x[:, 2:4], axis=1)[:, None] * x[:, :2]

@@ -73,6 +73,6 @@ def _factor(column: str, found: Recording, path: Path, of: Collection[str]) -> f
         what = "a load" if of is LOADS else " or ".join(of)
         raise ConfigError(
             f"{column!r} is in {found.units[column]}, {path.name} says: no unit of {what}",
-            remedy="name the column of what the history is of",
+            remedy=f"name the column of {'the load' if of is LOADS else 'what the history is of'}",
         )
     return unit.factor
