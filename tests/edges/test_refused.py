@@ -75,7 +75,11 @@ BENCHES = [
     ("estimate.sensors.gauges.noise", "1e-30 is less than 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
     ("estimate.sensors.gauges.noise", "one σ of an unknown moves it by", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor feels it", {"estimate.sensors.gauges.noise": 1e6}),
-    ("estimate.sensors.gauges.noise", "it reads up to", {"forces.side.signal.amplitude": 1e10, "estimate.sensors.gauges.noise": 1e-11}),
+    (
+        "estimate.sensors.gauges.noise",
+        "it reads up to",
+        {"forces.side.signal.amplitude": 1e10, "estimate.sensors.gauges.noise": 1e-11},
+    ),
     ("forces.side.signal", "more than 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes of a body with", {"bodies.beam.modes": 500}),
 ]
