@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.multibody.bearing.balls import KEPT, ring_law
 from strainsight.multibody.bearing.element import bearing_load
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.bearing.ring import KEPT, ring_law
 from strainsight.multibody.compiled.keep import compiled_law
 from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import Frame
@@ -101,7 +101,7 @@ class BearingLaw:
     def address(self) -> int:
         """0, which is in Python, where the bearing takes from motion."""
         drag = self._drag
-        return 0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law).address)
+        return 0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law, "bearing/ball.py").address)
 
     @property
     def memory(self) -> int:
