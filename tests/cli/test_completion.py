@@ -43,7 +43,7 @@ def completed(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(("sta",), {"status"}), (("do",), {"doctor"}), (("re",), {"reduce", "report"}), (("run", "--dr"), {"--dry-run"})],
+    [(("sta",), {"statics", "status"}), (("do",), {"doctor"}), (("re",), {"reduce", "report"}), (("run", "--dr"), {"--dry-run"})],
 )
 def test_bash_completes_commands_and_options(words, expected, completed):
     assert set(completed(*words)[:-1]) == expected
