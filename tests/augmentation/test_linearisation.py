@@ -12,7 +12,7 @@ from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, 
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearisation_instants, linearise
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import Coefficient, Newton
-from strainsight.rom.model import Damping
+from strainsight.rom.model import Damping, damping_matrix
 
 AMPLITUDE = {"tip": 40.0, "side": 7.0}
 
@@ -75,6 +75,22 @@ def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inp
             plus, minus = (augmented_rate(model, unknowns, theta, centre + sign * step, u[s]) for sign in (1, -1))
             difference[:, j] = (plus - minus) / (2 * step[j])
         assert np.all(np.abs(F[s] - difference) <= 2e-6 * np.abs(F[s]).max(axis=0))
+
+
+@pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
+def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_prints(chain_of, theta, damping):
+    """(5.30) −M⁻¹ K^E q;  (5.32) with (5.34) (1/ρ²)(M^ρ)⁻¹(K q + C q̇ − S u), of a mass that is ρ M^ρ."""
+    model = chain_of(damping=damping)
+    model = replace(model, mass=replace(model.mass, constant=np.zeros_like(model.mass.constant)))
+    unknowns, rng = unknowns_of(theta, ()), np.random.default_rng(1)
+    x, u = rng.normal(size=(1, 2 * model.size)), rng.normal(size=(1, 2)) * 50
+    q, v = x[0, : model.size], x[0, model.size :]
+    M, K, C = model.mass.at(theta), model.stiffness.at(theta), damping_matrix(model, theta)
+    printed_E = -np.linalg.solve(M, model.stiffness.terms["E"] @ q)
+    inertia = np.linalg.inv(model.mass.terms["rho"]) @ (K @ q + C @ v - model.input_shape @ u[0])
+    printed = np.stack([theta["E"] * printed_E, inertia / theta["rho"]], axis=1)
+    F = linearise(model, unknowns, theta, x, u, damping_slope=False)[0, model.size : 2 * model.size, -2:]
+    np.testing.assert_allclose(F, printed, rtol=1e-9, atol=1e-9 * np.abs(printed).max())
 
 
 def test_input_models_stand_in_F_as_they_move(chain_of, theta):

@@ -15,7 +15,12 @@ __all__ = ["Unknowns", "augment_rows", "linearisation_instants", "linearise", "p
 
 
 def linearise(
-    model: ReducedModel, unknowns: Unknowns, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray
+    model: ReducedModel,
+    unknowns: Unknowns,
+    theta: Mapping[str, float],
+    x: np.ndarray,
+    u: np.ndarray,
+    damping_slope: bool = True,
 ) -> np.ndarray:
     """Augmented state matrix at given instants of a known motion.
 
@@ -24,7 +29,8 @@ def linearise(
 
     theta: all parameters of the model [SI]; x (s, 2n) = [q, q̇]; u (s, n_u) [N] all inputs of the model, known ones too;
     a: amplitudes of the unknown inputs; A_u, C_u: their models in time, u = a C_u ζ with C_u = [1, 0, …] for each (a
-    random walk has A_u = 0). Returns F* (s, n*, n*) [1/s].
+    random walk has A_u = 0); damping_slope: whether c has ∂C/∂θ, which is not in the printed columns.
+    Returns F* (s, n*, n*) [1/s].
     Source: (5.30), (5.32), appendix A in one formula; (A.7), (5.30) and (5.34) as printed lack terms.
     """
     n, n_u = model.size, len(unknowns.inputs)
@@ -37,13 +43,18 @@ def linearise(
         S = model.input_shape_at(theta)[:, unknowns.input_columns(model)]
         F[:, n : 2 * n, inputs] = np.linalg.solve(M, S * unknowns.scale[:n_u])
         F[:, 2 * n : parameters, 2 * n : parameters] = unknowns.rate_matrix()
-    forces = parameter_forces(model, unknowns, theta, x, u)
+    forces = parameter_forces(model, unknowns, theta, x, u, damping_slope)
     F[:, n : 2 * n, parameters:] = -np.linalg.solve(M, forces)
     return F
 
 
 def parameter_forces(
-    model: ReducedModel, unknowns: Unknowns, theta: Mapping[str, float], x: np.ndarray, u: np.ndarray
+    model: ReducedModel,
+    unknowns: Unknowns,
+    theta: Mapping[str, float],
+    x: np.ndarray,
+    u: np.ndarray,
+    damping_slope: bool = True,
 ) -> np.ndarray:
     """θᵢ ∂r/∂θᵢ of r = M q̈ + C q̇ + K q − S u, for the unknown parameters; arguments as in `linearise`.
 
@@ -54,12 +65,10 @@ def parameter_forces(
     a = accelerations(model, theta, x, u)
     forces = np.zeros((len(x), n, len(unknowns.parameters)))
     for i, name in enumerate(unknowns.parameters):
-        dK, dC, dM = (
-            model.stiffness.derivative(name, theta),
-            damping_derivative(model, theta, name),
-            model.mass.derivative(name, theta),
-        )
-        forces[:, :, i] = theta[name] * (q @ dK + v @ dC + a @ dM)
+        dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
+        forces[:, :, i] = theta[name] * (q @ dK + a @ dM)
+        if damping_slope:
+            forces[:, :, i] += theta[name] * (v @ damping_derivative(model, theta, name))
         if name in model.input_slope:
             forces[:, :, i] -= theta[name] * (u @ model.input_slope[name].T)
     return forces

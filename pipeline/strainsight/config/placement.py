@@ -198,6 +198,11 @@ class Place(LayoutSettings):
         "normalised",
         description="Of the trace. normalised: every unknown starts at 1; thesis: the plain trace, which orders by units.",
     )
+    damping_slope: bool = Field(
+        True,
+        description="Whether the layout allows for damping that changes with a parameter. false: the columns of the thesis as "
+        "printed, (5.30) and (5.32), where it does not; the filter has it in any case.",
+    )
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
         description="Errors of installation, by `tolerances`. avoid: of the layouts for exact gauges and for such errors as "

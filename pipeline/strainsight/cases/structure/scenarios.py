@@ -35,7 +35,7 @@ def scenarios_of(
     for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
         x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
         chosen = placed_instants(p, theta, x, settings, seed)
-        F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen])
+        F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen], settings.damping_slope)
         for own, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
             plain.append(Scenario(own, p.frozen_Q, H, r, np.zeros(len(own))))
     return tuple(plain)
