@@ -39,6 +39,15 @@ def test_a_single_parameter_from_a_known_load(run, case, name, truth):
     assert place.summary["riccati_residual"] <= 1e-10
 
 
+def test_the_settling_time_of_a_modulus_is_that_of_its_history(run):
+    """From then on within 1 % of the truth, and not the sample before."""
+    _, validate = run("youngs-modulus", "modes")
+    time, off = validate["/time"], np.abs(validate["/estimate/E"] / validate["/truth/E"] - 1)
+    settled = validate.summary["settling_time.E"]
+    assert 0 < settled < time[-1]
+    assert off[time > settled - 1e-9].max() <= 0.01 < off[time < settled - 1e-9][-1]
+
+
 def test_the_reduced_model_has_the_frequencies_of_the_full_one(run):
     """To 1e-6 at the reference: eigenvalues of what rom.h5 holds against those of the assembled matrices."""
     place, _ = run("youngs-modulus", "rich")

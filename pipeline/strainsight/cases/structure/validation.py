@@ -7,33 +7,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.resources import Resources
+from strainsight.cases.structure.accuracy import Accuracy, accuracies
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
 from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.studies import (
-    Rank,
     Studies,
     noise_levels,
     random_sets,
-    rank_of,
     repeated,
     studies_of,
 )
 from strainsight.cases.structure.sweeps import sweeps_of
-from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
+from strainsight.cases.structure.trial import Trial, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
 from strainsight.cases.structure.variance import budget_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
-from strainsight.estimation.metrics import after_start
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
+from strainsight.estimation.verdict import band_of
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.mesh.model import Mesh
@@ -43,29 +41,6 @@ from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
 from strainsight.sweep.sweep import Sweep, watched
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """How well an unknown is known by the layout.
-
-    estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
-    smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
-    scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
-    parameter; rank and benefit: among the random sets of all candidates, None for few.
-    """
-
-    estimate: float
-    error: float
-    std: float
-    smoothed: float
-    smoothed_std: float
-    scale: float
-    zero: bool
-    draws: int
-    smoothed_draws: int
-    rank: Rank | None
-    benefit: Benefit | None
 
 
 @dataclass(frozen=True)
@@ -134,7 +109,7 @@ def validation_of(
             compared=beside,
             budget=budget_of_shares(budget),
         ),
-        _accuracy(trial, model, run, smoothed, studies),
+        accuracies(trial, model, run, smoothed, studies),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
         int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
@@ -145,43 +120,6 @@ def validation_of(
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
     using.progress(doing, start)
     return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
-
-
-def _accuracy(
-    trial: Trial,
-    model: FilterModel,
-    run: FilterRun,
-    smoothed: Smoothed,
-    studies: Studies,
-) -> dict[str, Accuracy]:
-    error, std = real_and_claimed(trial, model, run.mean, run.std)
-    later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
-    found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
-    for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
-        constant = name in trial.problem.unknowns.parameters
-        scale, zero = trial.scale(name)
-        found[name] = Accuracy(
-            estimate=float(
-                np.mean(value[trial.constant_from(len(value)) :]) if constant else np.sqrt(np.mean(value**2))
-            ),
-            error=float(error[name][0]),
-            std=float(std[name][0]),
-            smoothed=float(later_error[name][0]),
-            smoothed_std=float(later_std[name][0]),
-            scale=scale,
-            zero=zero,
-            draws=1 if constant else _draws(value - trial.history[name], sigma),
-            smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
-            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
-            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
-        )
-    return found
-
-
-def _draws(error: np.ndarray, std: np.ndarray) -> int:
-    """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
-    scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
-    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
 
 
 def _validated(

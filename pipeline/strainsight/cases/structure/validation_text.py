@@ -27,6 +27,8 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
             numbers[f"{key}.{name}"] = getattr(own, key)
         if name in trial.problem.unknowns.inputs:
             numbers[f"zero.{name}"] = own.zero
+        if own.settling_time is not None:
+            numbers[f"settling_time.{name}"] = own.settling_time
         if own.benefit is not None:
             numbers[f"benefit.{name}"] = own.benefit.verdict
         if own.rank is not None:
