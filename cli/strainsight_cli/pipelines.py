@@ -26,6 +26,7 @@ STAGES = {
     "observe": "Say which unknowns are observable together",
     "place": "Choose the gauges",
     "simulate": "Simulate a bench in time",
+    "truth": "Move a bench by another integrator, as the truth of an estimate",
     "estimate": "Estimate from measurements: of a test, or of a bench",
     "test": "Write test.html, the page of a test",
     "field": "Write the strain and stress of a bench's body in time",

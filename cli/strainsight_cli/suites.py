@@ -77,7 +77,8 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
                 where=works[i].job.locate(key),
                 remedy="list that run before this one",
             )
-        later = [own.name for own in pipelines.stages_of(works[j].job.config)[len(works[j].stages) :]]
+        reached = [own.name for own in works[j].stages]
+        later = [own.name for own in pipelines.stages_of(works[j].job.config) if own.name not in reached]
         if files[key].suffix == ".h5" and stage in later:
             raise ConfigError(
                 f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
@@ -88,7 +89,10 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
 
 
 def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
-    """The run's stages up to the last one that is asked for."""
+    """The run's stages up to the last one that is asked for, but for those that neither it nor the page of the suite needs."""
+    from strainsight.config.suite import SuiteConfig
+    from strainsight.stages.pages.suite_entries import OF_A_BENCH
+
     stages = pipelines.stages_of(run.config.data)
     names = [stage.name for stage in stages]
     if run.entry.until not in names:
@@ -98,7 +102,17 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
             where=suite.locate(f"runs.{run.place}.until"),
             remedy=did_you_mean(run.entry.until, names, f"its stages are {', '.join(names)}"),
         )
-    return stages[: names.index(run.entry.until) + 1]
+    reached = stages[: names.index(run.entry.until) + 1]
+    if run.config.data["kind"] != "bench":
+        return reached
+    assert isinstance(suite.model, SuiteConfig)
+    wanted = {run.entry.until, *OF_A_BENCH, *(claim.stage for claim in suite.model.claims)}
+    kept: list[Stage] = []
+    for stage in reversed(reached):
+        if stage.name in wanted:
+            kept.insert(0, stage)
+            wanted.update(stage.upstream)
+    return tuple(kept)
 
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:

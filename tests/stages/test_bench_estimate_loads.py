@@ -52,6 +52,24 @@ def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(
     assert not found["/sensors/relative/used"]
 
 
+def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
+    """Radau's truth for three seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
+    when = ("estimate.time_step=0.05", "estimate.duration=0.5", "estimate.truth.noise=false")
+    other = ("estimate.runs=3", "estimate.truth={model: other, step: 0.025, histories: 3, within: 40.0, noise: false}")
+    found, fine = estimate(LOADS, *when, *other), estimate(LOADS, *when)
+    truth = estimate(LOADS, *when, *other, stage="truth")
+    assert truth["/begin"][0] == 0
+    assert np.all(np.diff(np.sort(truth["/begin"])) > 1)
+    for name in ("Fx", "Fy", "Fz"):
+        loads = truth[f"/inputs/{name}"]
+        np.testing.assert_array_equal(loads[0], np.full(3, loads[0, 0]))
+        assert np.ptp(loads[-1]) > 1e3
+        np.testing.assert_allclose(found[f"/inputs/{name}/true"], fine[f"/inputs/{name}/true"], rtol=1e-12)
+        assert found[f"/runs/numbers/error.{name}"][0] == found.summary[f"error.{name}"]
+        assert np.ptp(found[f"/runs/numbers/slope.{name}"]) > 0
+    np.testing.assert_allclose(found["/sensors/relative/measured"], fine["/sensors/relative/measured"], rtol=1e-2, atol=1e-6)
+
+
 def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
     """Six seeds of loads, start and disturbance from the filter's own model: innovations and errors of their claimed size."""
     found = estimate(

@@ -66,7 +66,7 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
     for i, study in enumerate(config.studies):
         yield from _lines({f"studies.{i}.name": study.name, f"studies.{i}.note": study.note})
     for i, claim in enumerate(config.claims):
-        yield from _lines({f"claims.{i}.text": claim.text, f"claims.{i}.unit": claim.unit})
+        yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "unit", "why")})
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
     yield from claim_problems(config.claims)
 

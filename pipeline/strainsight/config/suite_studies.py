@@ -47,6 +47,10 @@ class Claim(Section):
     above: float | None = Field(None, description="It has to be larger than this.")
     below: float | None = Field(None, description="It has to be smaller than this.")
     equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
+    why: str = Field(
+        "",
+        description="Why it holds or does not, in words that the page shows below the verdict; needed where it does not.",
+    )
     unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
 
 

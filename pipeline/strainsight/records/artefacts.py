@@ -8,6 +8,7 @@ from strainsight.records.at_rest import AtRest, Coupled
 from strainsight.records.bearing import BearingsAlone
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bench_truth import BenchTruths
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.records.faces import Imported
@@ -38,6 +39,7 @@ BENCH: dict[str, Any] = {
     "bearing": BearingsAlone,
     "place": BenchPlaced,
     "simulate": Simulated,
+    "truth": BenchTruths,
     "estimate": BenchEstimated,
     "field": SurfaceInTime,
     "statics": AtRest,

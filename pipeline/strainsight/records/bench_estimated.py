@@ -106,5 +106,8 @@ class BenchEstimated:
     parameter_runs: dict[str, ParameterRuns] = group(
         "/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
     )
+    seeds: dict[str, np.ndarray] = dataset(
+        "/runs/numbers/<name>", "SI", "seed", "number <name> of the summary, once a seed; not of a single one"
+    )
     bearings: dict[str, RingEstimate] = group("/bearings/<name>")
     compared: Compared | None = group("/compared", default=None)

@@ -73,6 +73,7 @@ class CaseRows:
 class StatementRows:
     text: tuple[str, ...] = dataset("/text", "1", "/text", "every statement")
     verdict: tuple[str, ...] = dataset("/verdict", "1", "/text", "confirmed, contradicted or no number")
+    why: tuple[str, ...] = dataset("/why", "1", "/text", "why, in words")
 
 
 @record
@@ -80,6 +81,7 @@ class NumberRows:
     claim: np.ndarray = dataset("/claim", "1", "number", "row of the statement of every number")
     run: np.ndarray = dataset("/run", "1", "number", "row of its run")
     name: tuple[str, ...] = dataset("/name", "1", "number", "its name in the stage's summary")
+    seed: np.ndarray = dataset("/seed", "1", "number", "which seed, from 0")
     value: np.ndarray = dataset("/value", "SI", "number", "its value, after times and against")
 
 

@@ -65,6 +65,12 @@ def suite(runs, claims=(), over=None, numbers=()):
 
 
 def claim(*values, **more):
+    """Numbers of one seed each."""
+    return Statement("A <statement>.", tuple((0, f"n{i}", value) for i, value in enumerate(values)), **more)
+
+
+def over_seeds(*values, **more):
+    """One number of several seeds."""
     return Statement("A <statement>.", tuple((0, "n", value) for value in values), **more)
 
 
@@ -80,9 +86,12 @@ def claim(*values, **more):
         (claim(1.0, 1.0, equals=True), "confirmed"),
         (claim(1.0, 0.0, equals=True), "contradicted"),
         (claim(0.0, equals=False), "confirmed"),
+        (over_seeds(*[1.0] * 18, 9.0, math.nan, below=2.0), "confirmed"),
+        (over_seeds(*[1.0] * 17, 9.0, 9.0, 9.0, below=2.0), "contradicted"),
+        (over_seeds(*[1.0] * 17, 9.0, math.nan, math.nan, below=2.0), "no number"),
     ],
 )
-def test_a_claim_holds_where_every_number_does(found, verdict):
+def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdict):
     assert found.verdict == verdict
 
 
@@ -103,8 +112,18 @@ def test_the_runs_that_contradict_a_statement_are_named():
     assert 'href="#run-1"' in page
 
 
+def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_and_why():
+    """0, 1, …, 20: median 10, a tenth of the seeds up to 2 and from 18 on."""
+    found = over_seeds(*map(float, range(21)), below=5.0, unit="%", why="Loads <move>.")
+    assert measured(found) == "10 (2 to 18) %"
+    page = statements_table(suite([run("one")], (found,)))
+    assert "median and 10 to 90 % of 21 seeds" in words(page)
+    assert "not in one: n holds in 5 of 21 seeds" in words(page)
+    assert "Loads &lt;move&gt;." in page
+
+
 def test_every_number_of_a_statement_keeps_its_exact_value_and_its_unit_is_text():
-    found = Statement("t", tuple((0, "n", value) for value in (1.0, 2.5, 1 / 3, 4.0)), above=0.25, unit="<b>")
+    found = claim(1.0, 2.5, 1 / 3, 4.0, above=0.25, unit="<b>")
     page = statements_table(suite([run("one")], (found,)))
     assert {float(value) for value in re.findall(r'<data value="([^"]+)"', page)} >= {1 / 3, 4.0, 0.25}
     assert "0.3333 to 4 <b> ( 4 numbers)" in words(page.replace("&lt;b&gt;", "⟨b⟩")).replace("⟨", "<").replace("⟩", ">")

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
 from strainsight.config.bench.bench import BenchConfig, Simulated
+from strainsight.config.bench.checks_truth import truth_problems
 from strainsight.config.bench.connections import Driven, Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
 from strainsight.config.problem import Problem, known, undivided
@@ -41,6 +42,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _distinguishable(config, estimate)
     yield from _bank(estimate)
     yield from _times(config, estimate)
+    yield from truth_problems(config, estimate)
     yield from _elsewhere(config, estimate)
 
 

@@ -69,13 +69,27 @@ class EstimatedParameter(Section):
 class BenchTruth(Section):
     """What stands for reality: the bench with the values of the config."""
 
-    model: Literal["fine", "own", "walk"] = Field(
+    model: Literal["fine", "other", "own", "walk"] = Field(
         "fine",
-        description="fine: integrated with a finer step; own: with the filter's step; walk: that, with inputs, parameters and "
-        "disturbance drawn from the filter's own model.",
+        description="fine: integrated with a finer step; other: by another integrator, of fifth order (Radau), which shares no "
+        "step with the filter; own: with the filter's step; walk: that, with inputs, parameters and disturbance drawn from the "
+        "filter's own model.",
     )
     substeps: int = Field(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
     noise: bool = Field(True, description="false: the sensors read exactly, whatever noise the filter believes.")
+    step: Positive = Field(0.01, description="other: its step, within which loads are straight [s].")
+    duration: Positive | None = Field(
+        None,
+        description="other: its length, which runs that estimate less of it can share [s]; null: that of the estimate.",
+    )
+    histories: int = Field(
+        1, ge=1, le=10_000, description="other: load histories, one a seed (`runs`); 1: the same one for all [-]."
+    )
+    within: NotNegative = Field(
+        0.0,
+        description="other: every further history is the stated one from an instant on that is drawn up to this one, shifted so "
+        "that it begins with the same loads [s].",
+    )
 
 
 class FromRun(Section):

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 Scalar = float | int | str | bool
 
 
 @dataclass(frozen=True)
 class Run:
     """One run: name of its config; label, note, study and group as in the suite; at: the value of the key that its study
-    varies; reached: its last stage; page: relative link to its own page or None; numbers: stage → its summary; warnings:
-    sentences."""
+    varies; reached: its last stage; page: relative link to its own page or None; numbers: stage → its summary; seeds:
+    numbers of its estimates that there are once a seed, each (seeds,); warnings: sentences."""
 
     name: str
     label: str = ""
@@ -23,6 +25,7 @@ class Run:
     reached: str = ""
     page: str | None = None
     numbers: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
+    seeds: Mapping[str, np.ndarray] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
     @property

@@ -16,6 +16,8 @@ from strainsight.report.page.run import Run
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.data import Case, Metric, Repeats, Trend, Unknown
 
+SEEDS_ASIDE = 0.1
+"""Share of seeds in which a statement may not hold."""
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
 
 
@@ -60,8 +62,9 @@ class Study:
 
 @dataclass(frozen=True)
 class Statement:
-    """A statement and the numbers that it stands or falls with: found, (place of the run, name of the number, value); above
-    and below: bounds or None; equals: what a number that is true or false has to be; compared: what it was divided by."""
+    """A statement and the numbers that it stands or falls with: found, (place of the run, name of the number, value), once a seed
+    where there are several; above and below: bounds or None; equals: what a number that is true or false has to be; compared:
+    what it was divided by; why: in words."""
 
     text: str
     found: tuple[tuple[int, str, float], ...]
@@ -70,14 +73,32 @@ class Statement:
     equals: bool | None = None
     unit: str = ""
     compared: str = ""
+    why: str = ""
+
+    @property
+    def seeds(self) -> dict[tuple[int, str], list[float]]:
+        """(Place of the run, name of the number) → its value of every seed."""
+        found: dict[tuple[int, str], list[float]] = {}
+        for place, name, value in self.found:
+            found.setdefault((place, name), []).append(value)
+        return found
 
     @property
     def verdict(self) -> str:
-        """Confirmed where every number is within the bounds; no number where one is none and the others are."""
-        verdicts = [self.holds(value) for _, _, value in self.found]
+        """Confirmed where every number is within the bounds, in nine of ten seeds where there are several; no number where one
+        is none and the others are."""
+        verdicts = [self.holds_over(values) for values in self.seeds.values()]
         if not all(verdict is not False for verdict in verdicts):
             return CONTRADICTED
         return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
+
+    def holds_over(self, values: Sequence[float]) -> bool | None:
+        """Whether a number holds over its seeds; None for one that is none in more than a tenth of them."""
+        verdicts = [self.holds(value) for value in values]
+        most = SEEDS_ASIDE * len(values)
+        if verdicts.count(False) > most:
+            return False
+        return None if verdicts.count(None) + verdicts.count(False) > most else True
 
     def holds(self, value: float) -> bool | None:
         """Whether a number is within the bounds; None for what is no number."""

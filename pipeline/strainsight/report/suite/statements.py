@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html import escape
+
+import numpy as np
 
 from strainsight.report.page.markup import count, plain, sheet
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite
@@ -65,8 +67,12 @@ def target(statement: Statement, shown: Shown = number) -> str:
 
 
 def measured(statement: Statement, shown: Shown = number) -> str:
-    """The numbers in words: one by one where they are few, else from which to which."""
+    """The numbers in words: one by one where they are few, else from which to which; of several seeds the median, and from where
+    to where nine tenths of them but the lowest lie."""
     values = [value for _, _, value in statement.found]
+    seeds = list(statement.seeds.values())
+    if most(statement) > 1:
+        return _spread(seeds, shown, f" {statement.unit}" if statement.unit else "")
     unit = f" {statement.unit}" if statement.unit else ""
     if statement.equals is not None:
         yes = sum(bool(value) for value in values)
@@ -81,6 +87,29 @@ def measured(statement: Statement, shown: Shown = number) -> str:
     return text + (f", {shown(lost)} without a number" if lost and finite else "")
 
 
+def most(statement: Statement) -> int:
+    """Seeds of the number that has most."""
+    return max((len(values) for values in statement.seeds.values()), default=0)
+
+
+def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
+    """Of every number, or of all where they are many: the median of its seeds, with their 10 and 90 %."""
+    with np.errstate(invalid="ignore"):
+        low, middle, high = (np.array([_share(values, q) for values in seeds]) for q in (0.1, 0.5, 0.9))
+    if len(seeds) <= FEW:
+        listed = zip(low, middle, high, strict=True)
+        return ", ".join(f"{shown(b)} ({shown(a)} to {shown(c)})" for a, b, c in listed) + unit
+    medians = f"{shown(float(np.nanmin(middle)))} to {shown(float(np.nanmax(middle)))}"
+    around = f"{shown(float(np.nanmin(low)))} to {shown(float(np.nanmax(high)))}"
+    return f"{medians} ({around}){unit}, {shown(len(seeds))} numbers"
+
+
+def _share(values: Sequence[float], q: float) -> float:
+    """The value that this share of the finite ones does not exceed; NaN of none."""
+    finite = np.array(values)[np.isfinite(values)]
+    return float(np.quantile(finite, q)) if len(finite) else float("nan")
+
+
 def _row(suite: Suite, index: int, statement: Statement) -> str:
     names = list(dict.fromkeys(name for _, name, _ in statement.found))
     listed = escape(", ".join(names[:FEW])) + (f" and {count(len(names) - FEW)} more" if len(names) > FEW else "")
@@ -90,12 +119,17 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
     compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
     if statement.verdict != CONFIRMED and len(statement.found) > 1:
-        bad = [(i, name, value) for i, name, value in statement.found if statement.holds(value) is not True]
+        bad = [(key, values) for key, values in statement.seeds.items() if statement.holds_over(values) is not True]
         worst = "; ".join(
-            f"{escape(suite.runs[i].label)}: {escape(name)} {plain(value)}" for i, name, value in bad[:FEW]
+            f"{escape(suite.runs[i].label)}: {escape(name)} {_failed(statement, values)}"
+            for (i, name), values in bad[:FEW]
         )
         more = f" and {count(len(bad) - FEW)} more" if len(bad) > FEW else ""
         wrong = f"<br><small>not in {worst}{more}</small>"
+    if statement.why:
+        wrong += f'<p class="why">{escape(statement.why)}</p>'
+    seeds = most(statement)
+    compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))
     return (
         f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'
@@ -104,3 +138,10 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         f'<td data-label="target">{target(safe, plain)}</td>'
         f"<td>{MARKS[statement.verdict]}{wrong}</td></tr>"
     )
+
+
+def _failed(statement: Statement, values: Sequence[float]) -> str:
+    """The number, or in how many of its seeds it holds."""
+    if len(values) == 1:
+        return plain(values[0])
+    return f"holds in {sum(statement.holds(value) is True for value in values)} of {len(values)} seeds"

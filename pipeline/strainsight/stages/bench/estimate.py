@@ -29,6 +29,7 @@ METHODS = {
 }
 TRUTHS = {
     "fine": "the bench with h/{substeps}",
+    "other": "the bench by Radau's method",
     "own": "the filter's own step",
     "walk": "drawn from the filter's own model",
 }
@@ -45,7 +46,15 @@ def run(context: Context[BenchConfig]) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
     config, estimate, there = context.config, context.config.estimate, _there(context)
     assert estimate is not None  # a bench without it has no such stage
-    own = estimated(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), there, context)
+    own = estimated(
+        config,
+        inputs.bodies(context),
+        inputs.meshes(context),
+        inputs.placed(context),
+        there,
+        inputs.truths(context),
+        context,
+    )
     result = compared(config, own)
     found, summary = result.found, _summary(estimate, own, result)
     method, truth = str(summary["method"]), str(summary["truth"])

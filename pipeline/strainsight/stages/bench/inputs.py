@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from strainsight.mesh.model import Mesh
 from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bench_truth import BenchTruths
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
@@ -26,3 +27,8 @@ def bodies(context: Context[object]) -> dict[str, ReducedBody]:
 def placed(context: Context[object]) -> BenchPlaced | None:
     """place.h5, of a stage that has it above it: where a sensor takes a layout of it."""
     return read(BenchPlaced, context.upstream["place"]) if "place" in context.upstream else None
+
+
+def truths(context: Context[object]) -> BenchTruths | None:
+    """truth.h5, of an estimate whose truth is made by another integrator."""
+    return read(BenchTruths, context.upstream["truth"]) if "truth" in context.upstream else None

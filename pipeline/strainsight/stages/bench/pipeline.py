@@ -15,8 +15,8 @@ ON_DEMAND = ("statics", "modes")
 
 
 def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
-    """From the decks to a simulation in time and its page; with its bearings alone, a placement, an estimate and a field where
-    the config has them."""
+    """From the decks to a simulation in time and its page; with its bearings alone, a placement, a truth by another integrator,
+    an estimate and a field where the config has them."""
     from strainsight.stages.bench.import_bodies import IMPORT
     from strainsight.stages.bench.reduce import REDUCE
     from strainsight.stages.bench.simulate import SIMULATE
@@ -30,8 +30,14 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     stages.append(_after(SIMULATE, "place") if takes_over else SIMULATE)
     if config.get("estimate"):
         from strainsight.stages.bench.estimate import ESTIMATE
+        from strainsight.stages.bench.truth import truth_stage
 
-        stages.append(_after(ESTIMATE, "place") if takes_over else ESTIMATE)
+        estimate = _after(ESTIMATE, "place") if takes_over else ESTIMATE
+        truth = config["estimate"]["truth"]
+        if truth["model"] == "other" and config["estimate"]["measured"] is None:
+            stages.append(truth_stage(truth["duration"] is not None))
+            estimate = _after(estimate, "truth")
+        stages.append(estimate)
     if config.get("field"):
         from strainsight.stages.bench.field import field_stage
 

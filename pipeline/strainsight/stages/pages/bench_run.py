@@ -46,6 +46,11 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
     )
 
 
+def seeds_of(artefact: Artefact) -> dict[str, np.ndarray]:
+    """Numbers of estimate.h5 that there are once a seed."""
+    return read(BenchEstimated, artefact).seeds
+
+
 def _carried(name: str, ring: RingEstimate) -> BearingEstimate:
     worst = ring.worst
     return BearingEstimate(

@@ -18,7 +18,7 @@ from strainsight.records.training import Training
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.placement.data import Layout, Unknown
 from strainsight.report.suite.data import PlacementRun, Study, Suite, SuiteRun
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, seeds_of, warnings_in
 from strainsight.stages.pages.page import warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
@@ -64,6 +64,7 @@ def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
         **_stated(entry, up),
         motion=motion_of(up["simulate"]) if "simulate" in up else None,
         estimate=estimate_of(up["estimate"]) if "estimate" in up else None,
+        seeds=seeds_of(up["estimate"]) if "estimate" in up else {},
         warnings=warnings_in(up),
     )
 

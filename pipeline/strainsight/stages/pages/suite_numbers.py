@@ -37,9 +37,10 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
         numbers=columns(
             NumberRows,
             [
-                {"claim": i, "run": run, "name": name, "value": value}
+                {"claim": i, "run": run, "name": name, "seed": seed, "value": value}
                 for i, own in enumerate(statements)
-                for run, name, value in own.found
+                for (run, name), values in own.seeds.items()
+                for seed, value in enumerate(values)
             ],
         ),
     )

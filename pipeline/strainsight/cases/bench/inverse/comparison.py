@@ -18,6 +18,7 @@ from strainsight.cases.bench.inverse.numbers import (
     smoothed_name,
     smoothed_numbers,
 )
+from strainsight.cases.bench.inverse.seeds import numbers_of_seeds
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
@@ -83,6 +84,7 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
+        seeds=numbers_of_seeds(own, tuple(asked(config).inputs)),
         bearings=own.rings,
         compared=own.compared,
     )
@@ -181,7 +183,7 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
     used, part = name in own.used.channels, own.sensors.channels[name]
     measured = own.measured[:, 0, own.used.channels[name]] if used else own.reality.readings[:, 0, part]
     there = bool(np.isfinite(measured).any())
-    return SensorMatch(used=used, expected=own.reading[1:, part], measured=measured if there else None)
+    return SensorMatch(used=used, expected=own.reading[1:, 0, part], measured=measured if there else None)
 
 
 def _violation(own: Estimated, k: int) -> float:

@@ -11,6 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.other_truth import reality_of
 from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
 from strainsight.cases.bench.inverse.smoothing import SmoothedLoads
@@ -27,6 +28,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench_estimated import RingEstimate
 from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bench_truth import BenchTruths
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.estimated import Compared
 from strainsight.records.simulated import Simulated
@@ -38,10 +40,10 @@ class Estimated:
 
     measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
-    (T + 1, all channels) of every sensor at the first run's estimate; smoothed: loads of the first run by all samples, of an
-    extended filter; elsewhere: loads of the other bench (T + 1,) by input;
-    rings: what every bearing does, by the first run of an extended filter; compared: the parameters of the first run by bank
-    and extended filter, where a bank has filtered; done: what was done to measurements from a file; notes: doubts. Sentences.
+    (T + 1, seeds, all channels) of every sensor at the estimate of a seed's first start; smoothed: loads of the first run by all
+    samples, of an extended filter; elsewhere: loads of the other bench (T + 1,) by input; rings: what every bearing does, by the
+    first run of an extended filter; compared: the parameters of the first run by bank and extended filter, where a bank has
+    filtered; done: what was done to measurements from a file; notes: doubts. Sentences.
     """
 
     bench: Bench
@@ -72,9 +74,11 @@ def estimated(
     meshes: Mapping[str, Mesh],
     placed: BenchPlaced | None,
     there: Simulated | None,
+    truths: BenchTruths | None,
     using: Resources,
 ) -> Estimated:
-    """Simulate or take the measurements, run the filter on them; there: the other bench of `estimate.measured`."""
+    """Simulate or take the measurements, run the filter on them; there: the other bench of `estimate.measured`; truths: by
+    another integrator, where these stand for reality."""
     estimate = asked(config)
     bench = bench_of(config, reduced, meshes, free_properties(estimate))
     sensors = sensors_of(config, bench, reduced, meshes, placed)
@@ -119,6 +123,8 @@ def estimated(
         first = np.concatenate([read[name][0] for name in used.channels])
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
+    elif truths is not None:
+        reality = reality_of(truths, bench, sensors.readings, sensors.zeroed, h, steps, estimate.runs)
     elif estimate.truth.model != "walk":
         substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
         reality = simulated(
@@ -128,7 +134,7 @@ def estimated(
     runs, starts = estimate.runs, len(unknowns.starts)
     largest = np.zeros(len(among))
     if reality is not None:
-        largest = np.nan_to_num(np.abs(reality.readings[:, 0, among])).max(axis=0)
+        largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
     trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
@@ -167,15 +173,16 @@ def _expected(
     found: Filtered,
     zeroing: np.ndarray,
 ) -> np.ndarray:
-    """What all sensors read by the first run's estimate (T + 1, channels), zeroed ones less their zero by the parameters of
-    that instant; NaN where the run diverges."""
+    """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less
+    their zero by the parameters of that instant; NaN where the run diverges."""
     model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
     constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
-    reading = np.full((len(found.time), len(sensors.zeroed)), np.nan)
-    for k, x in enumerate(found.mean[:, 0]):
-        if np.isfinite(x).all():
+    first = found.mean[:, :: len(unknowns.starts)]
+    reading = np.full((*first.shape[:2], len(sensors.zeroed)), np.nan)
+    for at in np.ndindex(first.shape[:2]):
+        if np.isfinite(x := first[at]).all():
             taken_off = constant if zero is None else zero(x[model.xi])[0]
-            reading[k] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
+            reading[at] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
     return reading
 
 

@@ -73,7 +73,7 @@ def _missed(
     config: BenchConfig, bench: Bench, trial: Trial, reality: Reality, mean: np.ndarray, std: np.ndarray
 ) -> Iterator[str]:
     estimate, model = asked(config), trial.model
-    if estimate.measured is None and estimate.truth.model != "fine":
+    if estimate.measured is None and estimate.truth.model not in ("fine", "other"):
         return
     x = mean[0]
     u = np.array(model.known[0], dtype=float)

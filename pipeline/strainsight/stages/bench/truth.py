@@ -1,0 +1,49 @@
+"""truth: the bench in time by another integrator, which stands for reality in the estimate of every run with these loads."""
+
+from __future__ import annotations
+
+from strainsight.cases.bench.inverse.other_truth import truths_of
+from strainsight.cases.bench.loads import load_units
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.records.record import written
+from strainsight.stages.bench import inputs
+from strainsight.stages.bench.inputs import HISTORIES
+from strainsight.workflow.output import Output
+from strainsight.workflow.stage import Context, Stage
+
+
+def run(context: Context[BenchConfig]) -> Output:
+    """One history or several, without noise, which is the estimate's."""
+    config = context.config
+    estimate = config.estimate
+    assert estimate is not None  # a bench without it has no such stage
+    truth = estimate.truth
+    duration = truth.duration or estimate.duration or config.simulate.duration
+    found = truths_of(config, truth, duration, inputs.bodies(context), inputs.meshes(context), context)
+    steps, histories = len(found.time) - 1, len(found.begin)
+    text = (
+        f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"
+    )
+    return Output(
+        datasets=written(found, {f"input {name}": unit for name, unit in load_units(config, found.inputs).items()}),
+        summary={"histories": histories, "steps": steps},
+        message=text,
+    )
+
+
+def truth_stage(duration: bool) -> Stage:
+    """duration: whether the truth has a length of its own; it then does not read that of the estimate, and more runs share it."""
+    own = tuple(f"estimate.truth.{key}" for key in ("step", "histories", "within", "duration"))
+    lengths = () if duration else ("estimate.duration", "simulate.duration")
+    return Stage(
+        "truth",
+        version=1,
+        reads=("seed", "bodies", "frames", "joints", "bearings", "forces", *own, *lengths, *STARTS),
+        upstream=("import", "reduce"),
+        files=HISTORIES,
+        run=run,
+    )
+
+
+STARTS = tuple(f"simulate.{key}" for key in ("start", "snap_tolerance", "allow_unstable"))
+"""What of the simulation says how a bench starts."""
