@@ -21,7 +21,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
-.PHONY: help run status test test-all lint all-configs hub hub-fine lug bench manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
+.PHONY: help run status test test-all lint all-configs hub hub-fine lug bench thesis manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -33,6 +33,7 @@ help:
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html'
 	@echo 'make lug            modulus of a lug bracket with bolt holes, three loads on it, then all of these: configs/lug/'
 	@echo 'make bench          chapters 2 to 4 of the thesis: 104 runs of configs/bench/ and one page, results/bench/report.html'
+	@echo 'make thesis         the thesis as printed, beside ours, figure by figure: results/thesis/report.html'
 	@echo 'make test           set up, then the tests, but for the long ones'
 	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
@@ -69,6 +70,9 @@ lug: $(READY)
 
 bench: $(READY)
 	@$(VENV)/$(BIN)/strainsight run configs/bench/suite.yaml $(ARGS)
+
+thesis: $(READY)
+	@$(VENV)/$(BIN)/strainsight run configs/thesis/suite.yaml $(ARGS)
 
 test: $(READY)
 	@$(TESTS) -m 'not slow' $(ARGS)

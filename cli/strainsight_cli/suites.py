@@ -91,6 +91,7 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
 def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
     """The run's stages up to the last one that is asked for, but for those that neither it nor the page of the suite needs."""
     from strainsight.config.suite import SuiteConfig
+    from strainsight.config.suite_measures import measures_of
     from strainsight.stages.pages.suite_entries import OF_A_BENCH
 
     stages = pipelines.stages_of(run.config.data)
@@ -106,7 +107,8 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
     if run.config.data["kind"] != "bench":
         return reached
     assert isinstance(suite.model, SuiteConfig)
-    wanted = {run.entry.until, *OF_A_BENCH, *(claim.stage for claim in suite.model.claims)}
+    measures = measures_of(suite.model.claims, suite.model.comparisons).values()
+    wanted = {run.entry.until, *OF_A_BENCH, *(own.stage for own in measures)}
     kept: list[Stage] = []
     for stage in reversed(reached):
         if stage.name in wanted:

@@ -40,6 +40,19 @@ claims:
   - {text: Few steps., run: long, stage: simulate, number: steps, below: 3}
   - {text: Five times as many., run: [short], stage: simulate, number: steps, against: long, above: 4.5, below: 5.5}
 """
+COMPARISONS = """\
+comparisons:
+  - source: figure 1
+    says: It takes few steps.
+    as_printed: {run: long, stage: simulate, number: steps, below: 9}
+  - source: figure 2
+    says: E is found.
+    printed: 1 %
+    ours: {run: other, number: error.E, below: 0.01}
+  - source: figure 3
+    says: It is drawn.
+    why: A drawing.
+"""
 
 
 @pytest.fixture
@@ -73,7 +86,8 @@ def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
     assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
     assert [run["study"] for run in given["runs"]] == ["steps", "steps", ""]
     assert given["runs"][0]["artefacts"] == {"simulate": "long-x/simulate.h5", "report": "long-x/report.h5"}
-    assert [(claim["runs"], claim["against"], claim["number"]) for claim in given["claims"]] == [
+    measures = [claim["measure"] for claim in given["claims"]]
+    assert [(own["runs"], own["against"], own["number"]) for own in measures] == [
         ([0], None, ["steps"]),
         ([1], 0, ["steps"]),
     ]
@@ -112,11 +126,35 @@ def test_a_mistake_has_its_place(write, before, after, key, what):
     assert error.remedy
 
 
-def test_placements_and_benches_do_not_share_a_page(write):
+def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write):
     text = SUITE.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
-    (error,) = refused(write(text.replace("bench.yaml, name: other", "beam.yaml, name: other")))
-    assert error.key == "runs[2].config"
-    assert "beam.yaml is a placement, runs[0] a bench" in error.what
+    text = text.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
+    text = text.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0]
+    text += COMPARISONS
+    suite = load_config(write(text))
+    given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
+    first, second, third = given["comparisons"]
+    assert first["as_printed"]["stage"] == "simulate"
+    assert (second["ours"]["runs"], second["ours"]["stage"]) == ([2], "validate")
+    assert second["as_printed"] is None
+    assert (third["ours"], third["as_printed"]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "what"),
+    [
+        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
+        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
+        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
+        ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
+    ],
+)
+def test_a_mistake_of_a_comparison_has_its_place(write, before, after, key, what):
+    text = SUITE.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0] + COMPARISONS
+    text = text.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
+    assert before in text
+    found = refused(write(text.replace(before, after, 1)))
+    assert any(error.key == key and what in error.what and error.remedy for error in found)
 
 
 def test_placements_have_studies_and_claims_too(write):
@@ -124,7 +162,7 @@ def test_placements_have_studies_and_claims_too(write):
     text += "studies: [{name: s, over: place.keep}]\nclaims: [{text: t, run: a, number: error.E, above: 0}]\n"
     suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["import", "validate"]])
-    assert (given["runs"][0]["at"], given["claims"][0]["stage"]) == (4.0, "validate")
+    assert (given["runs"][0]["at"], given["claims"][0]["measure"]["stage"]) == (4.0, "validate")
     assert list(given["runs"][0]["artefacts"]) == ["import", "validate"]
     (error,) = refused(write(text), ("import", "place"))
     assert (error.key, error.what) == (

@@ -11,7 +11,8 @@ from pydantic import Field, JsonValue
 
 from strainsight.config.base import RunName, Section, Text
 from strainsight.config.problem import Problem
-from strainsight.config.suite_studies import Claim, Study, claim_problems, study_problems
+from strainsight.config.suite_measures import Claim, Comparison, measure_problems, measures_of
+from strainsight.config.suite_studies import Study, study_problems
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
@@ -49,10 +50,13 @@ class SuiteConfig(Section):
         1, ge=1, le=64, description="Runs at a time [-]: two halve the time where the memory is enough for both."
     )
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
-        description="The runs, in order: all of them placements, or all of them benches."
+        description="The runs, in order: placements and benches."
     )
     studies: tuple[Study, ...] = Field((), description="What more there is to say of studies named in runs[].study.")
     claims: tuple[Claim, ...] = Field((), description="Statements that the page calls confirmed or contradicted.")
+    comparisons: tuple[Comparison, ...] = Field(
+        (), description="What a source says, row by row, beside what comes out under its settings and under ours."
+    )
 
 
 def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
@@ -66,9 +70,12 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
     for i, study in enumerate(config.studies):
         yield from _lines({f"studies.{i}.name": study.name, f"studies.{i}.note": study.note})
     for i, claim in enumerate(config.claims):
-        yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "unit", "why")})
+        yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "why")})
+    for i, row in enumerate(config.comparisons):
+        yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
+    yield from _lines({f"{key}.unit": own.unit for key, own in measures_of(config.claims, config.comparisons).items()})
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
-    yield from claim_problems(config.claims)
+    yield from measure_problems(config.claims, config.comparisons)
 
 
 def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,8 @@ from strainsight.config.load import LoadedConfig, kind_of, load_config
 from strainsight.config.messages import MISSING
 from strainsight.config.overrides import Override
 from strainsight.config.suite import SuiteConfig, SuiteRun
-from strainsight.config.suite_studies import Study, as_texts
+from strainsight.config.suite_measures import as_texts, measures_of
+from strainsight.config.suite_studies import Study
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 
 Of = TypeVar("Of")
@@ -187,19 +189,8 @@ def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[Plan
 def _refused(
     suite: LoadedConfig, model: SuiteConfig, runs: Sequence[PlannedRun], names: Sequence[str]
 ) -> Iterator[ConfigError]:
-    """What is wrong with runs of several kinds, with studies and with claims, each with its place; names: before the suffix,
-    as claims say them."""
-    kind = runs[0].config.data["kind"]
-    mixed = [run for run in runs if run.config.data["kind"] != kind]
-    for run in mixed:
-        yield wrong(
-            suite,
-            f"runs.{run.place}.config",
-            f"{run.config.path.name} is a {run.config.data['kind']}, runs[0] a {kind}",
-            "a page is about placements or about benches: make two suites",
-        )
-    if mixed:
-        return
+    """What is wrong with studies and with measures, each with its place; names: before the suffix,
+    as measures say them."""
     for run in runs:
         study = study_of(model, run)
         if study is not None and study.over is not None and value_over(run.config.data, study.over) is None:
@@ -209,19 +200,15 @@ def _refused(
                 f"{study.over} is no number in runs[{run.place}], '{run.config.data['name']}'",
                 "name a key that is a number in every run of the study, or set it there",
             )
-    for i, claim in enumerate(model.claims):
-        named = [("run", name) for name in as_texts(claim.run)]
-        named += [("against", claim.against)] if claim.against is not None else []
+    for place, own in measures_of(model.claims, model.comparisons).items():
+        named = [("run", name) for name in as_texts(own.run)]
+        named += [("against", own.against)] if own.against is not None else []
         for key, name in named:
             if name not in names:
                 known = f"its runs are {', '.join(names)}"
-                yield wrong(
-                    suite, f"claims.{i}.{key}", f"no run '{name}' in this suite", did_you_mean(name, names, known)
-                )
+                yield wrong(suite, f"{place}.{key}", f"no run '{name}' in this suite", did_you_mean(name, names, known))
 
 
 def wrong(suite: LoadedConfig, key: str, what: str, remedy: str) -> ConfigError:
     """An error at a dotted key of the suite."""
-    first, *rest = key.split(".")
-    shown = f"{first}[{rest[0]}].{rest[1]}" if len(rest) == 2 else key
-    return ConfigError(what, key=shown, where=suite.locate(key), remedy=remedy)
+    return ConfigError(what, key=re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key), where=suite.locate(key), remedy=remedy)

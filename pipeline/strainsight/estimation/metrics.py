@@ -29,3 +29,12 @@ def input_error(error: np.ndarray, scale: float, burn_in: float = 0.1) -> np.nda
 def after_start(history: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
     """A history (T + 1, ...) without its first tenth, which no error counts."""
     return history[int(np.ceil(burn_in * len(history))) :]
+
+
+def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float, share: float) -> float:
+    """From when on an estimate stays within a share of the truth; the last time where it does not in the end.
+
+    time (T + 1,) [s]; estimate (T + 1,) and truth in one unit; share [-]. Returns [s].
+    """
+    outside = np.flatnonzero(~(np.abs(estimate / truth - 1) <= share))
+    return float(time[min(outside[-1] + 1, len(time) - 1)] if outside.size else time[0])

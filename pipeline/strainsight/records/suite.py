@@ -86,6 +86,17 @@ class NumberRows:
 
 
 @record
+class ComparisonRows:
+    source: tuple[str, ...] = dataset("/source", "1", "/source", "where a source says it")
+    says: tuple[str, ...] = dataset("/says", "1", "/source", "what it says")
+    printed: tuple[str, ...] = dataset("/printed", "1", "/source", "its number, in words")
+    as_printed: tuple[str, ...] = dataset("/as_printed", "1", "/source", "numbers under its settings, and their bounds")
+    ours: tuple[str, ...] = dataset("/ours", "1", "/source", "numbers under ours, and their bounds")
+    verdict: tuple[str, ...] = dataset("/verdict", "1", "/source", "whether it holds, and under which settings")
+    why: tuple[str, ...] = dataset("/why", "1", "/source", "why, in words")
+
+
+@record
 class SuiteNumbers:
     """suite.h5."""
 
@@ -94,6 +105,7 @@ class SuiteNumbers:
     cases: CaseRows = group("/case")
     statements: StatementRows = group("/claim")
     numbers: NumberRows = group("/number")
+    comparisons: ComparisonRows = group("/comparison")
 
 
 def columns(kind: type[Rows], rows: Iterable[Mapping[str, Any]]) -> Rows:

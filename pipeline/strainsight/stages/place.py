@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=27,
+    version=28,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from strainsight.errors import StrainsightError
 from strainsight.records.record import written
 from strainsight.report.picture.scene import look, render_all
-from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, Suite
+from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
 from strainsight.report.suite.results import RED, counts, is_estimated, without_benefit
@@ -34,6 +34,8 @@ def run(context: Context[Slice]) -> Output:
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
     message += f"; placement brings no benefit in {len(none)}" * bool(none)
     message += f"; {confirmed} of {len(verdicts)} statements confirmed" if verdicts else ""
+    held = sum(row.verdict == HOLDS for row in suite.comparisons)
+    message += f"; {held} of {len(suite.comparisons)} comparisons hold" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=written(numbers_of(suite)),
@@ -45,6 +47,8 @@ def run(context: Context[Slice]) -> Output:
             "claims": len(verdicts),
             "confirmed": confirmed,
             "contradicted": verdicts.count(CONTRADICTED),
+            "comparisons": len(suite.comparisons),
+            "hold": held,
         },
         message=message + (f"; no 3D pictures: {problem}" if problem else ""),
         tables=suite_tables(suite),
@@ -68,8 +72,8 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
 
 SUITE = Stage(
     "suite",
-    version=10,
-    reads=("name", "title", "runs", "studies", "claims"),
+    version=11,
+    reads=("name", "title", "runs", "studies", "claims", "comparisons"),
     upstream=(),
     files=("runs.*.artefacts.*",),
     run=run,

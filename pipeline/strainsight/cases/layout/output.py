@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 
 from strainsight.cases.layout.advice import advice_table
 from strainsight.cases.layout.comparison import Comparison, criteria_table
@@ -21,6 +23,9 @@ from strainsight.records.grids import gauge_grid
 from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
 from strainsight.records.record import Place, written
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
+
+CLUSTER = 0.05
+"""Gauges of one cluster are nearer to each other than this share of the extent of all candidates."""
 
 
 def layout_record(found: Placed) -> PlacedLayout:
@@ -159,6 +164,14 @@ def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, A
     )
 
 
+def _clusters(found: Placed) -> int:
+    """Groups of gauges, each within CLUSTER of the extent of the candidates from another of its group."""
+    candidates = found.task.candidates
+    position = candidates.position[candidates.first[found.gauges]]
+    near = CLUSTER * float(np.ptp(candidates.position, axis=0).max())
+    return int(connected_components(cdist(position, position) <= near, directed=False)[0])
+
+
 def _summary(found: Placed) -> dict[str, Scalar]:
     result, layout, criterion = found.elimination, found.layout, found.task.criterion.name
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
@@ -167,6 +180,7 @@ def _summary(found: Placed) -> dict[str, Scalar]:
         "criterion": criterion,
         "pool": len(found.task.pool.gauges),
         "selected": len(found.gauges),
+        "clusters": _clusters(found),
         f"{key}_initial": float(result.cost[0]),
         f"{key}_greedy": float(result.cost[-1]),
         f"{key}_final": float(layout.cost),

@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.cases.structure.studies import Rank, Studies, rank_of
 from strainsight.cases.structure.trial import Trial, real_and_claimed
-from strainsight.estimation.metrics import after_start
+from strainsight.estimation.metrics import after_start, settling_time
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
@@ -69,17 +69,11 @@ def accuracies(
             zero=zero,
             draws=1 if constant else _draws(value - trial.history[name], sigma),
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
-            settling_time=_settling_time(trial, name, value) if constant else None,
+            settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
             benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
         )
     return found
-
-
-def _settling_time(trial: Trial, name: str, estimate: np.ndarray) -> float:
-    """From when on a parameter's estimate (T + 1,) stays within SETTLED of the truth [s]; the whole time where it does not."""
-    outside = np.flatnonzero(np.abs(estimate / trial.truth.theta[name] - 1) > SETTLED)
-    return trial.h * float(min(outside[-1] + 1, len(estimate) - 1)) if outside.size else 0.0
 
 
 def _draws(error: np.ndarray, std: np.ndarray) -> int:

@@ -19,6 +19,12 @@ from strainsight.report.placement.data import Case, Metric, Repeats, Trend, Unkn
 SEEDS_ASIDE = 0.1
 """Share of seeds in which a statement may not hold."""
 CONFIRMED, CONTRADICTED, UNDECIDED = "confirmed", "contradicted", "no number"
+HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
+    "holds",
+    "holds under its settings only",
+    "holds under ours only",
+    "not measured",
+)
 
 
 @dataclass(frozen=True)
@@ -110,6 +116,32 @@ class Statement:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """What a source says, where and with which number; as_printed and ours: the same measured under its settings and under ours,
+    None where it is not; why: in words."""
+
+    source: str
+    says: str
+    printed: str
+    as_printed: Statement | None
+    ours: Statement | None
+    why: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Holds where every side that is measured is confirmed; no number where one has none and the other is not against it."""
+        found = [None if side is None else side.verdict for side in (self.as_printed, self.ours)]
+        measured = [verdict for verdict in found if verdict is not None]
+        if not measured:
+            return UNMEASURED
+        if UNDECIDED in measured:
+            return UNDECIDED
+        if CONTRADICTED not in measured:
+            return HOLDS
+        return {CONFIRMED: THEIRS_ONLY}.get(found[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
+
+
+@dataclass(frozen=True)
 class Suite:
     """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, digests."""
 
@@ -118,6 +150,7 @@ class Suite:
     runs: tuple[SuiteRun, ...]
     studies: tuple[Study, ...] = ()
     statements: tuple[Statement, ...] = ()
+    comparisons: tuple[Comparison, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property

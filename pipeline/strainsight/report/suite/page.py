@@ -16,7 +16,7 @@ from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, table
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
 from strainsight.report.space.section import STYLE, script
-from strainsight.report.suite import statements, summary
+from strainsight.report.suite import comparisons, statements, summary
 from strainsight.report.suite.cases import observability_section
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.report.suite.layouts import gauges_section, suite_space
@@ -32,9 +32,10 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
-    first = statements.statements_table(suite) + (summary.runs_table(suite) if suite.placements else "")
+    tables = (comparisons.comparisons_table(suite), statements.statements_table(suite))
+    first = "".join(tables) + (summary.runs_table(suite) if suite.placements else "")
     turned = suite_space(suite)
-    answers = [summary.answer(suite), statements.answer(suite)]
+    answers = [comparisons.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
@@ -51,7 +52,7 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
         "suite",
         suite.name,
         summary.headline(suite) + suite.title,
-        " ".join(answers),
+        " ".join(filter(None, answers)),
         sections,
         footer,
         styles,
@@ -132,16 +133,17 @@ def _placements(suite: Suite, cards: Cards) -> str:
 
 def _facts(suite: Suite) -> str:
     """Configs, how far they went, and the numbers of their models."""
-    if suite.benches:
-        head: tuple[str, ...] = ("coordinates", "constraints", "first frequency [Hz]", "correction")
-        rows = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
-    else:
-        head = ("first modes",)
+    tables = []
+    if suite.placements:
         rows = [[*_named(i, run), _modes(run)] for i, run in suite.placements]
-    numbers = table("models", ("config", "reached", *head), rows, numeric=(2, 3, 4) if suite.benches else ())
+        tables.append(table("models", ("config", "reached", "first modes"), rows))
+    if suite.benches:
+        head = ("config", "reached", "coordinates", "constraints", "first frequency [Hz]", "correction")
+        benches = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
+        tables.append(table("benches" if suite.placements else "models", head, benches, numeric=(2, 3, 4)))
     provenance = pairs("provenance", suite.provenance.items())
     return (
-        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{numbers}</section>'
+        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{"".join(tables)}</section>'
         f'<details class="card"><summary>Provenance</summary>{provenance}</details>'
     )
 

@@ -22,7 +22,7 @@ from strainsight.stages.pages.bench_run import estimate_of, motion_of, seeds_of,
 from strainsight.stages.pages.page import warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
-from strainsight.stages.pages.statements import statements_of
+from strainsight.stages.pages.statements import comparisons_of, statements_of
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context
@@ -43,7 +43,9 @@ def suite_of(context: Context[Slice]) -> Suite:
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
     statements = statements_of(context.config.claims, runs)
-    return Suite(str(context.config.name), str(context.config.title), tuple(runs), studies, statements, provenance)
+    comparisons = comparisons_of(context.config.comparisons, runs)
+    name, title = str(context.config.name), str(context.config.title)
+    return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
 
 
 def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:

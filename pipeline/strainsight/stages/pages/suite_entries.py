@@ -1,4 +1,4 @@
-"""What the stage of a suite is given: its runs with their artefacts, its studies, its claims with places for names of runs."""
+"""What the stage of a suite is given: its runs with their artefacts, its studies, its measures with places for names of runs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from strainsight.cases.structure.settings import PARAMETER_UNITS
 from strainsight.config.load import LoadedConfig
 from strainsight.config.loads import unit_of
 from strainsight.config.suite import SuiteConfig
+from strainsight.config.suite_measures import Measure, as_texts, measures_of
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
-from strainsight.config.suite_studies import Claim, as_texts
 
 DRAWN = (
     *("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "factor", "gravity", "rotation"),
@@ -19,23 +19,36 @@ DRAWN = (
 """What the picture shows of a load."""
 OF_A_BENCH = ("simulate", "estimate", "place", "report")
 """Stages of a bench whose artefacts the page is made of; of a placement all."""
+SIDES = ("as_printed", "ours")
+"""Of a comparison: what comes out under the settings of its source, and under ours."""
 DEFAULT = {"placement": "validate", "bench": "estimate"}
-"""Stage of a claim that names none."""
+"""Stage of a measure that names none."""
 
 
 def suite_config(suite: LoadedConfig, runs: Sequence[PlannedRun], stages: Sequence[Sequence[str]]) -> dict[str, Any]:
-    """stages: those that each run is brought through. Raises ConfigError for a claim on a stage that its run does not reach."""
+    """stages: those that each run is brought through. Raises ConfigError for a measure on a stage that its run does not reach."""
     model = suite.model
     assert isinstance(model, SuiteConfig)
-    default = DEFAULT[runs[0].config.data["kind"]]
-    claims = all_of(range(len(model.claims)), lambda i: _claim(suite, i, runs, stages, default))
-    wanted = {*OF_A_BENCH, *(claim["stage"] for claim in claims)}
+    places = {str(run.config.data["name"]).removesuffix(model.suffix): run.place for run in runs}
+    measures = measures_of(model.claims, model.comparisons)
+    found = dict(
+        zip(measures, all_of(measures.items(), lambda own: _measure(suite, *own, places, runs, stages)), strict=True)
+    )
+    wanted = {*OF_A_BENCH, *(own["stage"] for own in found.values())}
     return {
         "name": model.name,
         "title": model.title,
         "runs": [_entry(model, run, reached, wanted) for run, reached in zip(runs, stages, strict=True)],
         "studies": suite.data["studies"],
-        "claims": claims,
+        "claims": [
+            claim.model_dump(mode="json", include={"text", "why"}) | {"measure": found[f"claims.{i}"]}
+            for i, claim in enumerate(model.claims)
+        ],
+        "comparisons": [
+            row.model_dump(mode="json", exclude=set(SIDES))
+            | {side: found.get(f"comparisons.{i}.{side}") for side in SIDES}
+            for i, row in enumerate(model.comparisons)
+        ],
     }
 
 
@@ -68,25 +81,27 @@ def _of_placement(data: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _claim(
-    suite: LoadedConfig, i: int, runs: Sequence[PlannedRun], stages: Sequence[Sequence[str]], default: str
+def _measure(
+    suite: LoadedConfig,
+    key: str,
+    own: Measure,
+    places: Mapping[str, int],
+    runs: Sequence[PlannedRun],
+    stages: Sequence[Sequence[str]],
 ) -> dict[str, Any]:
-    model = suite.model
-    assert isinstance(model, SuiteConfig)
-    claim: Claim = model.claims[i]
-    places = {str(run.config.data["name"]).removesuffix(model.suffix): run.place for run in runs}
-    own = [places[name] for name in as_texts(claim.run)]
-    other = None if claim.against is None else places[claim.against]
-    stage = claim.stage or default
-    for place in [*own, *([] if other is None else [other])]:
+    """A measure with places for names of runs and the key where it stands."""
+    named = [places[name] for name in as_texts(own.run)]
+    other = None if own.against is None else places[own.against]
+    stage = own.stage or DEFAULT[runs[named[0]].config.data["kind"]]
+    for place in [*named, *([] if other is None else [other])]:
         if stage not in stages[place]:
             raise wrong(
                 suite,
-                f"claims.{i}.{'run' if claim.stage is None else 'stage'}",
+                f"{key}.{'run' if own.stage is None else 'stage'}",
                 f"runs[{place}], '{runs[place].config.data['name']}', has no stage '{stage}': it goes through "
                 f"{', '.join(stages[place])}",
                 "name a stage that it goes through, or take `until` out",
             )
-    return claim.model_dump(mode="json", exclude={"run", "against"}) | {
-        "runs": own, "against": other, "number": list(as_texts(claim.number)), "stage": stage,
+    return own.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
+        "key": key, "runs": named, "against": other, "number": list(as_texts(own.number)), "stage": stage,
     }  # fmt: skip

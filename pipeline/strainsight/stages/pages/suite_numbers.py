@@ -5,16 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from strainsight.records.suite import CaseRows, NumberRows, RunRows, StatementRows, SuiteNumbers, UnknownRows, columns
+from strainsight.records.suite import (
+    CaseRows,
+    ComparisonRows,
+    NumberRows,
+    RunRows,
+    StatementRows,
+    SuiteNumbers,
+    UnknownRows,
+    columns,
+)
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.verdicts import faults
-from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metrics_of
+from strainsight.report.suite.comparisons import side
+from strainsight.report.suite.data import Comparison, PlacementRun, Suite, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of
 from strainsight.report.suite.statements import measured, target
 from strainsight.workflow.output import Table
 
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
 """Numbers of a bench's unknown that the file keeps."""
+SAID = ("source", "printed", "as_printed", "ours", "verdict")
 OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
 OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
 
@@ -43,7 +54,16 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
                 for seed, value in enumerate(values)
             ],
         ),
+        comparisons=columns(ComparisonRows, [_comparison(row) for row in suite.comparisons]),
     )
+
+
+def _comparison(row: Comparison) -> Mapping[str, str]:
+    return {
+        **{key: getattr(row, key) for key in ("source", "says", "printed", "verdict", "why")},
+        "as_printed": side(row.as_printed),
+        "ours": side(row.ours),
+    }
 
 
 def _run(run: SuiteRun) -> Mapping[str, Any]:
@@ -73,19 +93,23 @@ def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
 
 
 def suite_tables(suite: Suite) -> tuple[Table, ...]:
-    """Statements, and a row an unknown of a run."""
+    """Comparisons, statements, and a row an unknown of a run."""
     tables = []
+    if suite.comparisons:
+        said = tuple(tuple(_comparison(row)[key] for key in SAID) for row in suite.comparisons)
+        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), said))
     if suite.statements:
         lines = tuple((own.text, target(own), measured(own), own.verdict) for own in suite.statements)
         tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
-    metrics = metrics_of(run for _, run in suite.placements)
-    if suite.benches:
-        head: tuple[str, ...] = ("run", "unknown", *OF_BENCHES)
-        rows = [row for _, run in suite.benches for row in _of_bench(run)]
-    else:
+    if suite.placements:
+        metrics = metrics_of(run for _, run in suite.placements)
         head = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
-        rows = [row for _, run in suite.placements for row in _of_placement(run, len(metrics) > 1)]
-    return (*tables, Table(suite.title, head, tuple(rows)))
+        rows = tuple(row for _, run in suite.placements for row in _of_placement(run, len(metrics) > 1))
+        tables.append(Table(suite.title, head, rows))
+    if suite.benches:
+        rows = tuple(row for _, run in suite.benches for row in _of_bench(run))
+        tables.append(Table(suite.title, ("run", "unknown", *OF_BENCHES), rows))
+    return tuple(tables)
 
 
 def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:

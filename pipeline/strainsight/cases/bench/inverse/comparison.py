@@ -22,6 +22,7 @@ from strainsight.cases.bench.inverse.seeds import numbers_of_seeds
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
+from strainsight.estimation.metrics import settling_time
 from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, not_identified, samples_alike
 from strainsight.records.bench_estimated import (
     BenchEstimated,
@@ -32,6 +33,8 @@ from strainsight.records.bench_estimated import (
     SensorMatch,
 )
 
+SETTLED = 1e-3
+"""Share of the truth that a parameter stays within once it has settled: a bearing's geometry is known to a per cent before."""
 LEARNED = 0.5
 """Share of its first σ below which a parameter counts as learned."""
 
@@ -160,6 +163,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
+        numbers[f"settling_time.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
     else:
         numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)

@@ -1,0 +1,69 @@
+"""What a source says beside what is measured: the verdict follows from both sides."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from strainsight.report.suite.comparisons import comparisons_answer, comparisons_table, side
+from strainsight.report.suite.data import (
+    CONTRADICTED,
+    HOLDS,
+    OURS_ONLY,
+    THEIRS_ONLY,
+    UNDECIDED,
+    UNMEASURED,
+    Comparison,
+    Statement,
+    Suite,
+)
+
+NAN = float("nan")
+
+
+def row(theirs, ours):
+    """A row whose number has to be below 1; None: that side is not measured."""
+    sides = [None if value is None else Statement("s", ((0, "n", value),), below=1.0) for value in (theirs, ours)]
+    return Comparison("figure 2.4", "It <falls>.", "4", *sides, why="Because.")
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours", "verdict"),
+    [
+        (0.5, 0.5, HOLDS),
+        (0.5, None, HOLDS),
+        (None, 0.5, HOLDS),
+        (0.5, 2.0, THEIRS_ONLY),
+        (2.0, 0.5, OURS_ONLY),
+        (2.0, 2.0, CONTRADICTED),
+        (2.0, None, CONTRADICTED),
+        (None, 2.0, CONTRADICTED),
+        (NAN, 0.5, UNDECIDED),
+        (0.5, NAN, UNDECIDED),
+        (None, None, UNMEASURED),
+    ],
+)
+def test_the_verdict(theirs, ours, verdict):
+    assert row(theirs, ours).verdict == verdict
+
+
+def test_a_side_shows_its_number_and_its_bound():
+    assert side(row(0.5, None).as_printed) == "0.5 (below 1)"
+    assert side(None) == "–"
+
+
+def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
+    suite = Suite("s", "t", (), comparisons=(row(0.5, 0.5), row(0.5, 2.0), row(2.0, 2.0)))
+    text = re.sub(r"</?data[^>]*>", "", comparisons_answer(suite))
+    assert "3 comparisons</strong>: 1 holds, 1 holds under its settings only" in text
+    assert '1 contradicted (<a href="#comparison-3">3</a>)' in text
+    assert comparisons_answer(Suite("s", "t", ())) == ""
+
+
+def test_what_a_config_says_is_text_on_the_page(monkeypatch):
+    monkeypatch.setattr("strainsight.report.suite.comparisons._side", lambda suite, own: "–")
+    table = comparisons_table(Suite("s", "t", (), comparisons=(row(0.5, 2.0),)))
+    assert "It &lt;falls&gt;." in table
+    assert "<falls>" not in table
+    assert "✓ holds under its settings only" in table
