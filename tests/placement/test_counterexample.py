@@ -39,6 +39,16 @@ def forward(cost, pool, keep):
     return sorted(chosen)
 
 
+def as_printed(cost, pool, keep):
+    """Algorithm 2 to the letter: of all gauges but the last, the one of the least tr P(all) − tr P(without it) leaves, a number
+    that is never positive, so that the one leaves whose loss costs most."""
+    left = list(range(pool))
+    while len(left) > keep:
+        whole = cost(left)
+        left.remove(min(left[:-1], key=lambda g, whole=whole: whole - cost([own for own in left if own != g])))
+    return left
+
+
 def best_of_all(cost, pool, keep):
     return min((list(gauges) for gauges in combinations(range(pool), keep)), key=cost)
 
@@ -104,6 +114,8 @@ def test_its_continuous_form_misleads_forward_selection_and_nothing_here(cost_of
     assert exchange(pools, misled).gauges.tolist() == best
     assert branch_and_bound(pools, 2, start=misled).gauges.tolist() == best
     assert eliminate([scenario], 2).kept.tolist() == best
+    # the printed algorithm takes out the one gauge that cannot be missed
+    assert as_printed(cost, 3, 2) == misled
 
 
 def three_states(decay, rows):
@@ -121,6 +133,7 @@ def test_removing_one_by_one_is_not_optimal_and_a_swap_corrects_it(cost_of):
     np.testing.assert_allclose(greedy.cost[-1] / cost_of(scenario, best), 1.2490867, rtol=1e-6)
     assert exchange(greedy.pools, greedy.kept).gauges.tolist() == best
     assert branch_and_bound(greedy.pools, 2).gauges.tolist() == best
+    assert as_printed(lambda gauges: cost_of(scenario, gauges), 4, 2) == [0, 3]
 
 
 def test_where_swaps_are_stuck_branch_and_bound_finds_the_optimum(cost_of):
@@ -138,3 +151,23 @@ def test_where_swaps_are_stuck_branch_and_bound_finds_the_optimum(cost_of):
     assert found.proven
     assert found.gauges.tolist() == best
     np.testing.assert_allclose(found.cost, cost_of(scenario, best), rtol=1e-9)
+    printed = as_printed(lambda gauges: cost_of(scenario, gauges), 6, 2)
+    assert printed == [1, 5]
+    np.testing.assert_allclose(cost_of(scenario, printed) / cost_of(scenario, best), 1.6395292, rtol=1e-6)
+
+
+def test_on_a_pool_of_redundant_gauges_the_printed_algorithm_keeps_the_worst(cost_of):
+    """A constant that twelve gauges of different noise read: ẋ = w, y = x + v. The right answer is the two quietest; the letter
+    of the algorithm takes the quietest out first, and keeps the two loudest of all."""
+    noise = 1e-3 * np.arange(1.0, 13.0)
+    scenario = Scenario(np.zeros((1, 1)), np.eye(1), np.ones((12, 1)), noise, np.ones(1))
+
+    def cost(gauges):
+        return cost_of(scenario, gauges)
+
+    assert eliminate([scenario], 2).kept.tolist() == best_of_all(cost, 12, 2) == [0, 1]
+    printed = as_printed(cost, 12, 2)
+    assert printed == [10, 11]
+    # tr P = √(q / Σ 1/r): the metric of twelve is that of both pairs times a root
+    information = 1 / noise
+    np.testing.assert_allclose(cost(printed) / cost([0, 1]), np.sqrt(information[:2].sum() / information[10:].sum()), rtol=1e-8)
