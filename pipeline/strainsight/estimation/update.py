@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from strainsight.errors import NumericalError
 
@@ -111,6 +112,19 @@ def covariance_factor(P: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
     positive = values > len(P) * np.finfo(float).eps * max(values.max(initial=0.0), 0.0)
     return scale[:, None] * vectors[:, positive] * np.sqrt(values[positive])
+
+
+def pivoted_factors(P: np.ndarray) -> np.ndarray:
+    """As `square_factor`, by Cholesky's factors with pivots: a tenth of the work, and less sure of the smallest part of a P whose
+    states nearly tell each other."""
+    factors = np.zeros_like(P)
+    for F, covariance in zip(factors, P, strict=True):
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        there = np.flatnonzero(std)
+        scaled = covariance[np.ix_(there, there)] / np.outer(std[there], std[there])
+        lower, order, rank, _ = dpstrf(scaled, lower=1, tol=len(P) * np.finfo(float).eps)
+        F[there[order - 1], :rank] = std[there[order - 1], None] * np.tril(lower)[:, :rank]
+    return factors
 
 
 def square_factor(P: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from strainsight.multibody.accelerations import instant
 from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
@@ -81,14 +82,14 @@ def left_out(
 
     # η = ω y, so that both halves of a motion count alike
     per = np.linalg.solve(M, np.column_stack([K, C, unknown, constant, ramp]))
-    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r], 2))), 1.0 / h)
+    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r]))), 1.0 / h)
     size = 2 * r + k + 2
     F, Q = np.zeros((size, size)), np.zeros((size, size))
     F[:r, r : 2 * r] = omega * np.eye(r)
     F[r : 2 * r] = np.column_stack([-per[:, :r] / omega, -per[:, r : 2 * r], per[:, 2 * r :]])
     F[2 * r : -2, 2 * r : -2], Q[2 * r : -2, 2 * r : -2] = loads.A, loads.Q
     F[-1, -2] = 1 / h
-    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r], 2))) / SHORT))))
+    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))) / SHORT))))
     phi, gathered = step_noise(F, Q, h / 2**doublings, doublings)
     units = np.concatenate([np.full(r, 1 / omega), np.ones(r + k + 2)])
     phi, gathered = units[:, None] * phi / units, units[:, None] * gathered * units
@@ -126,8 +127,14 @@ def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method)
 def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """A factor (n, n) of P (n, n), which is what is left of these variances (n,): less than their rounding counts as none."""
     scale = np.sqrt(np.where(variance > 0, variance, 1.0))
-    values, vectors = np.linalg.eigh(0.5 * (P + P.T) / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.where(values > ROUNDING, values, 0.0)))
+    left = 0.5 * (P + P.T) / np.outer(scale, scale)
+    # of what is below in the diagonal nothing is kept, nor anything that goes with it
+    none = np.diag(left) <= ROUNDING
+    left[none] = left[:, none] = 0.0
+    factor, order, rank, _ = dpstrf(left, lower=1, tol=ROUNDING)
+    F = np.zeros((len(P), rank))
+    F[order - 1] = np.tril(factor)[:, :rank]
+    return np.asarray(scale[:, None] * F)
 
 
 def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:
