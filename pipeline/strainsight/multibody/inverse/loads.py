@@ -62,19 +62,29 @@ _INVERSE = [1.0 / factorial(j) for j in range(TERMS)]
 
 
 def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tuple[np.ndarray, np.ndarray]:
-    """exp(F s) (n, n) and ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+    """exp(F s) (n, n) and ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n) of `step_responses`."""
+    return step_responses(F, Q, np.zeros((len(F), 0)), part, doublings)[:2]
 
-    Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   from the Taylor series of the part, by powers of F⁴ (Paterson, Stockmeyer)
+
+def step_responses(
+    F: np.ndarray, Q: np.ndarray, G: np.ndarray, part: float, doublings: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Φ = exp(F s) (n, n), ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), X = ∫₀ˢ exp(F t) G dt and Y = ∫₀ˢ exp(F (s − t)) G t dt (n, k),
+    s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+
+        Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   X₂ₛ = Xₛ + Φₛ Xₛ,   Y₂ₛ = Yₛ + Φₛ Yₛ + s Xₛ
+
+    from the Taylor series of the part, by powers of F⁴ (Paterson, Stockmeyer).
     """
-    n = len(F)
+    n, k = G.shape
     there = np.flatnonzero(Q.any(axis=0))
     values, vectors = np.linalg.eigh(Q[np.ix_(there, there)])
-    terms = np.zeros((TERMS, n, len(there)))
-    terms[0, there] = vectors * np.sqrt(np.maximum(values, 0.0))
+    both = np.zeros((TERMS, n, len(there) + k))
+    both[0, there, k:], both[0, :, :k] = vectors * np.sqrt(np.maximum(values, 0.0)), G
     first = F * part
     for j in range(1, TERMS):
-        np.matmul(first, terms[j - 1], out=terms[j])
-        terms[j] /= j
+        np.matmul(first, both[j - 1], out=both[j])
+        both[j] /= j
     low = [np.eye(n), first, first @ first]
     low.append(low[2] @ first)
     fourth = low[2] @ low[2]
@@ -83,13 +93,20 @@ def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tup
         phi = fourth @ phi
         for i, own in enumerate(low):
             phi += own * _INVERSE[j + i]
+    terms, fed, s = both[:, :, k:], np.empty((n, 2 * k)), part
+    fed[:, :k] = part * np.tensordot(1 / (1.0 + _POWERS), both[:, :, :k], axes=1)
+    fed[:, k:] = part**2 * np.tensordot(1 / ((1.0 + _POWERS) * (2.0 + _POWERS)), both[:, :, :k], axes=1)
     weighted = np.tensordot(part * _OVERLAP, terms, axes=1)
     wide = TERMS * len(there)
     gathered = terms.transpose(1, 0, 2).reshape(n, wide) @ weighted.transpose(1, 0, 2).reshape(n, wide).T
     for _ in range(doublings):
         gathered = gathered + phi @ gathered @ phi.T
-        phi = phi @ phi
-    return phi, 0.5 * (gathered + gathered.T)
+        before = fed
+        fed = phi @ before
+        fed += before
+        fed[:, k:] += s * before[:, :k]
+        phi, s = phi @ phi, 2 * s
+    return phi, 0.5 * (gathered + gathered.T), fed[:, :k], fed[:, k:]
 
 
 def load_process(
