@@ -1,6 +1,5 @@
 """The compiled step in minimal coordinates is the step in natural ones; compiled laws are their Python."""
 
-import inspect
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -148,13 +147,18 @@ def test_kept_code_notices_a_change_of_other_files():
     assert (other.stat().st_mtime, other.stat().st_size) in made._cache._cache_file._source_stamp
 
 
-@pytest.mark.parametrize("module", [blocks, relations, equations, matrix, newton, slopes])
-def test_compiled_code_notices_a_change_of_the_arrays_that_it_takes(module):
-    """numba knows a tuple by its name and the types in it: with two of its fields exchanged, code that was kept would read
-    one for the other."""
-    file = Path(arrays.__file__).stat()
-    for name, own in vars(module).items():
-        if getattr(own, "py_func", None) is None or "s" not in inspect.signature(own.py_func).parameters:
-            continue
-        stamp = own._cache._cache_file._source_stamp
-        assert (file.st_mtime, file.st_size) in stamp, name
+@pytest.mark.parametrize("entry", [newton.newton, slopes.step_slopes])
+def test_compiled_code_notices_a_change_of_all_that_it_is_made_of(entry):
+    """Also of the arrays that it takes: numba knows a tuple by its name and the types in it, and with two of its fields
+    exchanged, code that was kept would read one for the other."""
+    stamp = entry._cache._cache_file._source_stamp
+    for module in (arrays, blocks, relations, equations, matrix):
+        file = Path(module.__file__).stat()
+        assert (file.st_mtime, file.st_size) in stamp, module.__name__
+
+
+def test_the_equations_are_made_once_for_the_step_and_its_slopes():
+    """A process that takes both without code on disk compiles no part of them for types of its own."""
+    names = [f"{module.__name__}.{name}" for module in (blocks, equations, matrix, relations)
+             for name, own in vars(module).items() if len(getattr(own, "signatures", [])) > 1]
+    assert not names

@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.estimation.update import (
     Form,
     joseph,
+    pivoted_factors,
     predict,
     predict_factor,
     square_factor,
@@ -85,7 +86,8 @@ class SquareRoot:
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
         if which not in self.known or self.known[which][0] is not Q:
-            factor = square_factor(Q if Q.ndim == 3 else Q[None])
+            # what is constant is factored once, what is found on the way in every step
+            factor = square_factor(Q[None]) if Q.ndim == 2 else pivoted_factors(Q)
             # noise on few states has few columns, and every column costs an orthogonal step
             self.known[which] = (Q, factor[:, :, np.any(factor, axis=(0, 1))])
         return self.known[which][1]

@@ -56,9 +56,7 @@ def _back(
     drawn = np.zeros((len(A), 0)) if before is None else covariance_factor(_one(before))
     added = covariance_factor(_one(model.process(k)) if run.process is None else run.process[k, 0])
     R = np.broadcast_to(_one(model.noise(k), 1), len(H)) if run.noise is None else np.diag(run.noise[k, 0])
-    # as many columns as rows, which the update takes
-    none = np.zeros((len(A), max(len(A) - F.shape[1], 0)))
-    prior = predict_factor(np.hstack([F, none, drawn])[None], A, added[None])
+    prior = predict_factor(np.hstack([F, drawn])[None], A, added[None])
     _, G, L = update_factor(prior, H, R[None], float(run.time[k + 1]))
     moved = G[0] @ whitened
     N = np.vstack([M, H / np.sqrt(R)[:, None]])

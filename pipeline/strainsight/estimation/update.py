@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from strainsight.errors import NumericalError
 
@@ -83,25 +84,27 @@ def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.nda
 
 
 def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, ...]:
-    """The array form of the update: the QR factors of [[R½, H F], [0, F]]ᵀ are [[L, 0], [G, F⁺]]ᵀ.
+    """The array form of the update: the orthogonal Θ that makes [R½  H F] Θ = [L  0] makes [0  F] Θ = [G  F⁺].
 
-    F (b, n, n) with P = F Fᵀ; H (m, n) or (b, m, n); R as of `whitened_gain`. Returns F⁺ and G, L as of that.
+    Θ is that of the QR factors of [R½  H F]ᵀ, m reflections: F⁺ needs to be no triangle.
+    F (b, n, r) with P = F Fᵀ; H (m, n) or (b, m, n); R as of `whitened_gain`. Returns F⁺ and G, L as of that.
     Orthogonal steps alone: F has twice the digits of P, and P = F Fᵀ cannot lose its sign.
     Source: Kailath, Sayed and Hassibi, Linear Estimation (2000), section 12.3.
     """
-    b, n, m = len(F), F.shape[-1], R.shape[-1]
-    array = np.zeros((b, m + n, m + n))
+    b, m = len(F), R.shape[-1]
+    array = np.zeros((b, m, m + F.shape[-1]))
     if R.ndim == 3:
-        array[:, :m, :m] = np.linalg.cholesky(R)
+        array[:, :, :m] = np.linalg.cholesky(R)
     else:
         array[:, range(m), range(m)] = np.sqrt(R)
-    array[:, :m, m:], array[:, m:, m:] = H @ F, F
-    post = _lower(array)
-    post *= np.where(np.diagonal(post, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]
-    L, G = post[:, :m, :m], post[:, m:, :m]
+    array[:, :, m:] = H @ F
+    theta, upper = np.linalg.qr(transposed(array), mode="complete")
+    after = F @ theta[:, m:]
+    sign = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0, -1.0, 1.0)[:, None, :]
+    L, G = transposed(upper[:, :m]) * sign, after[:, :, :m] * sign
     if not np.all(np.diagonal(L, axis1=-2, axis2=-1) > 0):
         raise _indefinite(instant)
-    return post[:, m:, m:], G, L
+    return after[:, :, m:], G, L
 
 
 def covariance_factor(P: np.ndarray) -> np.ndarray:
@@ -111,6 +114,19 @@ def covariance_factor(P: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(P / np.outer(scale, scale))
     positive = values > len(P) * np.finfo(float).eps * max(values.max(initial=0.0), 0.0)
     return scale[:, None] * vectors[:, positive] * np.sqrt(values[positive])
+
+
+def pivoted_factors(P: np.ndarray) -> np.ndarray:
+    """As `square_factor`, by Cholesky's factors with pivots: a tenth of the work, and less sure of the smallest part of a P whose
+    states nearly tell each other."""
+    factors = np.zeros_like(P)
+    for F, covariance in zip(factors, P, strict=True):
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        there = np.flatnonzero(std)
+        scaled = covariance[np.ix_(there, there)] / np.outer(std[there], std[there])
+        lower, order, rank, _ = dpstrf(scaled, lower=1, tol=len(P) * np.finfo(float).eps)
+        F[there[order - 1], :rank] = std[there[order - 1], None] * np.tril(lower)[:, :rank]
+    return factors
 
 
 def square_factor(P: np.ndarray) -> np.ndarray:

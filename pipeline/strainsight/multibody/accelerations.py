@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from strainsight.multibody.drives import DrivenRelation
 from strainsight.multibody.equations import balance
@@ -46,11 +47,19 @@ def instant(
     s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
     B *= s[:, None]
     A = np.block([[at.mass / np.outer(d, d), -B.T], [B, np.zeros((m, m))]])
-    z = np.linalg.lstsq(A, -np.concatenate([at.load / d, s * bend]), rcond=1e-12)[0]
+    z = _solved(A, -np.concatenate([at.load / d, s * bend]))
     lam, force = z[n:] * s, np.zeros(len(drives.names))
     if at.driven is not None:
         np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
     return Instant(z[:n] / d, lam, force)
+
+
+def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A⁻¹b, the smallest of the nearest where A is singular: by LU factors where these say that it is regular."""
+    lu, order, failed = dgetrf(A)
+    if failed == 0 and dgecon(lu, np.abs(A).sum(axis=0).max())[0] > 1e-9:
+        return np.asarray(dgetrs(lu, order, b)[0])
+    return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0])
 
 
 def reaction(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -106,6 +106,17 @@ def balance(
             damping[own, own] += Gv
     load += system.mass @ a
     return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes), driven)
+
+
+def with_multipliers(
+    system: System, at: Balance, q: np.ndarray, v: np.ndarray, lam: np.ndarray, u: np.ndarray
+) -> Balance:
+    """The balance at (q, v, u) that was found without λ, with λ (m,): its stiffness alone feels it."""
+    _, _, _, b, J = relation_rows(system.products, q, v)
+    weight = np.zeros((2, len(system.weights)))
+    weight[1, : len(lam)] = -lam
+    spread(system.drives, u, weight)
+    return replace(at, stiffness=at.stiffness + curvature(system.products, system.size, weight, b, J)[1])
 
 
 def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray, u: np.ndarray) -> Load:

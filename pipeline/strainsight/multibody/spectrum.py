@@ -5,13 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, null_space
+from scipy.linalg import eigh, null_space, qr, solve_triangular
 
-from strainsight.multibody.equations import Balance, balance
+from strainsight.multibody.equations import Balance, balance, with_multipliers
 from strainsight.multibody.system import System
 
 ROUNDING = 100.0
 """Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
+APART = 1e-6
+"""Smallest of the diagonal of R beside the largest, in pivoted QR factors of the constraints, from which these are good."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +43,23 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
     N = np.eye(n)
     if m:
-        lam = np.linalg.lstsq((at.B / d).T, at.load / d, rcond=None)[0]
-        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta, elastic)
+        N, lam = _held(at.B / d, at.load / d)
+        held = with_multipliers(system, at, q, v, lam, u)
         scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
-        at, N = held, null_space(held.B / d)
+        at = held
     return Tangent(N / d[:, None], at, scale)
+
+
+def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """N (n, r), B N = 0, and λ (m,) with the smallest ‖load − Bᵀλ‖, the smallest one where constraints depend on each other."""
+    m = len(B)
+    Q, R, order = qr(B.T, pivoting=True, check_finite=False)
+    diagonal = np.abs(np.diag(R))
+    if m > len(Q) or not diagonal[-1] > APART * diagonal[0]:
+        return null_space(B), np.linalg.lstsq(B.T, load, rcond=None)[0]
+    lam = np.empty(m)
+    lam[order] = solve_triangular(R[:m], Q[:, :m].T @ load, check_finite=False)
+    return Q[:, m:], lam
 
 
 def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:

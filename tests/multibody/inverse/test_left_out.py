@@ -153,6 +153,23 @@ def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(me
         assert off < 0.1 * np.linalg.norm(d * (plain[: model.v.stop, at] - difference))
 
 
+def test_a_linearisation_serves_while_the_bench_stays_where_it_is():
+    """Twice as long each time, and one step once it was far off: here by the loads that stiffen the contacts."""
+    b, h = bench(), 0.02
+    model = b.model(h, 12, load=1e3, corrected=True, rest=False)
+    x, _ = b.start(model)
+    serves = []
+    for k in range(10):
+        if k == 5:
+            x[model.u] = [2e4, -1e4, 3e4]
+            x[model.v] += 1e-2
+            x = model.projected(x[None], 0)[0]
+        model.begin(x[None], k)
+        serves.append(model._begun[0].serves)
+    assert serves[:7] == [1, 2, 2, 4, 4, 4, 4]
+    assert serves[7] == 1
+
+
 def test_what_is_left_out_of_a_short_step_is_of_third_order():
     """An eighth at half the step, of ten microradians of the quickest mode."""
     b, sizes = bench(), []

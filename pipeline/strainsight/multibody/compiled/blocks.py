@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays, Point
-from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.keep import inner
 from strainsight.multibody.inertia import Inertia, inertia_load
 
 
-@kept("compiled/arrays.py")
+@inner
 def natural_velocity(s: Arrays, q: np.ndarray, z: np.ndarray) -> np.ndarray:
     """v = T ζ (n,): Ṙ_β = ω × R_β."""
     v = np.empty(len(q))
@@ -29,7 +28,7 @@ def natural_velocity(s: Arrays, q: np.ndarray, z: np.ndarray) -> np.ndarray:
     return v
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def project_columns(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
     """out (r, 6 + k) = A T of a matrix A (r, 12 + k): columns R_β of e_c × R_β; R (9,)."""
     for i in range(len(A)):
@@ -46,7 +45,7 @@ def project_columns(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -
             out[i, 6 + m] = A[i, 12 + m]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def project_rows(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
     """out (6 + k, w) = Tᵀ A of a matrix A (12 + k, w)."""
     w = A.shape[1]
@@ -64,20 +63,28 @@ def project_rows(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> N
             out[6 + m, j] = A[12 + m, j]
 
 
-@njit(cache=True, error_model="numpy")
+@inner
+def _add_block(block: np.ndarray, at: int, K: np.ndarray) -> None:
+    """K[at:, at:] += block."""
+    for i in range(len(block)):
+        for j in range(block.shape[1]):
+            K[at + i, at + j] += block[i, j]
+
+
+@inner
 def _add_turned(g: np.ndarray, R: np.ndarray, at: int, K: np.ndarray) -> None:
-    """K[at:, at:] (3, 3) += Σ R_β g_βᵀ − (Σ R_β·g_β) 1, of Σ (ε × R_β) × g_β; g, R (9,)."""
+    """K[at:, at:] (3, 3) += Σ R_β g_βᵀ − (Σ R_β·g_β) 1, of Σ (ε × R_β) × g_β; R (9,), g (12 + k, 1) behind that of r."""
     for beta in range(3):
         along = 0.0
         for m in range(3):
-            along += R[3 * beta + m] * g[3 * beta + m]
+            along += R[3 * beta + m] * g[3 + 3 * beta + m, 0]
             for n in range(3):
-                K[at + m, at + n] += R[3 * beta + m] * g[3 * beta + n]
+                K[at + m, at + n] += R[3 * beta + m] * g[3 + 3 * beta + n, 0]
         for m in range(3):
             K[at + m, at + m] -= along
 
 
-@kept("inertia.py", "compiled/arrays.py")
+@inner
 def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
     """The invariants of a body of n modes from `Arrays.inertia`, where they begin at `at`."""
     x, f = at, s.inertia
@@ -99,7 +106,7 @@ def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
     return Inertia(n0, f[at], first, first_modal, second, second_modal, second_modal2, coupling, coupling_modal, modal)
 
 
-@kept("inertia.py", "compiled/arrays.py")
+@inner
 def add_bodies(
     s: Arrays,
     p: Point,
@@ -123,7 +130,9 @@ def add_bodies(
         ∂(Tᵀg) = Tᵀ∂g + Σ (ε × R_β) × g_β,     ∂v = T δζ + ω × (ε × R_β)
     """
     h = p.h
-    a = (v - p.v) / h
+    a = np.empty(len(v))
+    for i in range(len(v)):
+        a[i] = (v[i] - p.v[i]) / h
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
         if moving == 0:
@@ -131,18 +140,16 @@ def add_bodies(
             continue
         size = 12 + modes
         R = q[n0 + 3 : n0 + 12]
-        e = np.empty(size)
+        column, down = np.empty((size, 1)), np.empty((width, 1))
         for i in range(size):
-            e[i] = s.d[n0 + i] ** 2 * ((q[n0 + i] - p.q[n0 + i]) / h - v[n0 + i])
+            column[i, 0] = s.d[n0 + i] ** 2 * ((q[n0 + i] - p.q[n0 + i]) / h - v[n0 + i])
         # the equation of q
         for i in range(width):
             X[t0 + i, t0 + i] += s.dt[t0 + i] ** 2 / h
-        column = np.empty((size, 1))
-        column[:, 0] = e
-        down = np.empty((width, 1))
         project_rows(column, R, modes, down)
-        r1[t0 : t0 + width] = down[:, 0]
-        _add_turned(e[3:12], R, t0 + 3, X)
+        for i in range(width):
+            r1[t0 + i] = down[i, 0]
+        _add_turned(column, R, t0 + 3, X)
         w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
         square = s.d[n0 + 3] ** 2
         X[t0 + 3, t0 + 4] += square * w2
@@ -152,15 +159,23 @@ def add_bodies(
         X[t0 + 5, t0 + 3] += square * w1
         X[t0 + 5, t0 + 4] -= square * w0
         # the equation of motion
-        own = slice(n0, n0 + size)
         if s.body[k, 4] >= 0:
             M, g, Gq, Gv = inertia_load(inertia_of(s, s.body[k, 4], n0, modes), q, v, a)
-            Gv += M / h
         else:
-            M = s.mass[own, own].copy()
-            g = M @ a[own]
-            Gq, Gv = np.zeros((size, size)), M / h
-        project_rows(M, R, modes, TM[t0 : t0 + width, :size])
+            M, g = np.empty((size, size)), np.zeros(size)
+            Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
+            for i in range(size):
+                for j in range(size):
+                    M[i, j] = s.mass[n0 + i, n0 + j]
+                    g[i] += M[i, j] * a[n0 + j]
+        for i in range(size):
+            for j in range(size):
+                Gv[i, j] += M[i, j] / h
+        whole = np.empty((width, size))
+        project_rows(M, R, modes, whole)
+        for i in range(width):
+            for j in range(size):
+                TM[t0 + i, j] = whole[i, j]
         eta = n0 + 12
         for i in range(modes):
             for j in range(modes):
@@ -171,16 +186,18 @@ def add_bodies(
         if len(p.w):
             for i in range(size):
                 g[i] -= p.w[n0 + i]
-        column[:, 0] = g
+        for i in range(size):
+            column[i, 0] = g[i]
         project_rows(column, R, modes, down)
-        r2[t0 : t0 + width] += down[:, 0]
+        for i in range(width):
+            r2[t0 + i] += down[i, 0]
         if not tangents:
             continue
         AT, KT = np.empty((size, width)), np.empty((size, width))
         square_block = np.empty((width, width))
         project_columns(Gv, R, modes, AT)
         project_rows(AT, R, modes, square_block)
-        A[t0 : t0 + width, t0 : t0 + width] += square_block
+        _add_block(square_block, t0, A)
         project_columns(Gq, R, modes, KT)
         # ∂v of a turn: ω × (e_c × R_β) = e_c (ω·R_β) − R_β ω_c
         for beta in range(3):
@@ -193,12 +210,12 @@ def add_bodies(
                 KT[i, 4] += along * G1 - on * w1
                 KT[i, 5] += along * G2 - on * w2
         project_rows(KT, R, modes, square_block)
-        K[t0 : t0 + width, t0 : t0 + width] += square_block
-        _add_turned(g[3:12], R, t0 + 3, K)
+        _add_block(square_block, t0, K)
+        _add_turned(column, R, t0 + 3, K)
     _add_moments(s, p, q, r2, K)
 
 
-@kept("compiled/arrays.py")
+@inner
 def _add_clamped(
     s: Arrays,
     p: Point,
@@ -230,7 +247,7 @@ def _add_clamped(
         r2[t0 + i] += force
 
 
-@kept("compiled/arrays.py")
+@inner
 def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray) -> None:
     """Of the virtual work T·δθ, δθ = ε + RΨ δη:  rows ε: −T,   rows η: −ΨᵀRᵀT,  whose change is −ΨᵀRᵀ(T × ε)."""
     T = np.empty(3)

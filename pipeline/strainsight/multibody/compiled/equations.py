@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import add_bodies, natural_velocity
 from strainsight.multibody.compiled.call import ABORT, call
-from strainsight.multibody.compiled.keep import MOVING, NONE, kept
+from strainsight.multibody.compiled.keep import MOVING, NONE, inner
 from strainsight.multibody.compiled.relations import add_curvature, carried, rows
 
 FILES = ("inertia.py", *(f"compiled/{name}.py" for name in ("arrays", "blocks", "call", "keep", "matrix", "relations")))
@@ -16,7 +16,7 @@ SOLVED, NO_LOAD, BROKEN = 0, 1, 2
 """All is there; a law has no load; a law in Python failed."""
 
 
-@kept(*FILES)
+@inner
 def equations(
     s: Arrays,
     p: Point,
@@ -83,7 +83,7 @@ def equations(
     return state, r1, r2, r3, r4, g, gr, X, A, K, TM, by_theta, by_drive
 
 
-@kept("compiled/arrays.py")
+@inner
 def drive(
     s: Arrays,
     u: np.ndarray,
@@ -119,7 +119,7 @@ def drive(
         by_drive[k, nt], by_drive[k, nt + 1] = slope, bend
 
 
-@kept(*FILES)
+@inner
 def add_element(
     s: Arrays,
     p: Point,
@@ -193,7 +193,7 @@ def add_element(
     return answer
 
 
-@kept("compiled/arrays.py")
+@inner
 def _add(s: Arrays, e: int, first: int, n: int, g: np.ndarray, pulled: np.ndarray, K: np.ndarray) -> None:
     """K += gᵀ pulled on the bodies that an element feels."""
     for m in range(s.element_feels.shape[1]):

@@ -19,13 +19,21 @@ NONE, STILL, MOVING = 0, 1, 2
 
 
 def kept(*files: str) -> Callable[[F], F]:
-    """`njit(cache=True)` of a function that is made of these other files of `multibody`, too: of compiled code that it calls, and
-    of what its tuples are; what is divided by zero is not finite, which Newton's iteration looks for."""
+    """`njit(cache=True)` of a function that is made of these other files of `multibody`, too: of compiled code that it calls
+    (`inner`), and of what its tuples are; what is divided by zero is not finite, which Newton's iteration looks for."""
 
     def compiled(function: F) -> F:
         return _noticing(njit(cache=True, error_model="numpy")(function), files)
 
     return compiled
+
+
+def inner(function: F) -> F:
+    """Of compiled code that compiled code alone calls: made and kept with what calls it. A way in from Python, which unpacks
+    every array of a system, and a file of its own would take as long again. Called from Python it ends the process."""
+    options: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    made: F = njit(**options)(function)
+    return made
 
 
 @cache

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays
-from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.keep import inner
 
 TINY = float(np.finfo(float).tiny)
 
 
-@kept("compiled/arrays.py")
+@inner
 def scaled(
     s: Arrays, h: float, g: np.ndarray, gr: np.ndarray, X: np.ndarray, A: np.ndarray, K: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -127,7 +126,7 @@ def scaled(
     return Z, J, S
 
 
-@kept("compiled/arrays.py")
+@inner
 def right_side(
     s: Arrays, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
     r4: np.ndarray,
@@ -165,7 +164,7 @@ def right_side(
     return own, right
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def factorise(Z: np.ndarray, low: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Z = LU by Gauss with row pivots in the envelope, in place: whether Z is regular, the pivots, the last column of a row.
 
@@ -202,7 +201,7 @@ def factorise(Z: np.ndarray, low: np.ndarray) -> tuple[bool, np.ndarray, np.ndar
     return True, pivots, last
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndarray, right: np.ndarray) -> None:
     """right ← Z⁻¹ right (N, k) with what `factorise` made of Z."""
     N, k = right.shape
@@ -227,7 +226,7 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
             right[j, c] *= pivot
 
 
-@kept("compiled/arrays.py")
+@inner
 def expanded(
     s: Arrays, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

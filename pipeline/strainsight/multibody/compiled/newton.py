@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import BROKEN, FILES, NO_LOAD, SOLVED, equations
-from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.keep import inner, kept
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
@@ -64,7 +63,7 @@ def newton(
             q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
             again = False
             continue
-        size, failed = np.inf, not np.isfinite(r1.sum() + r2.sum() + r3.sum() + r4.sum())
+        size, failed = np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
                 Z, J, S = scaled(s, p.h, g, gr, X, A, K)
@@ -72,17 +71,7 @@ def newton(
                 if not regular:
                     return SINGULAR, iteration, q, natural_velocity(s, q, z), z, mu, lam
                 old_X, old_A = X, A
-            own, right = right_side(
-                s,
-                p.h,
-                old_A,
-                J,
-                S,
-                -r1.reshape((nt, 1)),
-                -r2.reshape((nt, 1)),
-                -r3.reshape((m, 1)),
-                -r4.reshape((m, 1)),
-            )
+            own, right = right_side(s, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
             substitute(Z, s.low, pivots, last, right)
             new_y, new_dz, new_dmu, new_dlam = expanded(s, p.h, old_X, J, S, own, right)
             size = correction(s, p.h, q, z, new_y, new_dz)
@@ -113,7 +102,25 @@ def newton(
     return ENDLESS, ITERATIONS, q, natural_velocity(s, q, z), z, mu, lam
 
 
-@kept("compiled/arrays.py")
+@inner
+def negative(r: np.ndarray) -> np.ndarray:
+    """−r as a column (n, 1)."""
+    out = np.empty((len(r), 1))
+    for i in range(len(r)):
+        out[i, 0] = -r[i]
+    return out
+
+
+@inner
+def total(r: np.ndarray) -> float:
+    """Sum of r (n,)."""
+    found = 0.0
+    for i in range(len(r)):
+        found += r[i]
+    return found
+
+
+@inner
 def on_rotations(s: Arrays, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
 
@@ -150,7 +157,7 @@ def on_rotations(s: Arrays, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, n
     return q, z
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def cofactors(R: np.ndarray, C: np.ndarray) -> None:
     """C = det(R) R⁻ᵀ column by column: R_2 × R_3, R_3 × R_1, R_1 × R_2."""
     for j in range(3):
@@ -160,7 +167,7 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
         C[3 * j + 2] = R[a] * R[b + 1] - R[a + 1] * R[b]
 
 
-@kept("compiled/arrays.py")
+@inner
 def moved(
     s: Arrays,
     q: np.ndarray,
@@ -210,7 +217,7 @@ def moved(
     return q, z + share * dz[:, 0], further(mu, dmu, share, s.rigid), further(lam, dlam, share, s.rigid)
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np.ndarray:
     """Multipliers (m,) with a share of the change (joints, 1) of the joints'."""
     lam = lam.copy()
@@ -219,7 +226,7 @@ def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np
     return lam
 
 
-@kept("compiled/arrays.py")
+@inner
 def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> float:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
     count = len(s.body)

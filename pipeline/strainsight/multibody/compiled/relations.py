@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from strainsight.multibody.compiled.arrays import Arrays
-from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.keep import inner
 
 
-@kept("compiled/arrays.py")
+@inner
 def carried(
     s: Arrays, q: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -71,7 +70,7 @@ def carried(
     return b, rate, J, Jr, turned
 
 
-@njit(cache=True, error_model="numpy")
+@inner
 def _turn(a: np.ndarray, J: np.ndarray) -> None:
     """J[:, 3:6] += −[a]×, of ε × a."""
     J[0, 4] += a[2]
@@ -82,7 +81,7 @@ def _turn(a: np.ndarray, J: np.ndarray) -> None:
     J[2, 4] -= a[0]
 
 
-@kept("compiled/arrays.py")
+@inner
 def rows(
     s: Arrays,
     b: np.ndarray,
@@ -123,7 +122,7 @@ def rows(
                 gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
 
 
-@kept("compiled/arrays.py")
+@inner
 def add_curvature(
     s: Arrays,
     row: int,

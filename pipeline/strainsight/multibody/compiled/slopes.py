@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.equations import FILES, equations
-from strainsight.multibody.compiled.keep import kept
+from strainsight.multibody.compiled.keep import inner, kept
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
 
@@ -28,7 +28,9 @@ def step_slopes(
         δq = T y,   δv = T ζ + ω × (ε × R),    (y, ζ) = Z⁻¹(TᵀD²/h δq_k,  TᵀM/h δv_k − ∂r₂/∂u δu − ∂r₂/∂θ δθ + Tᵀδw)
     """
     n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(theta)
-    _, _, _, _, _, g, gr, X, A, K, TM, by, by_drive = equations(s, p, theta, memory, q, z, mu, lam, True)
+    # no literal, for which numba would make all of the equations once more
+    tangents = nt > 0
+    _, _, _, _, _, g, gr, X, A, K, TM, by, by_drive = equations(s, p, theta, memory, q, z, mu, lam, tangents)
     Z, J, S = scaled(s, h, g, gr, X, A, K)
     columns = 2 * nt + 2 * nd
     r1, r2, r3, r4 = np.zeros((nt, columns)), np.zeros((nt, columns)), np.zeros((m, columns)), np.zeros((m, columns))
@@ -84,7 +86,7 @@ def step_slopes(
     return regular, by_all, by_u, by_theta, by_w
 
 
-@kept("compiled/arrays.py")
+@inner
 def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """δq, δv (2n, k) of y, ζ (nt, k):  δR_β = ε × R_β,   δṘ_β = δω × R_β + ω × (ε × R_β)."""
     n, k = len(q), y.shape[1]
@@ -115,7 +117,7 @@ def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: n
     return out
 
 
-@kept("compiled/arrays.py")
+@inner
 def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
     """out (r, n) = W Tᵀ diag(scale), of W (r, nt)."""
     for i in range(len(W)):
@@ -136,7 +138,7 @@ def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, o
                 out[i, at + 2] = (e0 * R1 - e1 * R0) * scale[at + 2]
 
 
-@kept("compiled/arrays.py")
+@inner
 def _moment_slopes(s: Arrays, q: np.ndarray, F: np.ndarray) -> None:
     """F (nt, nu) += ∂r₂/∂u of the moments:  −d_k in rows ε,  −ΨᵀRᵀd_k in rows η."""
     for m in range(len(s.moment_on)):

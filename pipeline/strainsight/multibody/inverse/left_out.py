@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 from strainsight.multibody.accelerations import instant
 from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.equations import input_slopes
-from strainsight.multibody.inverse.loads import SHORT, LoadProcess, step_noise
+from strainsight.multibody.inverse.loads import SHORT, LoadProcess, step_responses
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
 
@@ -44,14 +45,49 @@ class LeftOut:
     noise: np.ndarray
 
 
-def left_out(
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """The bench linearised at one place, and the maps by which a step from a start near it leaves out
+
+        T (by_speed ẏ₀ + by_load c + by_constant f₀' + by_ramp B(u(h) − u₀)),    f₀' = f₀ + C ẏ₀ − B c
+
+    T (n, r); mass, damping (r, r); push B (r, all inputs), of them unknown (r, k) by c; by_speed, by_constant, by_ramp (2r, r),
+    by_load (2r, k); left: what is left out where it was linearised.
+    """
+
+    T: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    push: np.ndarray
+    unknown: np.ndarray
+    by_speed: np.ndarray
+    by_load: np.ndarray
+    by_constant: np.ndarray
+    by_ramp: np.ndarray
+    left: LeftOut
+
+    def change(self, system: System, h: float, start: Start) -> np.ndarray:
+        """`LeftOut.change` (2n,) of a step of h from start."""
+        d = system.metric
+        along = self.T * (d * d)[:, None]
+        p_second = (start.u_end - start.u)[system.drives.rates] / h
+        moving = instant(system, start.q, start.v, start.u, start.theta, p_second)
+        speed = start.v @ along
+        constant = self.mass @ (moving.acceleration @ along) + self.damping @ speed - self.unknown @ start.c
+        ramp = self.push @ (start.u_end - start.u)[: self.push.shape[1]]
+        found = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
+        r = len(speed)
+        return np.concatenate([self.T @ found[:r], self.T @ found[r:]])
+
+
+def linearised(
     system: System,
     method: Method,
     loads: LoadProcess,
     inputs: np.ndarray,
     start: Start,
     middle: tuple[np.ndarray, np.ndarray],
-) -> LeftOut:
+) -> Linearised:
     """Of the step of loads.h from `start`, linearised at `middle` (q, v), T its motions, M ÿ = f:
 
         f = f₀ − K y − C (ẏ − ẏ₀) + B (u(t) − u₀),   ċ = A c + w,   z = (y, ẏ),   (z, c)' = Φ (z, c) + …,   covariance Q
@@ -70,43 +106,38 @@ def left_out(
     r = T.shape[1]
     M, C, K = at.project(at.at.mass), at.project(at.at.damping), at.project(at.at.stiffness)
     B = -T.T @ input_slopes(system, at.at, middle[0])
-    speed = T.T @ (d * d * start.v)
-    p_second = (start.u_end - start.u)[system.drives.rates] / h
-    moving = instant(system, start.q, start.v, start.u, start.theta, p_second)
-    force = M @ (T.T @ (d * d * moving.acceleration))
     unknown = np.zeros((r, k))
     unknown[:, loads.first] = B[:, inputs]
-    constant = force + C @ speed - unknown @ start.c
-    ramp = B @ (start.u_end - start.u)[: B.shape[1]]
 
     # η = ω y, so that both halves of a motion count alike
-    per = np.linalg.solve(M, np.column_stack([K, C, unknown, constant, ramp]))
-    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r], 2))), 1.0 / h)
-    size = 2 * r + k + 2
-    F, Q = np.zeros((size, size)), np.zeros((size, size))
+    per = np.linalg.solve(M, np.hstack([K, C, unknown, np.eye(r)]))
+    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r]))), 1.0 / h)
+    size = 2 * r + k
+    F, Q, G = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, r))
     F[:r, r : 2 * r] = omega * np.eye(r)
-    F[r : 2 * r] = np.column_stack([-per[:, :r] / omega, -per[:, r : 2 * r], per[:, 2 * r :]])
-    F[2 * r : -2, 2 * r : -2], Q[2 * r : -2, 2 * r : -2] = loads.A, loads.Q
-    F[-1, -2] = 1 / h
-    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r], 2))) / SHORT))))
-    phi, gathered = step_noise(F, Q, h / 2**doublings, doublings)
-    units = np.concatenate([np.full(r, 1 / omega), np.ones(r + k + 2)])
+    F[r : 2 * r, :r], F[r : 2 * r, r : 2 * r] = -per[:, :r] / omega, -per[:, r : 2 * r]
+    F[r : 2 * r, 2 * r :], G[r : 2 * r] = per[:, 2 * r : -r], per[:, -r:]
+    F[2 * r :, 2 * r :], Q[2 * r :, 2 * r :] = loads.A, loads.Q
+    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))) / SHORT))))
+    phi, gathered, constant, ramp = step_responses(F, Q, G, h / 2**doublings, doublings)
+    units = np.concatenate([np.full(r, 1 / omega), np.ones(r + k)])
     phi, gathered = units[:, None] * phi / units, units[:, None] * gathered * units
+    z, c = slice(0, 2 * r), slice(2 * r, 2 * r + k)
+    constant, ramp = units[z, None] * constant[z], units[z, None] * ramp[z]
 
     through, first, last = _step(M, C, K, h, method)
-    z, c = slice(0, 2 * r), slice(2 * r, 2 * r + k)
     by_state = phi[z, z] - through
-    by_load = phi[z, c] - first @ unknown - last @ unknown @ loads.transition
+    by_load = phi[z, c] - first @ unknown - last @ (unknown @ loads.transition)
     known = _by_ends(gathered[z, c], loads.drawn)
     by_drawn = known - last @ unknown
     noise = _semidefinite(gathered[z, z] - known @ gathered[c, z], np.diag(gathered)[z])
-    change = by_state[:, r:] @ speed + by_load @ start.c + phi[z, -2] - (first + last) @ constant
-    change -= last @ ramp
     out, back = np.zeros((2 * n, 2 * r)), np.zeros((2 * r, 2 * n))
     out[:n, :r] = out[n:, r:] = T
     back[:r, :n] = back[r:, n:] = T.T * (d * d)
     bridge = out @ noise
-    return LeftOut(out @ change, out @ by_state @ back, out @ by_load, out @ by_drawn, bridge @ bridge.T)
+    left = LeftOut(np.zeros(2 * n), out @ by_state @ back, out @ by_load, out @ by_drawn, bridge @ bridge.T)
+    found = Linearised(T, M, C, B, unknown, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
+    return replace(found, left=replace(left, change=found.change(system, h, start)))
 
 
 def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
@@ -126,8 +157,14 @@ def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method)
 def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """A factor (n, n) of P (n, n), which is what is left of these variances (n,): less than their rounding counts as none."""
     scale = np.sqrt(np.where(variance > 0, variance, 1.0))
-    values, vectors = np.linalg.eigh(0.5 * (P + P.T) / np.outer(scale, scale))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.where(values > ROUNDING, values, 0.0)))
+    left = 0.5 * (P + P.T) / np.outer(scale, scale)
+    # of what is below in the diagonal nothing is kept, nor anything that goes with it
+    none = np.diag(left) <= ROUNDING
+    left[none] = left[:, none] = 0.0
+    factor, order, rank, _ = dpstrf(left, lower=1, tol=ROUNDING)
+    F = np.zeros((len(P), rank))
+    F[order - 1] = np.tril(factor)[:, :rank]
+    return np.asarray(scale[:, None] * F)
 
 
 def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import factorial
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
@@ -51,32 +52,61 @@ class LoadProcess:
         return step_noise(self.A, self.Q, self.h / 2**parts, parts)[1]
 
 
-SHORT = 0.25
+SHORT = 0.8
 """Radians per part of a step that a series of TERMS terms is right to rounding for."""
-TERMS = 12
+TERMS = 17
+_POWERS = np.arange(TERMS)
+_OVERLAP = 1.0 / (1.0 + np.add.outer(_POWERS, _POWERS))
+"""∫ sⁱ sʲ ds from 0 to 1."""
+_INVERSE = [1.0 / factorial(j) for j in range(TERMS)]
 
 
 def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tuple[np.ndarray, np.ndarray]:
-    """exp(F s) (n, n) and ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+    """exp(F s) (n, n) and ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n) of `step_responses`."""
+    return step_responses(F, Q, np.zeros((len(F), 0)), part, doublings)[:2]
 
-    Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   from the Taylor series of the part
+
+def step_responses(
+    F: np.ndarray, Q: np.ndarray, G: np.ndarray, part: float, doublings: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Φ = exp(F s) (n, n), ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), X = ∫₀ˢ exp(F t) G dt and Y = ∫₀ˢ exp(F (s − t)) G t dt (n, k),
+    s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
+
+        Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   X₂ₛ = Xₛ + Φₛ Xₛ,   Y₂ₛ = Yₛ + Φₛ Yₛ + s Xₛ
+
+    from the Taylor series of the part, by powers of F⁴ (Paterson, Stockmeyer).
     """
+    n, k = G.shape
     there = np.flatnonzero(Q.any(axis=0))
     values, vectors = np.linalg.eigh(Q[np.ix_(there, there)])
-    columns = np.zeros((len(Q), len(there)))
-    columns[there] = vectors * np.sqrt(np.maximum(values, 0.0))
-    power, phi, terms = np.eye(len(F)), np.eye(len(F)), [columns]
+    both = np.zeros((TERMS, n, len(there) + k))
+    both[0, there, k:], both[0, :, :k] = vectors * np.sqrt(np.maximum(values, 0.0)), G
+    first = F * part
     for j in range(1, TERMS):
-        power = F @ power * (part / j)
-        phi = phi + power
-        terms.append(F @ terms[-1] * (part / j))
-    stacked = np.array(terms)
-    weight = part / (1.0 + np.add.outer(np.arange(TERMS), np.arange(TERMS)))
-    gathered = np.einsum("ink,ij,jmk->nm", stacked, weight, stacked, optimize=True)
+        np.matmul(first, both[j - 1], out=both[j])
+        both[j] /= j
+    low = [np.eye(n), first, first @ first]
+    low.append(low[2] @ first)
+    fourth = low[2] @ low[2]
+    phi = low[0] * _INVERSE[TERMS - 1]
+    for j in range(TERMS - 5, -1, -4):
+        phi = fourth @ phi
+        for i, own in enumerate(low):
+            phi += own * _INVERSE[j + i]
+    terms, fed, s = both[:, :, k:], np.empty((n, 2 * k)), part
+    fed[:, :k] = part * np.tensordot(1 / (1.0 + _POWERS), both[:, :, :k], axes=1)
+    fed[:, k:] = part**2 * np.tensordot(1 / ((1.0 + _POWERS) * (2.0 + _POWERS)), both[:, :, :k], axes=1)
+    weighted = np.tensordot(part * _OVERLAP, terms, axes=1)
+    wide = TERMS * len(there)
+    gathered = terms.transpose(1, 0, 2).reshape(n, wide) @ weighted.transpose(1, 0, 2).reshape(n, wide).T
     for _ in range(doublings):
         gathered = gathered + phi @ gathered @ phi.T
-        phi = phi @ phi
-    return phi, 0.5 * (gathered + gathered.T)
+        before = fed
+        fed = phi @ before
+        fed += before
+        fed[:, k:] += s * before[:, :k]
+        phi, s = phi @ phi, 2 * s
+    return phi, 0.5 * (gathered + gathered.T), fed[:, :k], fed[:, k:]
 
 
 def load_process(
