@@ -73,7 +73,6 @@ def test_where_nothing_changes_any_more_steps_are_those_before():
         np.zeros(0, dtype=int),
         1.0,
         6.0,
-        1,
         judged=True,
     )
     (found,) = problem.noise_alone

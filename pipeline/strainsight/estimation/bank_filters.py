@@ -80,7 +80,6 @@ class BankProblem:
     biased: np.ndarray
     spacing: float
     depth: float
-    threads: int
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -268,12 +267,12 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     span = slice(now.step - before, now.step - before + steps)
     measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
     if now.judge is None:
-        own = advance(now.models, now.filters, *measured, keep, problem.threads)
+        own = advance(now.models, now.filters, *measured, keep)
         return Passed(own, own.fit, own.states)
-    found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep, problem.threads)
+    found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep)
     if not problem.along:
         return Passed(found, found.fit, found.states)
-    own = advance(now.models, now.filters, *measured, keep, problem.threads)
+    own = advance(now.models, now.filters, *measured, keep)
     return Passed(own, found.fit, of_judge(own.states, found.states))
 
 

@@ -89,7 +89,6 @@ def judged(
     discrepancy: np.ndarray,
     less: np.ndarray,
     keep: bool,
-    threads: int,
 ) -> Passage:
     """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`.
 
@@ -97,12 +96,12 @@ def judged(
     and tr(R S⁻¹) is the slope of ln|S| in ln R: of readings of zero at R e^{±δ}.
     """
     free = judge.models, judge.filters
-    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, threads, states=False, less=less)
+    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, states=False, less=less)
     loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
     nothing = np.where(np.isnan(measurement), np.nan, 0.0)
 
     def alone(filters: Filters, factor: float) -> np.ndarray:
-        return advance(judge.alone, filters, 0 * known, loads, nothing, factor * noise, discrepancy, False, threads).fit
+        return advance(judge.alone, filters, 0 * known, loads, nothing, factor * noise, discrepancy, False).fit
 
     louder, quieter = alone(judge.louder, np.exp(SLIGHT)), alone(judge.quieter, np.exp(-SLIGHT))
     return replace(found, fit=found.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from strainsight.estimation.linear import LinearModels, agree
+from strainsight.sweep.where import threads
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""
@@ -132,7 +133,6 @@ def advance(
     noise: np.ndarray,
     discrepancy: np.ndarray,
     keep: bool,
-    threads: int = 1,
     states: bool = True,
     less: np.ndarray | None = None,
 ) -> Passage:
@@ -195,7 +195,7 @@ def advance(
             ahead,
         )
 
-    spans = [span for span in np.array_split(np.arange(B), threads) if len(span)]
+    spans = [span for span in np.array_split(np.arange(B), threads()) if len(span)]
     if len(spans) == 1:
         part(spans[0])
     else:

@@ -67,7 +67,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=24,
+    version=25,
     reads=(
         "damping",
         *(
