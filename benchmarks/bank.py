@@ -21,6 +21,7 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
+from strainsight.sweep.where import Where, opened
 
 THIRDS = ("E1", "E2", "E3")
 CONSTANTS = 26
@@ -79,7 +80,8 @@ def main() -> None:
     for words, nuisances in (("nothing beside", None), (f"{CONSTANTS} constants beside", constants)):
         for threads in (1, 2):
             start = time.perf_counter()
-            found = filter_bank(model, np.zeros(model.size), P, known, y[:, 0], nuisances, threads=threads)
+            with opened(Where(jobs=threads)):
+                found = filter_bank(model, np.zeros(model.size), P, known, y[:, 0], nuisances)
             took = time.perf_counter() - start
             error = found.run.mean[-1, 0, states:] - truth[-1, 0, states:]
             shares = ", ".join(f"{e:.2f}" for e in error / found.run.std[-1, 0, states:])

@@ -41,8 +41,9 @@ def densities(p, P, steps, white=(0, 0, 1e-4, 1e-4)):
 
 
 def log_density(y, mean, whole, alone):
-    """ln p(y | p) of free loads less that of what these loads alone read."""
-    return log_normal(y.ravel(), mean, whole) - log_normal(0 * y.ravel(), 0 * mean, alone)
+    """ln p(y | p) of free loads less what that of these loads alone is on average of readings that are noise alone."""
+    noise = -0.5 * NOISE**2 * np.trace(np.linalg.inv(alone))
+    return log_normal(y.ravel(), mean, whole) - log_normal(0 * y.ravel(), 0 * mean, alone) - noise
 
 
 @pytest.fixture(scope="module")

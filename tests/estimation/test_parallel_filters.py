@@ -11,6 +11,7 @@ from scipy.linalg import solve_discrete_are
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.parallel_filters import advance, filters_of
+from strainsight.sweep.where import Where, opened
 
 from .two_masses import REFERENCE, chain, constants
 from .two_masses import forces as both_forces
@@ -33,7 +34,7 @@ def models() -> LinearModels:
 def passed(filters, samples, keep):
     L = len(samples)
     known = np.zeros((L, 0))
-    return advance(models(), filters, known, known, samples, np.tile(R, (L, 1)), np.zeros(2), keep, 1)
+    return advance(models(), filters, known, known, samples, np.tile(R, (L, 1)), np.zeros(2), keep)
 
 
 @pytest.mark.parametrize("before", [0, 30, 200])
@@ -47,6 +48,23 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
     np.testing.assert_allclose(found.S[0, -1], H @ P @ H.T + np.diag(R), rtol=1e-11)
     if before > 100:
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
+
+
+def test_threads_change_no_bit():
+    """Each filter is taken through all samples by one thread."""
+    model = chain(tuple(REFERENCE)[:1])
+    own, rng = constants(model), np.random.default_rng(6)
+    at = linear_models(model, np.linspace(-0.2, 0.2, 5)[:, None], own)
+    (B, m, n), d, known = at.H.shape, at.nuisances, both_forces()[:40, :, :1]
+    samples, found = rng.standard_normal((40, m)), []
+    for jobs in (1, 2, 3):
+        filters = filters_of(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
+        with opened(Where(jobs=jobs)):
+            read = known.reshape(40, -1), known_ends(known, own), samples, np.ones((40, m)), np.zeros(m)
+            found.append(advance(at, filters, *read, True))
+    for other in found[1:]:
+        np.testing.assert_array_equal(other.fit, found[0].fit)
+        np.testing.assert_array_equal(other.states.P, found[0].states.P)
 
 
 def test_a_step_of_modes_apart_is_that_of_full_matrices():

@@ -107,7 +107,6 @@ def filter_bank(
     biased: np.ndarray | None = None,
     settled: Settled | None = None,
     depth: float = DEPTH,
-    threads: int = 1,
     keep: Keep = "all",
     progress: Callable[[float], None] | None = None,
 ) -> BankRun:
@@ -135,7 +134,6 @@ def filter_bank(
         spacing=spacing,
         biased=biased,
         depth=depth,
-        threads=threads,
         keep=keep,
         progress=progress,
     )[0]
@@ -149,7 +147,6 @@ def filter_records(
     spacing: float = SPACING,
     biased: np.ndarray | None = None,
     depth: float = DEPTH,
-    threads: int = 1,
     keep: Keep = "all",
     progress: Callable[[float], None] | None = None,
 ) -> tuple[BankRun, ...]:
@@ -163,9 +160,7 @@ def filter_records(
     Arguments as of `filter_bank`.
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(
-        tuple(records), mean, covariance, offsets, spacing, depth, threads, keep, progress, judged=True
-    )
+    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, keep, progress, judged=True)
     if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from strainsight.estimation.judge import Judge, judge_of, judged
 from strainsight.estimation.lattice import one_point
 from strainsight.estimation.linear import LinearModels, joined_models
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.noise_alone import noise_alone
 from strainsight.estimation.parallel_filters import KEPT, Filters, Passage, States, advance, filters_of, joined_filters
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
@@ -78,7 +80,6 @@ class BankProblem:
     biased: np.ndarray
     spacing: float
     depth: float
-    threads: int
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -111,6 +112,18 @@ class BankProblem:
         anything beside unknown loads."""
         own, unknowns = self.records[0].nuisances, self.model.unknowns
         return bool(unknowns.parameters) and (own.damping > 0 or (self.beside_loads and len(own.D) > 0))
+
+    @cached_property
+    def noise_alone(self) -> tuple[np.ndarray, ...]:
+        """Of every record (T, d): what its judge takes off, the same at all points of all covers, so that these compare."""
+        found = []
+        for i, own in enumerate(self.records):
+            _, _, judge = _begun(self, one_point(self.prior[0]), i)
+            assert judge is not None
+            at = conditional_states(self.model, len(self.biased))
+            noise = np.where(np.isnan(own.data.samples), np.inf, own.data.noise)
+            found.append(noise_alone(judge.models, self.covariance[np.ix_(at, at)], noise, own.model.every))
+        return tuple(found)
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -254,12 +267,12 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     span = slice(now.step - before, now.step - before + steps)
     measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
     if now.judge is None:
-        own = advance(now.models, now.filters, *measured, keep, problem.threads)
+        own = advance(now.models, now.filters, *measured, keep)
         return Passed(own, own.fit, own.states)
-    found = judged(now.judge, *measured, keep, problem.threads)
+    found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep)
     if not problem.along:
         return Passed(found, found.fit, found.states)
-    own = advance(now.models, now.filters, *measured, keep, problem.threads)
+    own = advance(now.models, now.filters, *measured, keep)
     return Passed(own, found.fit, of_judge(own.states, found.states))
 
 
@@ -281,7 +294,8 @@ def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding
             joined_models([own.models for own in who]),
             joined_filters([own.filters for own in who]),
             joined_models([own.alone for own in who]),
-            joined_filters([own.size for own in who]),
+            joined_filters([own.louder for own in who]),
+            joined_filters([own.quieter for own in who]),
         )
     own = joined_models([part.models for part in parts]), joined_filters([part.filters for part in parts])
     return LinearStanding(cover, prior, fit, parts[0].step, *own, parts[0].record, judge)

@@ -20,7 +20,7 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
     B, U, W, about = beyond
     xs, Ps, Vs, gains, variances, Ss, calms, nus, lefts = state
     xcs, Pcs, Vcs = considering
-    known, known_end, y, R, more = data
+    known, known_end, y, R, more, less = data
     fits, nu_kept, left_kept, x_kept, P_kept, V_kept = out
     y_kept, S_kept, slope_kept = ahead
     keeps, whole = keep
@@ -71,6 +71,8 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
             fits[i, t] += _updated_nuisances(V, H[i], sensed, K, S, y[t], whitened, nus[i], lefts[i])
+            if len(less):
+                fits[i, t] += _without(less[t], nus[i], lefts[i])
             if not steady:
                 _mirrored(P)
                 calms[i] = calms[i] + 1 if complete and _unmoved(P, before, row) else 0
@@ -314,6 +316,19 @@ def _updated_nuisances(V, H, sensed, K, S, y, whitened, nu, left):  # type: igno
         for c in range(m):
             change[c] = -W[c, k]
         _add_rows(change, W, d, left[k])
+    return fit
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+def _without(less, nu, left):  # type: ignore[no-untyped-def]
+    """ν ← ν − Λ β, by an information β that is none; returns what that adds to the log-likelihood, −βᵀν + βᵀΛβ/2."""
+    d = len(nu)
+    change = np.zeros(d)
+    _add_rows(less, left, d, change)
+    fit = 0.0
+    for k in range(d):
+        fit += less[k] * (0.5 * change[k] - nu[k])
+        nu[k] -= change[k]
     return fit
 
 

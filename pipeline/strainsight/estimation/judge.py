@@ -1,11 +1,13 @@
 """What parameters beside unknown loads are judged by: the readings that no load could cause.
 
-    ln p(y | θ) of loads that are free, less that of what these loads alone would read
+    ln p(y | θ, ν) of loads that are free, less what it is on average of readings that are the noise of the gauges alone
 
 An unknown load is modelled as a walk, and a real one is none: a sine is smoother and of another size. A likelihood counts how
 large readings are, so that a walk of another size speaks for parameters at which readings are larger or smaller, and how white
-the steps of the load are, which those of a sine are not. So the walk is made free enough to follow a line in the spectrum, and
-its size is taken out.
+the steps of the load are, which those of a sine are not. So the walk is made free enough to follow a line in the spectrum. But
+then it would read more than is there, wherever no line is: noise, which is all there is, would speak for constants at which
+loads are felt less, as with more damping. On average it is to say nothing: of the parameters by the likelihood of loads alone,
+of ν by `noise_alone`.
 Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
 """
 
@@ -22,16 +24,20 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
 from strainsight.estimation.settled import beginning
 
+SLIGHT = 1e-3
+"""Change of ln R for slopes in it."""
+
 
 @dataclass(frozen=True)
 class Judge:
-    """Filters of free loads at the points of a bank, and those of what these loads alone read, of which the samples are nothing:
-    their likelihood is that of the size of the loads. `alone` knows neither ν nor offsets of channels."""
+    """Filters of free loads at the points of a bank; and those of what these loads alone read, under noises that are SLIGHT more
+    and less than the gauges'. `alone` knows neither ν nor offsets of channels."""
 
     models: LinearModels
     filters: Filters
     alone: LinearModels
-    size: Filters
+    louder: Filters
+    quieter: Filters
 
 
 def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
@@ -70,7 +76,7 @@ def judge_of(
         models,
         filters_of(models, *beginning(free, models, mean, covariance, None)),
         alone,
-        filters_of(alone, *start, np.zeros((len(point), 0, len(mean)))),
+        *(filters_of(alone, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
     )
 
 
@@ -81,13 +87,21 @@ def judged(
     measurement: np.ndarray,
     noise: np.ndarray,
     discrepancy: np.ndarray,
+    less: np.ndarray,
     keep: bool,
-    threads: int,
 ) -> Passage:
-    """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`."""
+    """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`.
+
+    Of noise v alone, with S the covariance of all that loads alone read, E ln p(v) = −½ ln|S| − ½ tr(R S⁻¹) but for a constant,
+    and tr(R S⁻¹) is the slope of ln|S| in ln R: of readings of zero at R e^{±δ}.
+    """
     free = judge.models, judge.filters
-    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, threads, states=False)
+    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, states=False, less=less)
     loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
     nothing = np.where(np.isnan(measurement), np.nan, 0.0)
-    size = advance(judge.alone, judge.size, 0 * known, loads, nothing, noise, discrepancy, False, threads)
-    return replace(found, fit=found.fit - size.fit)
+
+    def alone(filters: Filters, factor: float) -> np.ndarray:
+        return advance(judge.alone, filters, 0 * known, loads, nothing, factor * noise, discrepancy, False).fit
+
+    louder, quieter = alone(judge.louder, np.exp(SLIGHT)), alone(judge.quieter, np.exp(-SLIGHT))
+    return replace(found, fit=found.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))

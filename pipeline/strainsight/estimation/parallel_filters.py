@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from strainsight.estimation.linear import LinearModels, agree
+from strainsight.sweep.where import threads
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""
@@ -132,8 +133,8 @@ def advance(
     noise: np.ndarray,
     discrepancy: np.ndarray,
     keep: bool,
-    threads: int = 1,
     states: bool = True,
+    less: np.ndarray | None = None,
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
 
@@ -152,10 +153,12 @@ def advance(
     they are.
     known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
     discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned; states: and not mean
-    and covariance of ν alone. Changes `filters` in place.
+    and covariance of ν alone; less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters`
+    in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
+    less = np.zeros((0, models.nuisances)) if less is None else less
     L, d, second = len(measurement), models.nuisances, len(filters.x_c)
     kept, whole = L if keep else 0, L if keep and states else 0
     agree(
@@ -170,6 +173,7 @@ def advance(
         (measurement, (L, m)),
         (noise, (L, m)),
         (discrepancy, (m,)),
+        (less, (L if len(less) else 0, d)),
     )
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
@@ -185,13 +189,13 @@ def advance(
             beyond,
             (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
             (own.x_c, own.P_c, own.V_c),
-            (known, known_end, measurement, noise, discrepancy),
+            (known, known_end, measurement, noise, discrepancy, less),
             (kept > 0, whole > 0),
             (fit, nu, left, x, P, V),
             ahead,
         )
 
-    spans = [span for span in np.array_split(np.arange(B), threads) if len(span)]
+    spans = [span for span in np.array_split(np.arange(B), threads()) if len(span)]
     if len(spans) == 1:
         part(spans[0])
     else:

@@ -60,7 +60,7 @@ def peak_of_records(
     records: Sequence[BankRecord], mean: np.ndarray, covariance: np.ndarray, biased: np.ndarray
 ) -> Peak:
     """The same of records that share their parameters and ν; arguments as of `filter_records`."""
-    problem = BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0, 1)
+    problem = BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0)
     centre, prior = problem.prior
     k = len(centre)
     width = np.sqrt(np.diag(prior))
