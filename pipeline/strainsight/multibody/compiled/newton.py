@@ -17,6 +17,9 @@ CONVERGED = 1e-12
 """Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
 ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
+DIGITS = 1e-14
+"""So is one below this beside the coordinates of the whole system: a body that hardly deforms follows the last digits of places
+that others have."""
 SLOW = 1e-3
 """Motion in a step beside the coordinates below which the velocity is as good as none."""
 STILL = 1e-10
@@ -63,7 +66,7 @@ def newton(
             q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
             again = False
             continue
-        size, failed = np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
+        size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
                 Z, J, S = scaled(s, p.h, g, gr, X, A, K)
@@ -74,7 +77,7 @@ def newton(
             own, right = right_side(s, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
             substitute(Z, s.low, pivots, last, right)
             new_y, new_dz, new_dmu, new_dlam = expanded(s, p.h, old_X, J, S, own, right)
-            size = correction(s, p.h, q, z, new_y, new_dz)
+            size, of_all = correction(s, p.h, q, z, new_y, new_dz)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
             # the matrix of the iteration before is no good here
@@ -94,7 +97,8 @@ def newton(
         q, z, mu, lam = moved(s, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
         beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
         enough = ROUNDED if again else 0.1
-        if size <= CONVERGED or beyond <= enough * CONVERGED or (iteration > 2 and 0.3 * before < size < ROUNDING):
+        rounding = iteration > 2 and size > 0.3 * before and (size < ROUNDING or of_all < DIGITS)
+        if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
             return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
         # so near the end the change of the matrix is one of the next order
         again = size < CLOSE
@@ -227,8 +231,9 @@ def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np
 
 
 @inner
-def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> float:
-    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them, [-]."""
+def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> tuple[float, float]:
+    """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
+    coordinates and velocities beside the coordinates of the whole system, [-]."""
     count = len(s.body)
     squares, whole = np.zeros((count, 4)), 0.0
     for k in range(count):
@@ -242,10 +247,10 @@ def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray,
             squares[k, 2] += (s.d[n0 + i] * q[n0 + i]) ** 2
         whole += squares[k, 2]
     if not np.isfinite(squares.sum()):
-        return np.inf
+        return np.inf, np.inf
     largest = 0.0
     for k in range(count):
         own = max(squares[k, 2], STILL**2 * whole)
         largest = max(largest, squares[k, 0] / max(own, TINY))
         largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * own, TINY))
-    return float(np.sqrt(largest))
+    return float(np.sqrt(largest)), float(np.sqrt((squares[:, 0].sum() + squares[:, 1].sum()) / max(whole, TINY)))
