@@ -11,11 +11,10 @@ from scipy import sparse
 from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.elasticity import anisotropic_regions, elasticity_at, varies
-from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_masses, element_stiffnesses, positions
+from strainsight.fem.elasticity import anisotropic_regions, by_rule, elasticities, relative_masses
+from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_stiffnesses
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.kinds import kind_of
-from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.properties import shapes, without_modulus
 from strainsight.mesh.thin import BeamBlock, ShellBlock
@@ -42,8 +41,9 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
         K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
     D(ν) is isotropic elasticity with unit modulus; of an anisotropic material E D is C along the basic axes, at the points of
-    integration. The terms of a parameter have unit modulus [m] or unit density [m³], and that
-    of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
+    integration, of a composite solid that of the layer there, and so is ρ. The terms of a parameter have unit modulus [m] or unit
+    density [m³], and that of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part
+    [N/m, kg].
     Properties of plies and sections are none of solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
@@ -210,22 +210,16 @@ def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
 
 def _anisotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
     kind = kind_of(part.kind)
-    return anisotropic_stiffnesses(kind, position, elasticities(mesh, kind, position, part.region), part.ids)
-
-
-def elasticities(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """C (e, q, 6, 6) [Pa] of elements position (e, k, 3) [m] in regions (e,) of anisotropic materials, along the basic axes at
-    the points of kind.stiffness; (e, 1, 6, 6) where it is one in all of an element."""
-    if not varies(mesh, region):
-        return elasticity_at(mesh, region, position[:, 0])[:, None]
-    x = positions(kind, position, kind.stiffness[0])
-    C = elasticity_at(mesh, np.repeat(region, x.shape[1]), x.reshape(-1, 3))
-    return C.reshape(*x.shape[:2], 6, 6)
+    K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
+    for own, rule in by_rule(mesh, kind, part.region):
+        C = elasticities(mesh, kind, position[own], part.region[own], rule[0])
+        K[own] = anisotropic_stiffnesses(kind, position[own], C, part.ids[own], rule)
+    return K
 
 
 def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        return element_masses(kind_of(part.kind), position, part.ids)
+        return relative_masses(mesh, part, kind_of(part.kind))[:, :, None]
 
     values = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0]
     return _scalar_csr(len(mesh.position), pattern, values)

@@ -31,10 +31,12 @@ def shapes(mesh: Mesh, region: int, property: str) -> bool:
 
 
 def without_modulus(mesh: Mesh, region: int) -> str:
-    """What a region is that has several moduli, in words: a laminate, a shell of several materials, or of an anisotropic one;
-    "" where it has one."""
+    """What a region is that has several moduli, in words: a laminate, a composite solid, a shell of several materials, or of an
+    anisotropic one; "" where it has one."""
     if mesh.laminate(region):
         return "a laminate"
+    if region in mesh.composites:
+        return "a composite solid"
     if mesh.general_shell(region):
         return "a shell of several or anisotropic materials"
     return "of an anisotropic material" if mesh.anisotropic_of(region) else ""
