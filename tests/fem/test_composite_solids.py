@@ -316,11 +316,71 @@ def test_other_properties_scale_all_layers(box):
     assert abs(heavier - 2 * M).max() < 1e-14 * abs(M).max()
     free, _ = assemble(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0)])
     assert abs(free.terms["s"] - K).max() == 0
-    with pytest.raises(UserError, match=r"is a composite solid.*no single Young's modulus") as error:
-        value_of(mesh, 1, "youngs_modulus")
-    assert "stiffness_factor" in error.value.remedy
+    with pytest.raises(
+        UserError, match="is a composite solid without isotropic plies: it has no single youngs_modulus"
+    ) as e:
+        value_of(layered(mesh, [(1.0, CARBON, 0)]), 1, "youngs_modulus")
+    assert "stiffness_factor" in e.value.remedy
+    with pytest.raises(UserError, match="it has no e1"):
+        value_of(mesh, 1, "e1")
+    with pytest.raises(UserError, match="are of 2 isotropic materials") as e:
+        value_of(layered(mesh, [(1.0, STEEL, 0), (1.0, TIN, 0)]), 1, "youngs_modulus")
+    assert "material:" in e.value.remedy
     with pytest.raises(UserError, match="is a composite solid, whose layers have materials of their own"):
         with_material(mesh, [1], 2e11, 0.3, 7850.0)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20"])
+def test_the_modulus_of_a_layer_may_be_free(box, kind):
+    """K anywhere in the range, and its slope, are those of layers made anew; so is the stress of the surface; mass stays."""
+    mesh = layered(box(kind, (2, 1, 1), distort=0.2), [(1.0, CARBON, 20.0), (2.0, STEEL, 0.0), (1.0, TIN, 0.0)])
+    E = Parameter("E", "youngs_modulus", (1,), 2.1e11, range=(1.5e11, 3e11), material=2)
+    assert value_of(mesh, 1, "youngs_modulus", 2) == 2.1e11
+    K, M = assemble(mesh, [E, Parameter("s", "stiffness_factor", (1,), 1.0)])
+    assert not M.terms
+    free, _ = assemble(mesh, [E])
+
+    def anew(value):
+        return replace(mesh, materials={**mesh.materials, 2: replace(mesh.materials[2], youngs_modulus=value)})
+
+    facets = exterior_facets(mesh)
+    rows = facet_strain(mesh, facets, [E])
+    z = np.random.default_rng(3).normal(size=(3 * len(mesh.position), 1))
+    model = surface_model(mesh, rows, z, [E])
+    for value in (1.6e11, 2.1e11, 2.9e11):
+        same = assemble_stiffness(anew(value))
+        d = np.sqrt(same.diagonal())
+        for found in (K.at({"E": value, "s": 1.0}), K.at({"E": value, "s": 2.0}) / 2, free.at({"E": value})):
+            assert np.abs((found - same).toarray() / np.outer(d, d)).max() < 5e-8
+        step = 1e-3 * value
+        slope = (assemble_stiffness(anew(value + step)) - assemble_stiffness(anew(value - step))) / (2 * step)
+        found = (K.derivative("E", {"E": value, "s": 1.0}) - slope).toarray() * value
+        assert np.abs(found / np.outer(d, d)).max() < 5e-6
+        stress = surface_state(model, {"E": value}, np.ones(1)).stress
+        laws = facet_strain(anew(value), facets).laws
+        expected = np.einsum("fij,fj->fi", laws.stiffness.constant, (rows.matrix @ z).reshape(-1, 6))
+        np.testing.assert_allclose(stress, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
+
+
+def test_one_modulus_of_a_layer_of_solids_and_a_ply_of_shells(box):
+    """The same parameter in both: each adds its own part."""
+    solid = layered(box("hex20", (1, 1, 1), clamp_root=True), [(1.0, STEEL, 0.0), (1.0, CARBON, 0.0)])
+    shell = plate(laminate([0, 0], 0.01, [2, 3]), 1, 1, 1.0, 1.0)
+    skin = replace(shell.shells[0], ids=np.array([9]), nodes=np.array([[0, 1, 2, 3]]), region=np.array([2]))
+    top = [int(np.argmin(np.abs(solid.position - x).sum(axis=1))) for x in ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))]
+    both = replace(
+        solid,
+        shells=(replace(skin, nodes=np.array([top])),),
+        regions={**solid.regions, 2: replace(shell.regions[1], id=2)},
+        sections={2: laminate([0, 0], 0.01, [1, 3])},
+        materials={**solid.materials, 3: shell.materials[3]},
+    )
+    E = Parameter("E", "youngs_modulus", (1, 2), 2.1e11, range=(1.5e11, 3e11), material=1)
+    found = build_model(both, [E]).stiffness.at({"E": 2.5e11})
+    other = {**both.materials, 1: replace(both.materials[1], youngs_modulus=2.5e11)}
+    same = build_model(replace(both, materials=other)).stiffness.constant
+    d = np.sqrt(same.diagonal())
+    assert np.abs((found - same).toarray() / np.outer(d, d)).max() < 5e-8
 
 
 @pytest.mark.parametrize(("kind", "along"), DIRECTIONS)

@@ -16,7 +16,7 @@ from strainsight.mesh.facets import UPPER, Facets, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import PLY_MODULI, with_value
+from strainsight.mesh.properties import PLY_MODULI, shapes, with_value
 from strainsight.mesh.thin import ShellBlock
 
 
@@ -39,7 +39,7 @@ class FacetLaws:
 def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> FacetLaws | None:
     """None where no facet is on a laminate, a shell of several materials, an anisotropic or a composite solid."""
     free = [
-        replace(own, regions=tuple(number for number in own.regions if mesh.laminate(number) is not None))
+        replace(own, regions=tuple(number for number in own.regions if shapes(mesh, number, "youngs_modulus")))
         for own in parameters
         if own.property in ("youngs_modulus", *PLY_MODULI)
     ]

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import chunks, density_of, factors, regions_of
+from strainsight.fem.assembly import chunks, factors
+from strainsight.fem.by_region import density_of, regions_of
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.elasticity import relative_masses
 from strainsight.fem.point_masses import weighed
