@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import UserError
-from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.by_region import region_operator, targets
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.elasticity import anisotropic_regions, elasticity_at, varies
-from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_masses, element_stiffnesses, positions
+from strainsight.fem.elasticity import anisotropic_regions, by_rule, elasticities, relative_masses
+from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_stiffnesses
 from strainsight.fem.memory import require_memory
 from strainsight.mesh.kinds import kind_of
-from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import shapes, without_modulus
-from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CHUNK = 2048
 PAIR_BYTES = 9 * 8 + 8 + 1
@@ -42,25 +39,18 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
         K(θ) = Σ_regions E_r ∫ BᵀD(ν_r)B dV,     M(θ) = Σ_regions ρ_r ∫ NᵀN dV ⊗ I₃
 
     D(ν) is isotropic elasticity with unit modulus; of an anisotropic material E D is C along the basic axes, at the points of
-    integration. The terms of a parameter have unit modulus [m] or unit density [m³], and that
-    of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part [N/m, kg].
-    Properties of plies and sections are none of solids.
+    integration, of a composite solid that of the layer there, and so is ρ. The terms of a parameter have unit modulus [m] or unit
+    density [m³], and that of a factor of the stiffness is the stiffness itself [N/m]; everything else is in the constant part
+    [N/m, kg].
+    Moduli of isotropic layers of a composite solid are as those of plies in `thin_operators`; other properties of plies and
+    sections are none of solids.
     Returns (stiffness, mass), CSR (3n, 3n), row 3·node + component.
     Raises DeckError for an inverted element (ids named), a region or material that is missing or not physical,
     and UserError for parameters that overlap or name no region, or where the memory cannot be enough.
     """
     check_mesh(mesh)
-    solid = set(regions_of(mesh.blocks))
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
     require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes, at the very least")
-    moduli, densities = (
-        {
-            name: own
-            for name, regions in targets(mesh, parameters, kind).items()
-            if (own := {number: factor for number, factor in regions.items() if number in solid})
-        }
-        for kind in ("stiffness", "mass")
-    )
     shared: dict[frozenset[int], Pattern] = {}
 
     def pattern(regions: Mapping[int, float]) -> Pattern:
@@ -70,11 +60,20 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
             shared[key] = _pattern(mesh, regions)
         return shared[key]
 
-    K = {name: _stiffness(mesh, regions, pattern(regions)) for name, regions in moduli.items()}
-    M = {name: _mass(mesh, regions, pattern(regions)) for name, regions in densities.items()}
-    empty = sparse.csr_array((3 * len(mesh.position),) * 2)
-    K0, M0 = K.pop("", empty), M.pop("", empty)
-    return AffineOperator(K0, K), AffineOperator(M0, M)
+    def of(kind: str, sums: Callable[[Mesh, Mapping[int, float], Pattern], sparse.csr_array]) -> AffineOperator:
+        empty = sparse.csr_array((3 * len(mesh.position),) * 2)
+        found = region_operator(
+            mesh, parameters, kind, mesh.blocks, lambda own, some: sums(own, some, pattern(some)) if some else empty
+        )
+        # what depends on a modulus in another way does so on its own in shells, whose terms bear the same labels
+        label = {own: f"solids: {own}" if own in found.coefficients else own for own in found.terms}
+        return AffineOperator(
+            found.constant,
+            {label[own]: term for own, term in found.terms.items()},
+            {label[own]: coefficient for own, coefficient in found.coefficients.items()},
+        )
+
+    return of("stiffness", _stiffness), of("mass", _mass)
 
 
 def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
@@ -82,69 +81,6 @@ def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
     check_mesh(mesh)
     regions = targets(mesh, (), "stiffness")[""]
     return _stiffness(mesh, regions, _pattern(mesh, regions))
-
-
-def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str, dict[int, float]]:
-    """Which regions go where with what factor, E or ρ: "" is the constant part, a parameter's name its unit term.
-
-    kind: "stiffness" or "mass". The factor is 1 where a modulus or density is the parameter, E where a factor of the stiffness
-    is, and that of the stiffness of a region that has several moduli is 1. Parameters that only shape a region are not asked.
-    Raises UserError for parameters that overlap or name no region, and for the modulus of one that has several.
-    """
-    present = regions_of(mesh.elements)
-    owner: dict[int, Parameter] = {}
-    names = [p.name for p in parameters]
-    for p in parameters:
-        if names.count(p.name) > 1 or not p.name:
-            raise UserError(f"{names.count(p.name)} parameters are called {p.name!r}", remedy="give each its own name")
-        for number in p.regions:
-            if number not in present:
-                raise UserError(
-                    f"parameter {p.name} refers to region {number}, which has no elements",
-                    remedy=f"the mesh has regions {', '.join(map(str, present))}",
-                )
-            if shapes(mesh, number, p.property):
-                continue
-            if p.property == "youngs_modulus" and (why := without_modulus(mesh, number)):
-                raise UserError(
-                    f"parameter {p.name} is the youngs_modulus of region {number}, {why}, which has several moduli",
-                    remedy="estimate a factor of its stiffness: property stiffness_factor, guess 1.0",
-                )
-            if (
-                scales_stiffness(p.property) == (kind == "stiffness")
-                and (other := owner.setdefault(number, p)) is not p
-            ):
-                alike = p.property == other.property
-                raise UserError(
-                    f"parameters {other.name} and {p.name} are both the {p.property if alike else kind} of region {number}",
-                    remedy="keep one of them",
-                )
-    targets: dict[str, dict[int, float]] = {}
-    for number in present:
-        own = owner.get(number)
-        if own is not None and own.property != "stiffness_factor":
-            factor = 1.0
-        else:
-            factor = density_of(mesh, number) if kind == "mass" else modulus_of(mesh, number)
-        targets.setdefault(own.name if own else "", {})[number] = factor
-    return targets
-
-
-def modulus_of(mesh: Mesh, region: int) -> float:
-    """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 where it has several, `without_modulus`."""
-    return 1.0 if without_modulus(mesh, region) else mesh.materials[mesh.regions[region].material].youngs_modulus
-
-
-def density_of(mesh: Mesh, region: int) -> float:
-    """Density [kg/m³] of a region, of a laminate the mean over its thickness, of a mesh that `check_mesh` has accepted."""
-    density = mesh.density_of(region)
-    assert density is not None
-    return density
-
-
-def regions_of(blocks: Iterable[CellBlock | ShellBlock | BeamBlock]) -> list[int]:
-    """Regions of some elements."""
-    return sorted({int(number) for block in blocks for number in np.unique(block.region)})
 
 
 def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
@@ -210,22 +146,16 @@ def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
 
 def _anisotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
     kind = kind_of(part.kind)
-    return anisotropic_stiffnesses(kind, position, elasticities(mesh, kind, position, part.region), part.ids)
-
-
-def elasticities(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray) -> np.ndarray:
-    """C (e, q, 6, 6) [Pa] of elements position (e, k, 3) [m] in regions (e,) of anisotropic materials, along the basic axes at
-    the points of kind.stiffness; (e, 1, 6, 6) where it is one in all of an element."""
-    if not varies(mesh, region):
-        return elasticity_at(mesh, region, position[:, 0])[:, None]
-    x = positions(kind, position, kind.stiffness[0])
-    C = elasticity_at(mesh, np.repeat(region, x.shape[1]), x.reshape(-1, 3))
-    return C.reshape(*x.shape[:2], 6, 6)
+    K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
+    for own, rule in by_rule(mesh, kind, part.region):
+        C = elasticities(mesh, kind, position[own], part.region[own], rule[0])
+        K[own] = anisotropic_stiffnesses(kind, position[own], C, part.ids[own], rule)
+    return K
 
 
 def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.csr_array:
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
-        return element_masses(kind_of(part.kind), position, part.ids)
+        return relative_masses(mesh, part, kind_of(part.kind))[:, :, None]
 
     values = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0]
     return _scalar_csr(len(mesh.position), pattern, values)

@@ -6,6 +6,7 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, general_fault, stiffness_fault
+from strainsight.mesh.composite_solids import STACKED
 from strainsight.mesh.kinds import facet_of, kind_of
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
@@ -84,6 +85,9 @@ def check_materials(mesh: Mesh) -> None:
         if (own := mesh.anisotropic_of(region.id)) is not None:
             _check_anisotropic(mesh, own, region)
             continue
+        if region.id in mesh.composites:
+            _check_composite(mesh, region)
+            continue
         m = mesh.materials.get(region.material)
         if m is None:
             known = (
@@ -107,6 +111,38 @@ def _check_general(own: GeneralShell, region: Region) -> None:
         raise DeckError(f"{region} has density {own.density:g} kg/m³", remedy="it must not be negative")
 
 
+def _check_composite(mesh: Mesh, region: Region) -> None:
+    own = mesh.composites[region.id]
+    for block in mesh.elements:
+        here = block.region == region.id
+        if here.any() and own.direction not in STACKED.get(block.kind, ()):
+            element, lacks = int(block.ids[np.argmax(here)]), block.kind not in STACKED
+            raise DeckError(
+                f"{region} has layers, and {block.kind} element {element} "
+                + ("cannot have any" if lacks else f"none along its direction {own.direction + 1}"),
+                remedy="give layers to hexahedra, or to wedges along direction 3, from triangle to triangle; give other elements "
+                "a section of one material",
+                entity=("element", element),
+            )
+    if not own.layers:
+        raise DeckError(f"{region} is a composite solid without layers", remedy="give it a layer")
+    for layer, material in zip(own.layers, mesh.layer_materials(region.id), strict=True):
+        if not (layer.thickness > 0 and np.isfinite(layer.thickness)):
+            raise DeckError(
+                f"a layer of {region} has the thickness {layer.thickness:g}", remedy="give a positive thickness"
+            )
+        if material is None:
+            raise DeckError(
+                f"a layer of {region} refers to material {layer.material}, which is not there",
+                where=mesh.source or None,
+                remedy="add it to the deck, isotropic or anisotropic",
+            )
+        if isinstance(material, Anisotropic):
+            _check_stiffness(material)
+        else:
+            _check_material(material)
+
+
 def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
     for block in mesh.thin:
         if (block.region == region.id).any():
@@ -114,6 +150,10 @@ def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
                 f"{region} of {block.kind} elements is of {own}, which is one of solids",
                 remedy="give shells a lamina or a laminate, and beams an isotropic material",
             )
+    _check_stiffness(own)
+
+
+def _check_stiffness(own: Anisotropic) -> None:
     if fault := stiffness_fault(own.stiffness):
         raise DeckError(f"{own}: {fault[0]}", remedy=fault[1])
     if not (own.density >= 0 and np.isfinite(own.density)):

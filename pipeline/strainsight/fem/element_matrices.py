@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.mesh.kinds.kind import ElementKind
+from strainsight.mesh.kinds.kind import ElementKind, Rule
 
 SHEARS = ((0, 1), (1, 2), (2, 0))
 AT_ONCE = 256
-"""Elements whose strains at all points are held at a time."""
+"""Elements whose strains at all points, 27 or fewer, are held at a time."""
 
 
 def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray, ids: np.ndarray) -> np.ndarray:
@@ -44,18 +44,21 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     return _isotropic(pairs, lam, mu).reshape(len(position), -1, 9)
 
 
-def anisotropic_stiffnesses(kind: ElementKind, position: np.ndarray, C: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def anisotropic_stiffnesses(
+    kind: ElementKind, position: np.ndarray, C: np.ndarray, ids: np.ndarray, rule: Rule
+) -> np.ndarray:
     """Stiffness of anisotropic elements, K = ∫ BᵀCB dV, with the strain B z in the order xx yy zz xy yz zx, γ = 2ε.
 
-    position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of kind.stiffness, or (e, 1, 6, 6) where it is
-    one in all of an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
+    position (e, k, 3) [m]; C (e, q, 6, 6) [Pa] along the basic axes at the points of the rule, or (e, 1, 6, 6) where it is one in
+    all of an element; incompatible modes, ids and errors as in `element_stiffnesses`. Returns (e, k(k+1)/2, 9) [N/m].
     """
-    xi, w = kind.stiffness
+    xi, w = rule
     k = len(kind.nodes)
     a, b = np.triu_indices(k)
     K = np.empty((len(position), len(a), 9))
-    for start in range(0, len(position), AT_ONCE):
-        own = slice(start, start + AT_ONCE)
+    step = max(1, 27 * AT_ONCE // max(27, len(w)))
+    for start in range(0, len(position), step):
+        own = slice(start, start + step)
         g, det = gradients(kind, position[own], xi, ids[own])
         if kind.bubble_gradient:
             g = np.concatenate([g, bubble_gradients(kind, position[own], xi, det)], axis=2)
@@ -70,13 +73,13 @@ def anisotropic_stiffnesses(kind: ElementKind, position: np.ndarray, C: np.ndarr
     return K
 
 
-def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def element_masses(kind: ElementKind, position: np.ndarray, ids: np.ndarray, rule: Rule | None = None) -> np.ndarray:
     """Consistent mass with unit density, m_ab = ∫ N_a N_b dV; the mass of the three components is m ⊗ I₃.
 
-    position (e, k, 3) [m]; ids (e,) for the error message. Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b.
-    Raises DeckError where |J| ≤ 0, naming the elements.
+    position (e, k, 3) [m]; ids (e,) for the error message; rule: one whose weights are times a density, None that of the kind.
+    Returns (e, k(k+1)/2, 1) [m³] of the node pairs a ≤ b. Raises DeckError where |J| ≤ 0, naming the elements.
     """
-    xi, w = kind.mass
+    xi, w = kind.mass if rule is None else rule
     _, det = jacobians(kind, position, xi, ids)
     N = kind.shape(xi)
     a, b = np.triu_indices(N.shape[1])

@@ -1,4 +1,4 @@
-"""What strain makes of stress at faces of laminates and anisotropic solids, and on laminates of strain across the face."""
+"""What strain makes of stress at faces of laminates and of anisotropic and layered solids; strain across those of laminates."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.elasticity import anisotropic_regions, elasticity_at, pair
+from strainsight.fem.elasticity import anisotropic_regions, elasticities, pair
 from strainsight.fem.interpolation import interpolated
 from strainsight.fem.shell_sections import material_angle, plies_of, ply_stiffness
 from strainsight.fem.shells import shell_axes
-from strainsight.mesh.facets import UPPER, Facets
-from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.facets import UPPER, Facets, on_solids
+from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import PLY_MODULI, with_value
+from strainsight.mesh.properties import PLY_MODULI, shapes, with_value
 from strainsight.mesh.thin import ShellBlock
 
 
 @dataclass(frozen=True)
 class FacetLaws:
-    """facet (m,) those on laminates and anisotropic solids, ascending; stiffness (m, 6, 6) [Pa] from strain to stress there in
-    the order of `facet_strain`, shears γ, of a laminate that of the ply at the face, in plane stress, in the free moduli of
-    plies; and on laminates contraction (m, 3, 3) c of ε_nn = −c : ε across the face, at their references, 0 on solids, whose
-    strain is known.
+    """facet (m,) those on laminates, anisotropic and composite solids, ascending; stiffness (m, 6, 6) [Pa] from strain to stress
+    there in the order of `facet_strain`, shears γ, of a laminate that of the ply at the face, in plane stress, in the free moduli
+    of plies, of a composite solid that of the layer at the centre of the facet; and on laminates contraction (m, 3, 3) c of
+    ε_nn = −c : ε across the face, at their references, 0 on solids, whose strain is known.
 
     Of plies a deck says nothing of ν₁₃ and ν₂₃: ε_nn is that of ν₁₃ = ν₂₃ = ν₁₂. Strain along the face, which gauges read, and
     stress do not depend on it.
@@ -37,9 +37,9 @@ class FacetLaws:
 
 
 def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> FacetLaws | None:
-    """None where no facet is on a laminate, a shell of several materials or an anisotropic solid."""
+    """None where no facet is on a laminate, a shell of several materials, an anisotropic or a composite solid."""
     free = [
-        replace(own, regions=tuple(number for number in own.regions if mesh.laminate(number) is not None))
+        replace(own, regions=tuple(number for number in own.regions if shapes(mesh, number, "youngs_modulus")))
         for own in parameters
         if own.property in ("youngs_modulus", *PLY_MODULI)
     ]
@@ -69,13 +69,17 @@ def _joined(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple
 
 
 def _of_solids(mesh: Mesh, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    which = np.flatnonzero(np.isin(facets.region, anisotropic_regions(mesh)) & ~facets.of(mesh.thin))
-    centre = np.empty((len(which), 3))
-    for code in np.unique(facets.kind[which]):
-        own, kind = facets.kind[which] == code, FACETS[code]
-        corners = mesh.position[facets.nodes[which[own], : len(kind.nodes)]]
-        centre[own] = np.einsum("k,fkc->fc", kind.shape(kind.centre[None])[0], corners)
-    return which, elasticity_at(mesh, facets.region[which], centre), np.zeros((len(which), 3, 3))
+    """At their centres; of composite solids the layer there."""
+    own = np.isin(facets.region, anisotropic_regions(mesh)) & ~facets.of(mesh.thin)
+    C = np.empty((len(own), 6, 6))
+    for block, local, which, row in on_solids(mesh, facets):
+        here, kind, facet = own[which], kind_of(block.kind), FACETS[facets.kind[which[0]]]
+        if here.any():
+            xi = facet.shape(facet.centre) @ kind.nodes[list(local)]
+            element = row[here]
+            position, region = mesh.position[block.nodes[element]], block.region[element]
+            C[which[here]] = elasticities(mesh, kind, position, region, xi)[:, 0]
+    return np.flatnonzero(own), C[own], np.zeros((int(own.sum()), 3, 3))
 
 
 def _of_block(mesh: Mesh, block: ShellBlock, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

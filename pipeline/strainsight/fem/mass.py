@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import chunks, density_of, factors, regions_of
+from strainsight.fem.assembly import chunks, factors
+from strainsight.fem.by_region import density_of, regions_of
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.element_matrices import element_masses
+from strainsight.fem.elasticity import relative_masses
 from strainsight.fem.point_masses import weighed
 from strainsight.fem.thin import thin_mass
 from strainsight.mesh.kinds import kind_of
@@ -61,5 +62,4 @@ def element_mass_parts(mesh: Mesh) -> Iterator[tuple[CellBlock, np.ndarray]]:
     """Elements of the mesh, some at a time, and their ∫ ρ N_a N_b dV [kg] (e, pairs) of the node pairs a ≤ b."""
     density = {number: density_of(mesh, number) for number in regions_of(mesh.blocks)}
     for part in chunks(mesh, density):
-        values = element_masses(kind_of(part.kind), mesh.position[part.nodes], part.ids)[:, :, 0]
-        yield part, values * factors(part, density)
+        yield part, relative_masses(mesh, part, kind_of(part.kind)) * factors(part, density)

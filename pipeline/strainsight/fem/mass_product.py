@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.fem.assembly import regions_of
+from strainsight.fem.by_region import regions_of
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.point_masses import point_mass_matrix
 from strainsight.fem.thin import motions, thin_mass

@@ -21,6 +21,7 @@ from strainsight.fem.springs import spring_operator
 from strainsight.fem.support import require_support, rigid_motions
 from strainsight.fem.thin import motions, thin_operators
 from strainsight.fem.turning import turning_nodes
+from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material, Mesh
@@ -115,12 +116,13 @@ def _squared_wave_speeds(mesh: Mesh) -> list[float]:
     """E/ρ [m²/s²] of every material that has mass, of an orthotropic or anisotropic one the smallest."""
     used = [mesh.material_of(region) for region in mesh.regions]
     plies = [ply for region in mesh.regions for ply in mesh.ply_materials(region)]
-    stiff = [(own.youngs_modulus, own.density) for own in (*used, *plies) if isinstance(own, Material)]
+    layers = [layer for region in mesh.regions for layer in mesh.layer_materials(region)]
+    stiff = [(own.youngs_modulus, own.density) for own in (*used, *plies, *layers) if isinstance(own, Material)]
     stiff += [(min(own.e1, own.e2), own.density) for own in plies if isinstance(own, Lamina)]
     shells = (mesh.general_shell(region) for region in mesh.regions)
     stiff += [(float(np.linalg.eigvalsh(own.membrane)[0]), own.density) for own in shells if own is not None]
-    solids = (mesh.anisotropic_of(region) for region in mesh.regions)
-    stiff += [(min(own.moduli), own.density) for own in solids if own is not None]
+    solids = (*(mesh.anisotropic_of(region) for region in mesh.regions), *layers)
+    stiff += [(min(own.moduli), own.density) for own in solids if isinstance(own, Anisotropic)]
     return [E / density for E, density in stiff if density > 0]
 
 

@@ -70,6 +70,7 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
         np.zeros((0, 2), dtype=np.int64),
         anisotropic=mesh.anisotropic,
         orientations=mesh.orientations,
+        composites=mesh.composites,
         source=mesh.source,
     )
     return Patch(alone, own, inside < np.diff(incidence.elements_of.indptr)[own])

@@ -12,8 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import elasticities
-from strainsight.fem.elasticity import anisotropic_regions
+from strainsight.fem.elasticity import anisotropic_regions, by_rule, elasticities
 from strainsight.fem.element_matrices import (
     SHEARS,
     bubble_gradients,
@@ -22,19 +21,17 @@ from strainsight.fem.element_matrices import (
     symmetric_gradient,
 )
 from strainsight.fem.facet_laws import FacetLaws, facet_laws
-from strainsight.mesh.facets import Facets
+from strainsight.mesh.facets import Facets, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of
-from strainsight.mesh.kinds.kind import ElementKind, Kind
+from strainsight.mesh.kinds.kind import ElementKind, Kind, Rule
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.thickness import Thickness
-
-CHUNK = 2048
 
 
 @dataclass(frozen=True)
 class StrainRows:
     """matrix CSR (6p, 3n): row 6·point + component for displacements of the nodes, column 3·node + component; region (p,) ids;
-    laws: those of the points on laminates and anisotropic solids, None without one."""
+    laws: those of the points on laminates, anisotropic and composite solids, None without one."""
 
     matrix: sparse.csr_array
     region: np.ndarray
@@ -71,7 +68,7 @@ def strain_matrix(
             found = found + sparse.diags_array(of.astype(float)) @ strain_matrix(moved, facets, laws) @ G
         return sparse.csr_array(found)
     value, row, column = [], [], []
-    for block, local, which, element in _groups(mesh, facets):
+    for block, local, which, element in on_solids(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]
         xi = kind.shape(kind.centre) @ kind_of(block.kind).nodes[list(local)]
         nodes = block.nodes[element]
@@ -157,20 +154,6 @@ def _read(kind: Kind, corners: np.ndarray, n: np.ndarray) -> np.ndarray:
     return found
 
 
-def _groups(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, ...], np.ndarray, np.ndarray]]:
-    """(block, local nodes of the facet, which facets (m,), their elements' rows in the block (m,)), CHUNK at most."""
-    for block in mesh.blocks:
-        order = np.argsort(block.ids)
-        place = np.searchsorted(block.ids, facets.element_id, sorter=order)
-        row = order[np.minimum(place, len(order) - 1)] if len(order) else np.zeros(len(place), dtype=np.int64)
-        own = np.flatnonzero(block.ids[row] == facets.element_id) if len(order) else row[:0]
-        for number, (_, local) in enumerate(kind_of(block.kind).facets, start=1):
-            which = own[facets.facet[own] == number]
-            for start in range(0, len(which), CHUNK):
-                part = which[start : start + CHUNK]
-                yield block, local, part, row[part]
-
-
 def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -> np.ndarray:
     """B (e, q, 6, k, 3) of elements at their reference points ξ (q, 3)."""
     kind, position, ids = kind_of(block.kind), mesh.position[block.nodes[element]], block.ids[element]
@@ -191,22 +174,26 @@ def _amplitudes(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.
     nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in region[~own]])
     if not own.any():
         return bubble_amplitudes(kind, position, nu, ids)
-    C = elasticities(mesh, kind, position[own], region[own])
-    values = bubble_amplitudes(kind, position[own], C, ids[own])
-    found = np.empty((len(ids), *values.shape[1:]))
-    found[own] = values
+    assert kind.bubble_gradient is not None
+    modes = kind.bubble_gradient(kind.centre[None]).shape[1]
+    found = np.empty((len(ids), 3 * modes, 3 * len(kind.nodes)))
+    for which, rule in by_rule(mesh, kind, region):
+        C = elasticities(mesh, kind, position[which], region[which], rule[0])
+        found[which] = bubble_amplitudes(kind, position[which], C, ids[which], rule)
     if len(nu):
         found[~own] = bubble_amplitudes(kind, position[~own], nu, ids[~own])
     return found
 
 
-def bubble_amplitudes(kind: ElementKind, position: np.ndarray, law: np.ndarray, ids: np.ndarray) -> np.ndarray:
+def bubble_amplitudes(
+    kind: ElementKind, position: np.ndarray, law: np.ndarray, ids: np.ndarray, rule: Rule | None = None
+) -> np.ndarray:
     """α = −K_aa⁻¹K_au z of the incompatible modes of a kind, with the gradients of `element_stiffnesses`.
 
     position (e, k, 3) [m]; law (e,) Poisson's ratio, or C (e, q or 1, 6, 6) as `anisotropic_stiffnesses` has it; ids for the
-    error message. Returns (e, 3p, 3k), rows 3·mode + component.
+    error message; rule: None that of the kind. Returns (e, 3p, 3k), rows 3·mode + component.
     """
-    xi, w = kind.stiffness
+    xi, w = kind.stiffness if rule is None else rule
     g, det = gradients(kind, position, xi, ids)
     own = bubble_gradients(kind, position, xi, det)
     weight = (w * det)[:, :, None, None]

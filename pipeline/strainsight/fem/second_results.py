@@ -165,7 +165,8 @@ def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
     found = []
     for number in own.regions:
         solid = [block for block in mesh.blocks if np.any(block.region == number)]
-        other = any(np.any(block.region == number) for block in mesh.thin) or mesh.anisotropic_of(number) is not None
+        thin = any(np.any(block.region == number) for block in mesh.thin)
+        other = thin or mesh.anisotropic_of(number) is not None or number in mesh.composites
         if not solid or other:
             raise UserError(
                 f"{mesh.regions[number]} is not of isotropic solids alone: two sets of results do not say what it adds",

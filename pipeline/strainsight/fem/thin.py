@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 
-from strainsight.errors import UserError
 from strainsight.fem.affine import AffineOperator, Parameter, sum_of
-from strainsight.fem.assembly import density_of, regions_of, targets
 from strainsight.fem.beam_curved import curved_beam_masses, curved_beam_stiffnesses
 from strainsight.fem.beam_matrices import beam_masses, beam_stiffnesses, properties_of, rod_masses, rod_stiffnesses
-from strainsight.fem.interpolation import interpolated
+from strainsight.fem.by_region import density_of, region_operator, regions_of
 from strainsight.fem.shell_sections import resistance_of, shell_weight
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import OF_MASS, meant, shapes, with_value
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, nodes_along_beams
 
 CHUNK = 2048
@@ -57,84 +53,15 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
             found[key] = _pattern(mesh, _parts(mesh, regions))
         return found[key]
 
-    K = _operator(mesh, parameters, "stiffness", lambda own, some: _sum(pattern(some), _stiffnesses(own, some)))
-    M = _operator(mesh, parameters, "mass", lambda own, some: _sum(pattern(some), _masses(own, some, False)))
+    K = region_operator(
+        mesh, parameters, "stiffness", mesh.thin, lambda own, some: _sum(pattern(some), _stiffnesses(own, some))
+    )
+    M = region_operator(
+        mesh, parameters, "mass", mesh.thin, lambda own, some: _sum(pattern(some), _masses(own, some, False))
+    )
     beside = {number: 0.0 for number, own in mesh.sections.items() if _has_nonstructural(own)}
     more = AffineOperator(_sum(pattern(beside), _masses(mesh, beside, True)), {})
     return K, sum_of(M, more)
-
-
-def _operator(
-    mesh: Mesh,
-    parameters: Sequence[Parameter],
-    kind: str,
-    summed: Callable[[Mesh, Mapping[int, float]], sparse.csr_array],
-) -> AffineOperator:
-    """Of the regions of each parameter and each set of parameters that shape them; summed: a mesh, and regions with factors."""
-    shaped = _shaped(mesh, parameters, kind)
-    X: dict[str, sparse.csr_array] = {}
-    parts = []
-    for name, regions in targets(mesh, parameters, kind).items():
-        alike: dict[tuple[str, ...], dict[int, float]] = {}
-        for number, factor in regions.items():
-            alike.setdefault(tuple(own.name for own in shaped.get(number, ())), {})[number] = factor
-        for names, some in alike.items():
-            if names:
-                part = _interpolated(mesh, [own for own in parameters if own.name in names], some, summed)
-                parts.append(_proportional(part, name) if name else part)
-            elif (own := summed(mesh, some)).nnz:
-                X[name] = own
-    found = AffineOperator(X.pop("", sparse.csr_array((6 * len(mesh.thin_nodes),) * 2)), X)
-    return reduce(sum_of, parts, found)
-
-
-def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int, list[Parameter]]:
-    """Region → the parameters that its stiffness or mass is not proportional to. Raises UserError for two that are one property
-    of a region, and where a region has no such property."""
-    found: dict[int, list[Parameter]] = {}
-    taken: dict[tuple[int, str, int], Parameter] = {}
-    for own in parameters:
-        if kind == "mass" and own.property not in OF_MASS:
-            continue
-        for number in (each for each in own.regions if shapes(mesh, each, own.property)):
-            which = (number, own.property, meant(mesh, number, own.property, own.material))
-            if (other := taken.setdefault(which, own)) is not own:
-                raise UserError(
-                    f"parameters {other.name} and {own.name} are both the {own.property} of region {number}",
-                    remedy="keep one of them",
-                )
-            found.setdefault(number, []).append(own)
-    return found
-
-
-def _interpolated(
-    mesh: Mesh,
-    parameters: Sequence[Parameter],
-    regions: Mapping[int, float],
-    summed: Callable[[Mesh, Mapping[int, float]], sparse.csr_array],
-) -> AffineOperator:
-    """The matrix of some regions over the ranges of the parameters that shape them."""
-
-    def at(theta: Mapping[str, float]) -> sparse.csr_array:
-        other = mesh
-        for own in parameters:
-            here = [number for number in own.regions if number in regions]
-            other = with_value(other, own.property, here, theta[own.name], own.material)
-        return summed(other, regions)
-
-    if all(own.range is None for own in parameters):
-        return AffineOperator(at({own.name: own.reference for own in parameters}), {})
-    return interpolated(at, parameters)
-
-
-def _proportional(X: AffineOperator, name: str) -> AffineOperator:
-    """θ X(θ) of one more parameter."""
-    terms = {f"{name} {label}": own for label, own in X.terms.items()}
-    return AffineOperator(
-        0 * X.constant,
-        {name: X.constant} | terms,
-        {f"{name} {label}": own.times(name) for label, own in X.coefficients.items()},
-    )
 
 
 def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:

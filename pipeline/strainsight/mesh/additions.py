@@ -99,6 +99,11 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
             f"{mesh.regions[of_plies[0]]} is a laminate, whose plies have materials of their own",
             remedy="name the regions that are none, and state materials of plies in the deck (MAT8, MAT1)",
         )
+    if of_layers := sorted(chosen & set(mesh.composites)):
+        raise UserError(
+            f"{mesh.regions[of_layers[0]]} is a composite solid, whose layers have materials of their own",
+            remedy="name the regions that are none, and state materials of layers in the deck",
+        )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
     used = {region.material for region in altered.values()} | _of_plies(mesh)
     return replace(
@@ -118,12 +123,16 @@ def with_properties(
     stiffness_factor: float = 1.0,
 ) -> Mesh:
     """A mesh whose regions (ids) have this modulus [Pa] and density [kg/m³], each in a material of its own; None: as before;
-    and whose moduli are multiplied by a factor. Of a laminate, density is the mean over its thickness, and its plies keep
-    their ratios; its moduli, and those of any region that has several, go by a factor alone."""
+    and whose moduli are multiplied by a factor. Of a laminate or composite solid, density is the mean over its thickness, and its
+    plies keep their ratios; its moduli, and those of any region that has several, go by a factor alone."""
     for region in regions:
         if mesh.laminate(region):
             assert youngs_modulus is None
             mesh = _with_plies(mesh, region, density, stiffness_factor)
+            continue
+        if region in mesh.composites:
+            assert youngs_modulus is None
+            mesh = _with_layers(mesh, region, density, stiffness_factor)
             continue
         if (shell := mesh.general_shell(region)) is not None:
             assert youngs_modulus is None
@@ -168,15 +177,33 @@ def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float
     return replace(mesh, laminae=laminae, materials=materials, sections=sections)
 
 
+def _with_layers(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
+    """A mesh whose composite solid (region id) has layers of materials of its own."""
+    composite, mean = mesh.composites[region], mesh.density_of(region)
+    assert mean is not None
+    anisotropic, materials, layers = dict(mesh.anisotropic), dict(mesh.materials), []
+    for number, layer in enumerate(composite.layers, start=free_material(mesh)):
+        own = anisotropic.get(layer.material) or materials[layer.material]
+        rho = own.density if density is None else density if mean == 0 else density / mean * own.density
+        if isinstance(own, Anisotropic):
+            anisotropic[number] = replace(own, id=number, stiffness=stiffness * own.stiffness, density=rho)
+        else:
+            materials[number] = replace(own, id=number, youngs_modulus=stiffness * own.youngs_modulus, density=rho)
+        layers.append(replace(layer, material=number))
+    composites = {**mesh.composites, region: replace(composite, layers=tuple(layers))}
+    return replace(mesh, anisotropic=anisotropic, materials=materials, composites=composites)
+
+
 def free_material(mesh: Mesh) -> int:
     """An id that no material of the mesh has."""
     return max([0, *mesh.materials, *mesh.laminae, *mesh.anisotropic]) + 1
 
 
 def _of_plies(mesh: Mesh) -> set[int]:
-    """Ids of the materials of plies."""
+    """Ids of the materials of plies and layers."""
     laminates = [laminate for region in mesh.regions if (laminate := mesh.laminate(region))]
-    return {ply.material for laminate in laminates for ply in laminate.plies}
+    plies = {ply.material for laminate in laminates for ply in laminate.plies}
+    return plies | {layer.material for composite in mesh.composites.values() for layer in composite.layers}
 
 
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:

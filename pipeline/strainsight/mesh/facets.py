@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
 
@@ -22,6 +22,8 @@ ON_SHELL = {"quad8": "shell8", "tri6": "shell6"}
 """Kind of a shell → that of its faces, where it is another."""
 UPPER, LOWER = 1, 2
 """Local numbers of the faces of a shell: the one on the side of its normal, and the other."""
+CHUNK = 2048
+"""Facets at a time."""
 TOUCHING = 1e-7
 """Of the size of the structure: places that are the same."""
 OUTWARD = {3: [0, 2, 1], 4: [0, 3, 2, 1], 6: [0, 2, 1, 5, 4, 3], 8: [0, 3, 2, 1, 7, 6, 5, 4]}
@@ -65,6 +67,21 @@ class Facets:
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
     """One number for an element id and the local number of a facet, 1 to 6."""
     return element_id * 8 + facet
+
+
+def on_solids(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int, ...], IntArray, IntArray]]:
+    """Facets of solids by block and place on the element: (block, local nodes of the facet, which facets (m,), rows of their
+    elements in the block (m,)), CHUNK at most."""
+    for block in mesh.blocks:
+        order = np.argsort(block.ids)
+        place = np.searchsorted(block.ids, facets.element_id, sorter=order)
+        row = order[np.minimum(place, len(order) - 1)] if len(order) else np.zeros(len(place), dtype=np.int64)
+        own = np.flatnonzero(block.ids[row] == facets.element_id) if len(order) else row[:0]
+        for number, (_, local) in enumerate(kind_of(block.kind).facets, start=1):
+            which = own[facets.facet[own] == number]
+            for start in range(0, len(which), CHUNK):
+                part = which[start : start + CHUNK]
+                yield block, local, part, row[part]
 
 
 def all_facets(mesh: Mesh) -> Facets:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.laminates import Lamina, Laminate
@@ -46,7 +47,7 @@ class Material:
 @dataclass(frozen=True)
 class Region:
     """A property that elements refer to (a PSOLID, an element set, a physical group); material id, 0 where the file has none, and
-    of a laminate, whose plies have theirs."""
+    of a laminate or composite solid, whose plies or layers have theirs."""
 
     id: int
     name: str
@@ -72,7 +73,8 @@ class Mesh:
 
     node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams, and sections of these: region id → its
     own; laminae: orthotropic materials of plies, and anisotropic ones of solids, whose ids no other material has; orientations:
-    region id → how the axes of its anisotropic material lie, along the basic ones where it has none; arms (a, 2): the last a
+    region id → how the axes of its anisotropic material lie, along the basic ones where it has none; composites: region id of
+    solids → their layers, where they have some; arms (a, 2): the last a
     nodes, which lie on faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it
     bears too; fixed (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a
     column, that the components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where
@@ -100,6 +102,7 @@ class Mesh:
     laminae: Mapping[int, Lamina] = field(default_factory=dict)
     anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
     orientations: Mapping[int, Orientation] = field(default_factory=dict)
+    composites: Mapping[int, CompositeSolid] = field(default_factory=dict)
     arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
@@ -177,26 +180,33 @@ class Mesh:
         ids = [ply.material for ply in laminate.plies] if laminate else []
         return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
 
+    def layer_materials(self, region: int) -> tuple[Anisotropic | Material | None, ...]:
+        """The material of every layer of a composite solid (region id), None where it is not there."""
+        composite = self.composites.get(region)
+        ids = [layer.material for layer in composite.layers] if composite else []
+        return tuple(self.anisotropic.get(number) or self.materials.get(number) for number in ids)
+
     def material_of(self, region: int) -> Material | None:
         """The isotropic material of a region (id); None where it has none, or several or an anisotropic one."""
-        return None if self.laminate(region) else self.materials.get(self.regions[region].material)
+        several = self.laminate(region) or self.composites.get(region)
+        return None if several else self.materials.get(self.regions[region].material)
 
     def anisotropic_of(self, region: int) -> Anisotropic | None:
         """The anisotropic material of a region (id) of solids; None where it has another."""
         return self.anisotropic.get(self.regions[region].material)
 
     def density_of(self, region: int) -> float | None:
-        """Density of a region (id) [kg/m³], of a laminate the mean over its thickness, Σ ρt/Σ t; None where a material lacks."""
+        """Density of a region (id) [kg/m³], of a laminate or composite solid the mean over its thickness, Σ ρt/Σ t; None where a
+        material lacks."""
         if (shell := self.general_shell(region)) is not None:
             return shell.density
-        if (laminate := self.laminate(region)) is None:
-            material = self.material_of(region) or self.anisotropic_of(region)
-            return None if material is None else material.density
-        density = [own.density for own in self.ply_materials(region) if own is not None]
-        if len(density) < len(laminate.plies):
-            return None
-        mass = sum(rho * ply.thickness for rho, ply in zip(density, laminate.plies, strict=True))
-        return mass / laminate.thickness
+        if (laminate := self.laminate(region)) is not None:
+            stack = [(ply.thickness, own) for ply, own in zip(laminate.plies, self.ply_materials(region), strict=True)]
+            return _mean_density(stack)
+        if (composite := self.composites.get(region)) is not None:
+            return _mean_density(list(zip(composite.shares.tolist(), self.layer_materials(region), strict=True)))
+        material = self.material_of(region) or self.anisotropic_of(region)
+        return None if material is None else material.density
 
     @property
     def turning(self) -> IntArray:
@@ -234,3 +244,9 @@ class Mesh:
             if error.where is None and error.entity:
                 error.where = self.where(*error.entity) or self.source or None
             raise
+
+
+def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
+    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
+    parts = [(t, own.density) for t, own in stack if own is not None]
+    return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None

@@ -8,6 +8,7 @@ from typing import Final
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.additions import free_material, with_properties
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
@@ -26,15 +27,18 @@ OF_MASS = ("density", "area_factor", "bending_factor", THICKNESS)
 
 def shapes(mesh: Mesh, region: int, property: str) -> bool:
     """Whether the stiffness of a region (id) depends on a property in another way than in proportion: on the modulus of the
-    isotropic plies of a laminate, too."""
-    return property in SHAPING or (property == "youngs_modulus" and mesh.laminate(region) is not None)
+    isotropic plies of a laminate or layers of a composite solid, too."""
+    of_plies = mesh.laminate(region) is not None or region in mesh.composites
+    return property in SHAPING or (property == "youngs_modulus" and of_plies)
 
 
 def without_modulus(mesh: Mesh, region: int) -> str:
-    """What a region is that has several moduli, in words: a laminate, a shell of several materials, or of an anisotropic one;
-    "" where it has one."""
+    """What a region is that has several moduli, in words: a laminate, a composite solid, a shell of several materials, or of an
+    anisotropic one; "" where it has one."""
     if mesh.laminate(region):
         return "a laminate"
+    if region in mesh.composites:
+        return "a composite solid"
     if mesh.general_shell(region):
         return "a shell of several or anisotropic materials"
     return "of an anisotropic material" if mesh.anisotropic_of(region) else ""
@@ -103,20 +107,23 @@ def meant(mesh: Mesh, region: int, property: str, material: int | str | None = N
 
 def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> Lamina | Material:
     """The material that is meant of the plies of a region: an orthotropic one, of youngs_modulus an isotropic one."""
-    if (laminate := mesh.laminate(region)) is None:
+    several = mesh.laminate(region) or mesh.composites.get(region)
+    if several is None or (property != "youngs_modulus" and isinstance(several, CompositeSolid)):
         raise UserError(
             f"{mesh.regions[region]} is no laminate: it has no {property}",
-            remedy="estimate the youngs_modulus of its material, or name a region of plies",
+            remedy="estimate the youngs_modulus of its material, or name a region of plies of shells",
         )
     among = mesh.materials if property == "youngs_modulus" else mesh.laminae
     kind = "isotropic" if property == "youngs_modulus" else "orthotropic"
-    found = {ply.material: among[ply.material] for ply in laminate.plies if ply.material in among}
+    plies = several.layers if isinstance(several, CompositeSolid) else several.plies
+    found = {ply.material: among[ply.material] for ply in plies if ply.material in among}
     names = {number: str(own) for number, own in found.items()}
+    other = "youngs_modulus" if kind == "orthotropic" else ", ".join(PLY_MODULI)
     if not found:
         raise UserError(
-            f"{mesh.regions[region]} is a laminate without {kind} plies: it has no single {property}",
-            remedy="estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]; or one of its "
-            f"moduli, property: {'youngs_modulus' if kind == 'orthotropic' else ', '.join(PLY_MODULI)}",
+            f"{mesh.regions[region]} is {without_modulus(mesh, region)} without {kind} plies: it has no single {property}",
+            remedy="estimate a factor of its stiffness, property: stiffness_factor, guess: 1.0, range: [0.8, 1.2]"
+            + ("" if isinstance(several, CompositeSolid) else f"; or one of its moduli, property: {other}"),
         )
     if material is None:
         if len(found) > 1:
@@ -137,6 +144,12 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
 
 def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: int | str | None) -> Mesh:
     old, number = _ply(mesh, region, property, material), free_material(mesh)
+    if (composite := mesh.composites.get(region)) is not None:
+        assert isinstance(old, Material)
+        changed = replace(old, id=number, youngs_modulus=value, name=str(old))
+        layers = (replace(own, material=number) if own.material == old.id else own for own in composite.layers)
+        composites = {**mesh.composites, region: replace(composite, layers=tuple(layers))}
+        return replace(mesh, materials={**mesh.materials, number: changed}, composites=composites)
     laminate = mesh.laminate(region)
     assert laminate is not None
     plies = tuple(replace(ply, material=number) if ply.material == old.id else ply for ply in laminate.plies)

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import AveragingElement, RigidElement
-from strainsight.mesh.model import IntArray, Mesh
+from strainsight.mesh.model import IntArray, Material, Mesh
 from strainsight.mesh.thin import GeneralShell
 from strainsight.mesh.units import length_factor, mass_factor
 
@@ -21,6 +22,8 @@ EXTENT = (1e-3, 100.0)
 """[m], from a crystal to a rotor blade: what is tested with strain gauges."""
 WAVE_SPEED = (10.0, 2.5e4)
 """√(E/ρ) [m/s], from soft rubber to beyond diamond: whatever the material, a modulus and a density that fit each other."""
+SHEAR_EXCESS = 2.0
+"""How many times too stiff in shear across its layers a composite solid may be without a warning."""
 LIKELY_MODULUS = (1e9, 6e11)
 LIKELY_DENSITY = (500.0, 2.5e4)
 USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft", "slug"), ("cm", "kg"), ("m", "t"))
@@ -91,6 +94,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
             )
     for solid in mesh.anisotropic.values():
         found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit)
+    found += _stiff_cores(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
     found += _far_references(mesh)
@@ -110,6 +114,29 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
         if mesh.effect.get(card) == "structure"
     ]
     return tuple(found)
+
+
+def _stiff_cores(mesh: Mesh) -> list[str]:
+    """Composite solids with a soft core: within an element all layers have one strain of shear across, in place of one stress, so
+    that it resists with Σ sG where layers of their own would with 1/Σ(s/G), s their shares."""
+    found = []
+    for number, composite in mesh.composites.items():
+        G = np.array([np.nan if own is None else _shear_modulus(own) for own in mesh.layer_materials(number)])
+        excess = float((composite.shares @ G) * (composite.shares @ (1 / G)))
+        if excess > SHEAR_EXCESS:
+            found.append(
+                f"{mesh.regions[number]} has layers whose shear moduli lie {G.max() / G.min():.3g} times apart: its elements are "
+                f"up to {excess:.3g} times too stiff in shear across the layers; where that matters (thick, or a soft core), "
+                "mesh the core and its skins with elements of their own"
+            )
+    return found
+
+
+def _shear_modulus(own: Anisotropic | Material) -> float:
+    """G [Pa], of an anisotropic material the mean of three."""
+    if isinstance(own, Anisotropic):
+        return float(np.diagonal(own.stiffness)[3:].mean())
+    return own.youngs_modulus / (2 * (1 + own.poisson_ratio))
 
 
 def _far_references(mesh: Mesh) -> list[str]:

@@ -39,6 +39,7 @@ def scaled(mesh: Mesh, s: float) -> Mesh:
         with_thin_resized(mesh, s, s**3),
         position=s * mesh.position,
         orientations={i: own.resized(s) for i, own in mesh.orientations.items()},
+        composites={i: own.resized(s) for i, own in mesh.composites.items()},
         relations=relations_resized(mesh, s),
         point_masses=masses,
         springs=springs,

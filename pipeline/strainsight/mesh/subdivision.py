@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.kinds.kind import Kind, with_midsides
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import CellBlock, Mesh, Region
 
 UNIT = 2**20
 """Of a weight, as an integer: at halves and quarters of edges all weights are multiples of 2⁻⁸."""
@@ -44,13 +45,14 @@ def refined(mesh: Mesh) -> Refined:
     code = random.integers(0, 2**63, len(mesh.position), dtype=np.uint64)
     raw: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]] = []
     entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    halves = _Halves(mesh)
     for block in mesh.blocks:
         kind = kind_of(block.kind)
         for name, corners in kind.split:
             xi = with_midsides(corners, kind_of(name).edges)
             N = kind.shape(xi)
             key = _keys(code, block.nodes, N)
-            raw.append((name, key, block.ids, block.region))
+            raw.append((name, key, block.ids, halves.regions(block.region, corners)))
             entries.append((key, block.nodes, N))
     keys = np.unique(np.concatenate([own.ravel() for _, own, _, _ in raw]))
     blocks, parents, number = [], [], 0
@@ -67,6 +69,8 @@ def refined(mesh: Mesh) -> Refined:
         node_ids=np.arange(1, len(keys) + 1),
         position=P @ mesh.position,
         blocks=tuple(blocks),
+        regions={**mesh.regions, **halves.found},
+        composites={**mesh.composites, **halves.composites},
         fixed=np.zeros((0, 2), dtype=np.int64),
         rigid=(),
         averaging=(),
@@ -80,6 +84,29 @@ def refined(mesh: Mesh) -> Refined:
         origin={},
     )
     return Refined(fine, P, np.concatenate(parents), code, keys)
+
+
+@dataclass
+class _Halves:
+    """Regions of the parts of composite solids, which have the layers of their half alone: found, composites."""
+
+    mesh: Mesh
+    found: dict[int, Region] = field(default_factory=dict)
+    composites: dict[int, CompositeSolid] = field(default_factory=dict)
+    _number: dict[tuple[int, float], int] = field(default_factory=dict)
+
+    def regions(self, region: np.ndarray, corners: np.ndarray) -> np.ndarray:
+        """Regions (e,) of the parts with corners (c, 3) of elements in regions (e,)."""
+        own = region.copy()
+        for number in np.unique(region[np.isin(region, list(self.mesh.composites))]).tolist():
+            composite = self.mesh.composites[number]
+            extent = corners[:, composite.direction].tolist()
+            low, high = min(extent), max(extent)
+            half = self._number.setdefault((number, low), max(self.mesh.regions) + 1 + len(self._number))
+            self.found[half] = replace(self.mesh.regions[number], id=half)
+            self.composites[half] = composite.between(low, high)
+            own[region == number] = half
+        return own
 
 
 def _keys(code: np.ndarray, nodes: np.ndarray, N: np.ndarray) -> np.ndarray:

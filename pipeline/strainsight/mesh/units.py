@@ -111,6 +111,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
         laminae=laminae,
         anisotropic=anisotropic,
         orientations={i: own.resized(L) for i, own in mesh.orientations.items()},
+        composites={i: own.resized(L) for i, own in mesh.composites.items()},
         relations=relations_resized(mesh, L),
         point_masses=masses,
         springs=springs,

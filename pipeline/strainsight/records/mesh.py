@@ -11,7 +11,7 @@ from strainsight.mesh.joins import PointMass, Springs
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, Section
-from strainsight.records.anisotropic import AnisotropicMaterials, Orientations
+from strainsight.records.anisotropic import AnisotropicMaterials, Composites, Orientations
 from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
 from strainsight.records.record import Source, dataset, group, read, record
 from strainsight.records.thin import Beams, BeamSections, GeneralShells, Laminae, Laminates, Shells, ShellSections
@@ -124,6 +124,7 @@ class MeshColumns:
     materials: Materials = group("/materials")
     anisotropic: AnisotropicMaterials | None = group("/anisotropic")
     orientations: Orientations | None = group("/orientations")
+    composites: Composites | None = group("/composites")
     constraints: Constraints = group("/constraints")
     masses: PointMasses = group("/masses")
     springs: tuple[Springs, ...] = group("/springs", SpringColumns)
@@ -156,6 +157,7 @@ class MeshColumns:
             laminae=Laminae.of(mesh.laminae),
             anisotropic=AnisotropicMaterials.of(mesh.anisotropic),
             orientations=Orientations.of(mesh.orientations),
+            composites=Composites.of(mesh.composites),
             regions=Regions(
                 id=ints([r.id for r in regions]),
                 name=tuple(r.name for r in regions),
@@ -245,6 +247,7 @@ class MeshColumns:
             laminae={} if self.laminae is None else self.laminae.made(),
             anisotropic={} if self.anisotropic is None else self.anisotropic.made(),
             orientations={} if self.orientations is None else self.orientations.made(),
+            composites={} if self.composites is None else self.composites.made(),
             sections={number: sections[number] for number in regions.id.tolist() if number in sections},
             axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
             node_sets=_members(self.node_sets),

@@ -8,14 +8,10 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import density_of
-from strainsight.fem.element_matrices import element_masses
+from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.joins import PointMass
-from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh
-
-CHUNK = 4096
 
 
 @dataclass(frozen=True)
@@ -97,18 +93,12 @@ def inertia_invariants(
 def scalar_mass(mesh: Mesh) -> sparse.csr_array:
     """m_ab = Σ_elements ρ ∫ N_a N_b dV  (nodes, nodes) [kg]: the mass of one component, without point masses."""
     rows, columns, values = [], [], []
-    for block in mesh.blocks:
-        a, b = np.triu_indices(block.nodes.shape[1])
-        numbers, region = np.unique(block.region, return_inverse=True)
-        density = np.array([density_of(mesh, int(number)) for number in numbers])[region]
-        for start in range(0, len(block.ids), CHUNK):
-            cut = slice(start, start + CHUNK)
-            nodes = block.nodes[cut]
-            m = element_masses(kind_of(block.kind), mesh.position[nodes], block.ids[cut])[:, :, 0] * density[cut, None]
-            # half of the diagonal, because the transpose is added below
-            values.append((m * np.where(a == b, 0.5, 1.0)).ravel())
-            rows.append(nodes[:, a].ravel())
-            columns.append(nodes[:, b].ravel())
+    for part, m in element_mass_parts(mesh):
+        a, b = np.triu_indices(part.nodes.shape[1])
+        # half of the diagonal, because the transpose is added below
+        values.append((m * np.where(a == b, 0.5, 1.0)).ravel())
+        rows.append(part.nodes[:, a].ravel())
+        columns.append(part.nodes[:, b].ravel())
     places = np.concatenate(rows), np.concatenate(columns)
     half = sparse.csr_array(sparse.coo_array((np.concatenate(values), places), shape=(len(mesh.position),) * 2))
     return sparse.csr_array(half + half.T)

@@ -15,6 +15,7 @@ from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, UserError
 from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.forces import BodyForce
@@ -99,22 +100,25 @@ def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
 
 
 def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
-    """E and ρ of a region, of a laminate those of its first ply, along it, of an anisotropic one its largest; None where the deck
-    has no material."""
+    """E and ρ of a region, of a laminate or composite solid those of its first ply, along it, of an anisotropic one its largest;
+    None where the deck has no material."""
     if (shell := mesh.general_shell(region)) is not None:
         return shell.modulus, shell.density
     if (solid := mesh.anisotropic_of(region)) is not None:
         return max(solid.moduli), solid.density
-    own = next(iter(mesh.ply_materials(region)), None) or mesh.material_of(region)
-    if own is None:
+    first = (*mesh.ply_materials(region), *mesh.layer_materials(region), mesh.material_of(region))[0]
+    if first is None:
         return None
-    return (own.e1 if isinstance(own, Lamina) else own.youngs_modulus), own.density
+    if isinstance(first, Anisotropic):
+        return max(first.moduli), first.density
+    return (first.e1 if isinstance(first, Lamina) else first.youngs_modulus), first.density
 
 
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
     """Regions without a material, and in a deck without mass those of each material."""
     of = {number: own.material for number, own in mesh.regions.items()}
     plies = {number for number in of if mesh.laminate(number) is not None or mesh.general_shell(number) is not None}
+    plies |= {*mesh.composites}
     known = {*mesh.materials, *mesh.anisotropic}
     if without := tuple(i for i, material in of.items() if material not in known and i not in plies):
         yield Lacking(without)

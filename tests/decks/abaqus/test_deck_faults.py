@@ -50,7 +50,7 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
         ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
         (", MATERIAL=STEEL", "", "has no MATERIAL", 16),
         ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
-        ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "composite", 16),
+        ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "it is COMPOSITE and has a MATERIAL", 16),
         ("*BOUNDARY", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n*BOUNDARY", "in the section of EALL already", 17),
         ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a section has no \\*ELASTIC", 11),
         ("*ELASTIC", "*ELASTIC, TYPE=TRACTION", "TYPE=TRACTION", 12),

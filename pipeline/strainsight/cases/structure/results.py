@@ -17,7 +17,7 @@ from strainsight.decks.results.reader import read_responses
 from strainsight.decks.results.response import Response
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter, of_stiffness
-from strainsight.fem.assembly import density_of, modulus_of, regions_of
+from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.given_motion import GivenMotion, given_motion
 from strainsight.fem.of_results import Results, ResultsModel, results_model
 from strainsight.fem.second_results import model_of_two

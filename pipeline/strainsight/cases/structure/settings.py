@@ -17,7 +17,7 @@ from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, UserError, blame
 from strainsight.fem.affine import DAMPING, Parameter
-from strainsight.fem.assembly import regions_of
+from strainsight.fem.by_region import regions_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.additions import region_ids, spring_names

@@ -136,6 +136,7 @@ def read_abaqus(
         laminae=sections.laminae,
         anisotropic=sections.anisotropic,
         orientations=sections.orientations,
+        composites=sections.composites,
         fixed=fixed,
         rigid=tuple(made.rigid),
         averaging=tuple(made.averaging),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from strainsight.decks.abaqus.elastic import LINES, anisotropic_type, solid_stiffness
-from strainsight.decks.abaqus.text import Keyword
+from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.laminates import Lamina
@@ -76,6 +76,26 @@ class Materials:
             number = self._next
             if _type(own) == "LAMINA":
                 self.laminae[number] = _lamina(own, number, self.notes)
+            else:
+                self.found[number] = _material(own, number, self.notes)
+            self._numbers[name.upper()] = number
+        return self._numbers[name.upper()]
+
+    def of_layer(self, name: str, row: Row) -> int:
+        """Number of the material of a layer of solids, isotropic or anisotropic. Raises DeckError for one that is not there, or
+        of plane stress."""
+        own = self.definitions.get(name.upper())
+        if own is None:
+            raise row.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
+        if _type(own) == "LAMINA":
+            raise row.error(
+                f"material {name!r} is TYPE=LAMINA, which does not say what solids resist across",
+                "give it TYPE=ENGINEERING CONSTANTS",
+            )
+        if name.upper() not in self._numbers:
+            number = self._next
+            if anisotropic_type(own.options.get("ELASTIC")):
+                self.solids[number] = _anisotropic(own, number, self.notes)
             else:
                 self.found[number] = _material(own, number, self.notes)
             self._numbers[name.upper()] = number

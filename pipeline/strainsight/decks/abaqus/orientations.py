@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from strainsight.decks.abaqus.parts import normal, orthonormal
@@ -15,16 +17,25 @@ from strainsight.mesh.model import FloatArray
 SYSTEMS = ("RECTANGULAR", "ZRECTANGULAR", "CYLINDRICAL")
 
 
-def named_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Keyword | None:
-    """The *ORIENTATION that a section names, of its part or of the assembly; None where it names none."""
-    name = keyword.parameters.get("ORIENTATION", "").upper()
+@dataclass(frozen=True)
+class SolidAxes:
+    """How the axes of a material of solids lie; about: which of them, 1, 2 or 3, the second line of the *ORIENTATION names, None
+    where it names none; where it stands."""
+
+    orientation: Orientation
+    about: int | None
+    where: str
+
+
+def named_orientation(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -> Keyword | None:
+    """The *ORIENTATION of this name that a section or its line refers to, of its part or of the assembly; None for ""."""
     if not name:
         return None
     for within in (scope, assembly.scopes[""]):
         for own in within.part.keywords:
-            if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name:
+            if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name.upper():
                 return own
-    raise keyword.error(f"orientation {name!r} is not in the deck", "add the *ORIENTATION, or correct the name")
+    raise by.error(f"orientation {name.upper()!r} is not in the deck", "add the *ORIENTATION, or correct the name")
 
 
 def rectangular_axes(row: Row) -> FloatArray:
@@ -35,19 +46,27 @@ def rectangular_axes(row: Row) -> FloatArray:
 
 
 def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Orientation:
-    """Of a section of solids of an anisotropic material, its instance turned with it: RECTANGULAR (a on x, b in the plane xy),
-    Z RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 around, 3 along), by coordinates;
-    then turned by an angle [deg] about its axis 1, 2 or 3, as the second line says. Without one the basic axes.
+    """Of a section of solids of an anisotropic material, see `solid_axes`; without one the basic axes.
 
-    Raises DeckError for an instance that is turned without one, for distributions, and other systems and definitions.
+    Raises DeckError for an instance that is turned without one."""
+    own = solid_axes(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
+    if own is None and not np.allclose(scope.rotation, np.eye(3)):
+        raise keyword.error(
+            "anisotropic solids of an instance that is turned have no ORIENTATION", "give the section one"
+        )
+    return Orientation(BASIC, np.eye(3)) if own is None else own.orientation
+
+
+def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -> SolidAxes | None:
+    """Axes of an anisotropic material of solids, its instance turned with it: RECTANGULAR (a on x, b in the plane xy),
+    Z RECTANGULAR (a on z, b in the plane xz) or CYLINDRICAL (a and b on the axis; 1 radial, 2 around, 3 along), by coordinates;
+    then turned by an angle [deg] about its axis 1, 2 or 3, as the second line says. None for no name.
+
+    Raises DeckError for one that is not there, for distributions, and other systems and definitions.
     """
-    own = named_orientation(assembly, scope, keyword)
+    own = named_orientation(assembly, scope, by, name)
     if own is None:
-        if not np.allclose(scope.rotation, np.eye(3)):
-            raise keyword.error(
-                "anisotropic solids of an instance that is turned have no ORIENTATION", "give the section one"
-            )
-        return Orientation(BASIC, np.eye(3))
+        return None
     system = own.parameters.get("SYSTEM", "RECTANGULAR").upper().replace(" ", "")
     definition = own.parameters.get("DEFINITION", "COORDINATES").upper()
     if system not in SYSTEMS or definition not in ("COORDINATES", ""):
@@ -75,14 +94,18 @@ def solid_orientation(assembly: Assembly, scope: Scope, keyword: Keyword) -> Ori
             z, x, y = axes.T  # what a rectangular one calls x, y and z
             axes = np.column_stack([x, y, z])
     moved = CoordinateSystem(kind, scope.rotation @ origin + scope.translation, scope.rotation @ axes)
-    return Orientation(moved, _turn(rows[1]) if len(rows) > 1 else np.eye(3))
-
-
-def _turn(row: Row) -> FloatArray:
-    """Axes (3, 3) that are turned by an angle [deg] about one of them."""
-    about, angle = row.integer(0, "the axis", 1), np.radians(row.real(1, "the angle", 0.0))
+    if len(rows) < 2:
+        return SolidAxes(Orientation(moved, np.eye(3)), None, own.where)
+    about = rows[1].integer(0, "the axis", 1)
     if about not in (1, 2, 3):
-        raise row.error(f"axis {about}", "give the axis about which the others turn, 1, 2 or 3")
+        raise rows[1].error(f"axis {about}", "give the axis about which the others turn, 1, 2 or 3")
+    turn = turned_about(about, rows[1].real(1, "the angle", 0.0))
+    return SolidAxes(Orientation(moved, turn), about if rows[1].text(0) else None, own.where)
+
+
+def turned_about(about: int, degrees: float) -> FloatArray:
+    """Axes (3, 3), one in a column, that are turned by an angle [deg] about one of them, 1, 2 or 3."""
+    angle = np.radians(degrees)
     one, two = about % 3, (about + 1) % 3
     turn = np.eye(3)
     turn[[one, one, two, two], [one, two, one, two]] = (

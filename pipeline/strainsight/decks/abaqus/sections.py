@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.decks.abaqus.beam_sections import beam_section, own_constants
+from strainsight.decks.abaqus.composite_solids import composite_solid
 from strainsight.decks.abaqus.materials import Materials, definitions
 from strainsight.decks.abaqus.orientations import solid_orientation
 from strainsight.decks.abaqus.scopes import Assembly, Scope
@@ -16,6 +17,7 @@ from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import FloatArray, IntArray, Material, Region
 from strainsight.mesh.thin import BeamSection, ShellSection
@@ -34,7 +36,8 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 @dataclass(frozen=True)
 class Sections:
     """region (m,) of each element, 0 of those that are not imported; the regions, one a section; their materials,
-    laminae those of plies, anisotropic those of solids that are, with the axes of regions of these.
+    laminae those of plies, anisotropic those of solids that are, with the axes of regions of these, composites those
+    with layers.
 
     sections: region → section of its shells, beams or rods; offset: region → where their middle lies from their nodes, along the
     normal of a shell, along n1 and n2 of a beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of
@@ -47,6 +50,7 @@ class Sections:
     laminae: dict[int, Lamina]
     anisotropic: dict[int, Anisotropic]
     orientations: dict[int, Orientation]
+    composites: dict[int, CompositeSolid]
     sections: dict[int, ShellSection | BeamSection | Laminate]
     offset: dict[int, FloatArray]
     direction: dict[int, FloatArray]
@@ -77,6 +81,7 @@ def read_sections(
         made.found,
         made.laminae,
         made.solids,
+        {},
         {},
         {},
         {},
@@ -140,12 +145,10 @@ def _add(
     name = _region_name(assembly, keyword, scope, set_name)
     material = None
     if keyword.name == "SOLIDSECTION":
-        if "COMPOSITE" in keyword.parameters:
-            raise keyword.error(
-                "composite solids are not supported",
-                "give the section one material, of each ply elements of its own, or of all plies together one TYPE=ORTHOTROPIC",
-            )
         rods = family[rows] == "rod"
+        if "COMPOSITE" in keyword.parameters:
+            found.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
+            material = 0  # those of its layers
         if made.anisotropic(keyword):
             if rods.any():
                 raise keyword.error(

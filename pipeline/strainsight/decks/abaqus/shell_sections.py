@@ -70,7 +70,7 @@ def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> 
     """The axis (3,) of its ORIENTATION that is projected on the shell: the one that follows, 1 → 2 → 3 → 1, the axis that is
     stated to be near the normal, which is 1 where none is; matters: of plies, whose axes are not to be left out."""
     nothing = np.full(3, np.nan)
-    own = named_orientation(assembly, scope, keyword)
+    own = named_orientation(assembly, scope, keyword, keyword.parameters.get("ORIENTATION", ""))
     if own is None:
         if matters and not np.allclose(scope.rotation, np.eye(3)):
             raise keyword.error("plies of an instance that is turned have no ORIENTATION", "give the section one")

@@ -29,8 +29,15 @@ def laminate(card: Card) -> Laminate:
     nonstructural = card.real(2, "the mass NSM", 0.0)
     if nonstructural < 0:
         raise card.error(f"the mass NSM is {nonstructural:g}, negative", "give a positive mass")
-    plies: list[Ply] = []
     step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
+    plies = plies_of(card, step, at)
+    return Laminate((*plies, *reversed(plies)) if kind == "SYM" else plies, nonstructural)
+
+
+def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
+    """Material, thickness and angle of each ply, which begin in field `at` of `step` fields; blank material and thickness are
+    those before. Raises DeckError for a ply that has no material or no thickness, and where there are none."""
+    plies: list[Ply] = []
     for start in range(_FIRST, len(card.fields), step):
         if not any(card.text(i) for i in range(start, start + step)):
             continue
@@ -43,7 +50,7 @@ def laminate(card: Card) -> Laminate:
         plies.append(Ply(material, t, card.real(i + 2, f"the angle of ply {number}", 0.0)))
     if not plies:
         raise card.error("it has no plies", "give the material, thickness and angle of each from the second line on")
-    return Laminate((*plies, *reversed(plies)) if kind == "SYM" else tuple(plies), nonstructural)
+    return tuple(plies)
 
 
 def middle_of(card: Card, own: Laminate) -> float:

@@ -38,7 +38,21 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = {
-    *("GRID", "GRDSET", "PSOLID", "MAT1", "MAT2", "MAT8", *ANISOTROPIC, "SPC", "SPC1", "SPCADD", "RBE2", "RBE3"),
+    *(
+        "GRID",
+        "GRDSET",
+        "PSOLID",
+        "PCOMPS",
+        "MAT1",
+        "MAT2",
+        "MAT8",
+        *ANISOTROPIC,
+        "SPC",
+        "SPC1",
+        "SPCADD",
+        "RBE2",
+        "RBE3",
+    ),
     *("MPC", "MPCADD", "PMASS", "SET1", "SET3"),
     *MASSES,
     *RIGID_BARS,
@@ -75,8 +89,8 @@ def read_nastran(
 ) -> Mesh:
     """A Nastran deck in its own units, with its own ids.
 
-    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, MAT1, MAT9 and MAT11 of
-    solids, MAT8 of plies, what `thin` takes, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
+    Imported: GRID (CP, CD, PS), GRDSET, CORD1R/C/S, CORD2R/C/S, the solids of `mesh.kinds`, PSOLID, PCOMPS, MAT1, MAT9 and MAT11
+    of solids, MAT8 of plies, what `thin` takes, SPC, SPC1, SPCADD, MPC, MPCADD, RBE2, RBE3, RBAR, RBAR1, RROD, RBE1, `MASSES`,
     springs, the static loads of `static_loads`, SET1, SET3, case-control SPC, MPC and SET, PARAM WTMASS (also of the case
     control), INCLUDE. Every other card is in `ignored` with its count. SET 5 of the case control is the set "SET-5", SET1 5 of
     the bulk data "SET1-5". Without a selection in the case control the only set of supports counts.
@@ -106,7 +120,7 @@ def read_nastran(
         )
     ignored += thin.left_out
     elements = together(elements, thin.elements)
-    found = properties(cards, blocks, thin, grids.systems, ignored, notes, stated)
+    found = properties(cards, blocks, grids.position, thin, grids.systems, ignored, notes, stated)
     ties = [card for name in ("RBE2", "RBE3", *RIGID_BARS) for card in cards.get(name, [])]
     tie_ids = unique_ids(ties, "rigid element")
     turned = nodes_that_turn(thin.shells, thin.beams)
@@ -141,6 +155,7 @@ def read_nastran(
         laminae={i: scaled(own, 1.0, scale) for i, own in found.laminae.items()},
         anisotropic={i: replace(own, density=scale * own.density) for i, own in found.anisotropic.items()},
         orientations=found.orientations,
+        composites=found.composites,
         fixed=fixed,
         rigid=rigid,
         averaging=averaging,

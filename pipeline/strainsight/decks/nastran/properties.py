@@ -1,4 +1,4 @@
-"""Properties of solids of a Nastran deck (PSOLID), and the materials (MAT1, MAT9, MAT11) of all regions."""
+"""Properties of solids of a Nastran deck (PSOLID, PCOMPS), and the materials (MAT1, MAT9, MAT11) of all regions."""
 
 from __future__ import annotations
 
@@ -11,52 +11,60 @@ import numpy as np
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.decks.nastran.anisotropic import ANISOTROPIC, damped, solid_material
 from strainsight.decks.nastran.cards import Card, unique_ids
+from strainsight.decks.nastran.composite_solids import composite_solid, layers_of
 from strainsight.decks.nastran.composites import lamina
 from strainsight.decks.nastran.grids import resolved_system
 from strainsight.decks.nastran.isotropic import isotropic_material
 from strainsight.decks.nastran.solids import SOLIDS
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.coordinates import CoordinateSystem
 from strainsight.mesh.laminates import Lamina
-from strainsight.mesh.model import CellBlock, Material, Region
+from strainsight.mesh.model import CellBlock, FloatArray, Material, Region
 from strainsight.mesh.thin import BeamSection, ShellSection
 
 
 @dataclass(frozen=True)
 class Properties:
     """Of a deck, by their ids: regions, isotropic materials, those of plies, anisotropic ones of solids, how their axes lie in
-    regions, and sections of shells and beams."""
+    regions, layers of regions of composite solids, and sections of shells and beams."""
 
     regions: dict[int, Region]
     materials: dict[int, Material]
     laminae: dict[int, Lamina]
     anisotropic: dict[int, Anisotropic]
     orientations: dict[int, Orientation]
+    composites: dict[int, CompositeSolid]
     sections: dict[int, Section]
 
 
 def properties(
     cards: dict[str, list[Card]],
     blocks: Sequence[CellBlock],
+    position: FloatArray,
     thin: Thin,
     systems: dict[int, CoordinateSystem],
     ignored: Counter[str],
     notes: list[str],
     stated: bool,
 ) -> Properties:
-    """PSOLID and what shells and beams refer to → regions, the materials that they and their plies refer to, and sections, with
-    the G of a MAT1 that contradicts its E and NU; without either a region of solids has no material, unless it has to be
-    stated.
+    """PSOLID, and what composite solids, shells and beams refer to → regions, the materials that they and their plies refer to,
+    and sections, with the G of a MAT1 that contradicts its E and NU; without either a region of solids has no material, unless it
+    has to be stated.
 
     Raises DeckError for an id that stands twice, a property or material that is not there or of another kind, and fluids.
     """
     solids = cards.get("PSOLID", [])
+    layered = _layered(cards, blocks, ignored)
     used = {(card.name, pid) for pid, card in thin.properties.items()}
     own = [card for name in PROPERTIES for card in cards.get(name, []) if (name, card.integer(0, "the id")) in used]
-    unique_ids([*solids, *own], "property")
+    unique_ids([*solids, *layered.values(), *own], "property")
     regions, named = {}, []
-    anisotropic = _anisotropic(cards, solids, ignored, notes)
+    plies = {pid: layers_of(card) for pid, card in layered.items()}
+    in_solids = [card.integer(1, "the material id") for card in solids]
+    in_solids += [ply.material for own in plies.values() for ply in own]
+    anisotropic = _anisotropic(cards, in_solids, ignored, notes)
     orientations: dict[int, Orientation] = {}
     schemes = []
     for card in solids:
@@ -77,7 +85,11 @@ def properties(
             f"PSOLID {_some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
             "hexahedra with incompatible modes"
         )
-    in_solids = {mid for _, mid in named}
+    composites: dict[int, CompositeSolid] = {}
+    for pid, card in layered.items():
+        regions[pid] = Region(pid, f"PCOMPS {pid}", 0)
+        composites[pid] = composite_solid(card, plies[pid], anisotropic, blocks, position, systems, notes)
+        named += [(card, mid) for mid in dict.fromkeys(ply.material for ply in plies[pid]) if mid not in anisotropic]
     of_plies: list[tuple[Card, int]] = []
     for pid, card in thin.properties.items():
         regions[pid] = Region(pid, f"{card.name} {card.integer(0, 'the id')}", thin.materials[pid])
@@ -88,10 +100,10 @@ def properties(
     in_general = {mid for named in thin.general.values() for mid in named}
     laminae = _laminae(cards, of_plies, in_general, ignored, notes)
     named += [(card, mid) for card, mid in of_plies if mid not in laminae]
-    materials, shear = _materials(cards, named, thin.only_beams - in_solids, in_general, ignored, notes, stated)
+    materials, shear = _materials(cards, named, thin.only_beams - {*in_solids}, in_general, ignored, notes, stated)
     sections = {pid: _with_shear(own, shear.get(thin.materials[pid], 1.0)) for pid, own in thin.sections.items()}
     for block in blocks:
-        missing = ~np.isin(block.region, [card.integer(0, "the property id") for card in solids])
+        missing = ~np.isin(block.region, [*(card.integer(0, "the property id") for card in solids), *layered])
         if missing.any() and not stated and not np.isin(block.region[missing], list(thin.properties)).any():
             regions |= {int(pid): Region(int(pid), f"PSOLID {pid}", 0) for pid in np.unique(block.region[missing])}
         elif missing.any():
@@ -101,7 +113,20 @@ def properties(
                 f"property {block.region[i]} is no PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",
             )
-    return Properties(regions, materials, laminae, anisotropic, orientations, sections)
+    return Properties(regions, materials, laminae, anisotropic, orientations, composites, sections)
+
+
+def _layered(cards: dict[str, list[Card]], blocks: Sequence[CellBlock], ignored: Counter[str]) -> dict[int, Card]:
+    """The PCOMPS that solids refer to, by their ids; others are counted."""
+    found, used = {}, {int(number) for block in blocks for number in np.unique(block.region)}
+    for card in cards.get("PCOMPS", []):
+        if (pid := card.integer(0, "the property id")) not in used:
+            ignored["PCOMPS that no element refers to"] += 1
+        elif pid in found:
+            raise card.error(f"property id {pid} stands twice", "give every property its own id")
+        else:
+            found[pid] = card
+    return found
 
 
 def _orientation(card: Card, mid: int, systems: dict[int, CoordinateSystem]) -> Orientation:
@@ -116,14 +141,14 @@ def _orientation(card: Card, mid: int, systems: dict[int, CoordinateSystem]) -> 
 
 
 def _anisotropic(
-    cards: dict[str, list[Card]], solids: Sequence[Card], ignored: Counter[str], notes: list[str]
+    cards: dict[str, list[Card]], named: Sequence[int], ignored: Counter[str], notes: list[str]
 ) -> dict[int, Anisotropic]:
-    """The MAT9 and MAT11 that solids name. Raises DeckError for an id of one of those that stands twice."""
+    """The MAT9 and MAT11 that solids name, by id. Raises DeckError for an id of one of those that stands twice."""
     own = [card for name in ANISOTROPIC for card in cards.get(name, [])]
     by_id = dict(zip(unique_ids(own, "material").tolist(), own, strict=True))
     others = {card.text(0): card.name for name in ("MAT1", "MAT8") for card in cards.get(name, [])}
     used = {}
-    for mid in dict.fromkeys(card.integer(1, "the material id") for card in solids):
+    for mid in dict.fromkeys(named):
         if mid not in by_id:
             continue
         if str(mid) in others:

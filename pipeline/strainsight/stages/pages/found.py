@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.fem.quality import POOR, Quality
 from strainsight.gauges.faces import Faces
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.joins import PointMass, Springs
 from strainsight.mesh.model import Mesh
 from strainsight.workflow.output import Table
@@ -88,6 +89,8 @@ def _regions(mesh: Mesh) -> list[Row]:
             moduli, axes = ", ".join(f"{E:.4g}" for E in solid.moduli), mesh.orientations.get(region.id)
             kind = "basic" if axes is None else axes.system.kind
             detail = f"{solid}, anisotropic: E {moduli} Pa along its {kind} axes, rho {solid.density:.5g} kg/m³"
+        if (composite := mesh.composites.get(region.id)) is not None:
+            detail = _layers(mesh, region.id, composite)
         rows.append(
             (f"region {region.id} {region.name}", ", ".join(f"{n} {kind}" for kind, n in count.items() if n), detail)
         )
@@ -101,6 +104,16 @@ def _plies(mesh: Mesh, region: int) -> str:
     of = Counter(ply.material for ply in laminate.plies)
     counted = ", ".join(f"{n} of {mesh.laminae.get(i) or mesh.materials.get(i)}" for i, n in of.items())
     return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, rho {density:.5g} kg/m³ in the mean"
+
+
+def _layers(mesh: Mesh, region: int, own: CompositeSolid) -> str:
+    """A composite solid in words: its layers by material, the direction along which they lie, and density."""
+    of = Counter(layer.material for layer in own.layers)
+    counted = ", ".join(f"{n} of {mesh.anisotropic.get(i) or mesh.materials.get(i)}" for i, n in of.items())
+    return (
+        f"{len(own.layers)} layers ({counted}) along direction {own.direction + 1} of each element, rho "
+        f"{mesh.density_of(region):.5g} kg/m³ in the mean"
+    )
 
 
 def _constraints(mesh: Mesh) -> list[Row]:
