@@ -32,7 +32,7 @@ help:
 	@echo 'make hub            the hub of thesis 6.2: 25 runs of configs/hub/ and one page, results/hub/report.html'
 	@echo 'make hub-fine       the same on the fine mesh, results/hub-fine/report.html'
 	@echo 'make lug            modulus of a lug bracket with bolt holes, three loads on it, then all of these: configs/lug/'
-	@echo 'make bench          chapters 2 to 4 of the thesis: 104 runs of configs/bench/ and one page, results/bench/report.html'
+	@echo 'make bench          chapters 2 to 4 of the thesis: 85 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make thesis         the thesis as printed, beside ours, figure by figure: results/thesis/report.html'
 	@echo 'make test           set up, then the tests, but for the long ones'
 	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
