@@ -62,3 +62,11 @@ def test_the_settings_of_the_thesis_are_its_own(suite):
         assert (own.process_noise.rule, own.process_noise.model_error) == ("as_printed", 0.0)
         assert (own.place.instants, own.place.weights, own.place.damping_slope) == (1, "thesis", False)
         assert (own.filter.method, own.validation.truth.model) == ("extended", "rom")
+
+
+def test_the_page_of_the_manual_has_every_row(suite):
+    """docs/reproduction.md is made by `python docs/reproduction.py` from the numbers of this suite as it stands."""
+    page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]
+    rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")][2:]
+    said = [(row.source, row.says, row.printed) for row in suite.model.comparisons]
+    assert [tuple(cell.strip() for cell in row[:3]) for row in rows] == said
