@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -56,14 +58,19 @@ def test_a_side_shows_its_number_and_its_bound():
 def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
     suite = Suite("s", "t", (), comparisons=(row(0.5, 0.5), row(0.5, 2.0), row(2.0, 2.0)))
     text = re.sub(r"</?data[^>]*>", "", comparisons_answer(suite))
-    assert "3 comparisons</strong>: 1 holds, 1 holds under its settings only" in text
+    assert "3 comparisons</strong>: 1 hold, 1 holds under its settings only" in text
     assert '1 contradicted (<a href="#comparison-3">3</a>)' in text
     assert comparisons_answer(Suite("s", "t", ())) == ""
 
 
-def test_what_a_config_says_is_text_on_the_page(monkeypatch):
-    monkeypatch.setattr("strainsight.report.suite.comparisons._side", lambda suite, own: "–")
-    table = comparisons_table(Suite("s", "t", (), comparisons=(row(0.5, 2.0),)))
+def test_what_a_config_says_is_text_on_the_page_and_numbers_are_markup():
+    run = SimpleNamespace(label="a <run>")
+    own = replace(row(0.5, 2.0), as_printed=Statement("s", ((0, "n", 0.5),), below=1.0, unit="<N>"))
+    table = comparisons_table(Suite("s", "t", (run,), comparisons=(own,)))
     assert "It &lt;falls&gt;." in table
-    assert "<falls>" not in table
+    assert "a &lt;run&gt;" in table
+    assert "&lt;N&gt;" in table
+    assert not {"<falls>", "<run>", "<N>"} & set(re.findall(r"<[^>]*>", table))
+    assert '<data value="0.5">0.5</data>' in table
+    assert "&lt;data" not in table
     assert "✓ holds under its settings only" in table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from html import escape
 
 from strainsight.report.page.markup import count, plain, sheet
@@ -33,7 +34,8 @@ def comparisons_answer(suite: Suite) -> str:
     for verdict, places in found.items():
         if places:
             links = ", ".join(f'<a href="#comparison-{i}">{i}</a>' for i in places)
-            parts.append(f"{count(len(places))} {verdict}" + (f" ({links})" if verdict != HOLDS else ""))
+            word = {HOLDS: "hold"}.get(verdict, verdict)
+            parts.append(f"{count(len(places))} {word}" + (f" ({links})" if verdict != HOLDS else ""))
     rows = len(suite.comparisons)
     return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
 
@@ -79,4 +81,4 @@ def _side(suite: Suite, own: Statement | None) -> str:
     places = list(dict.fromkeys(place for place, _, _ in own.found))
     links = ", ".join(f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places[:3])
     links += f" and {count(len(places) - 3)} more" if len(places) > 3 else ""
-    return f"{escape(side(own, plain))}<br><small>{links}</small>"
+    return f"{side(replace(own, unit=escape(own.unit)), plain)}<br><small>{links}</small>"
