@@ -107,6 +107,7 @@ def estimated(folder: Path, error=0.01, there=None, truth=True, parameter=True, 
         sensors=sensors,
         input_runs={},
         parameter_runs=runs,
+        seeds={},
         bearings={"bearing": _ring(time)},
     )
     warnings = Table("warnings", ("",), (("a noise of 0 is <floored>",),))

@@ -51,7 +51,7 @@ def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
     text = text.split("## estimate.h5 of a bench\n")[1].split("\n## ")[0]
     rows = {}
     for path, shape, unit in re.findall(r"^\| `([^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE):
-        pattern = re.escape(path).replace("<name>", r"[\w-]+")
+        pattern = re.escape(path).replace("<name>", r"[\w.-]+")
         rows[pattern] = 0 if shape.strip() == "scalar" else shape.count("×") + 1, unit.strip()
     scalars = [
         re.escape(name).replace("<name>", r"[\w-]+").replace("<i>", r"\d+")

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
+from strainsight.report.bench.data import BenchRun
 from strainsight.report.page.document import own
 from strainsight.stages.bench.report import report_stage
+from strainsight.stages.pages.statements import statements_of
 from strainsight.stages.suite import SUITE
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.plan import Job
@@ -23,7 +26,7 @@ from .bench_artefacts import estimated, placed, simulated
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 CLAIM = {
     "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None, "equals": None,
-    "unit": "",
+    "unit": "", "why": "",
 }  # fmt: skip
 
 
@@ -91,6 +94,22 @@ def test_claims_are_measured_in_the_artefacts(suite):
     np.testing.assert_allclose(suite["/number/value"], [1.001, 1.001, 10.0, 1.0, 1.0, 1.0, np.nan, 2e-16], rtol=1e-12)
     assert suite["/number/run"].tolist() == [0, 1, 1, 1, 0, 1, 3, 4]
     assert (suite.summary["claims"], suite.summary["confirmed"], suite.summary["contradicted"]) == (6, 4, 1)
+
+
+def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
+    claim = SimpleNamespace(
+        text="t", runs=[0, 1], number=["error.F", "nis"], stage="estimate", times=100.0, against=0, against_number=None,
+        above=None, below=1.0, equals=None, unit="", why="because",
+    )  # fmt: skip
+    runs = [
+        BenchRun("a", "a", numbers={"estimate": {"nis": 2.0}}, seeds={"error.F": np.array([1.0, 2.0, 4.0])}),
+        BenchRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
+    ]
+    (statement,) = statements_of([claim], runs)
+    assert statement.seeds == {
+        (0, "error.F"): [100.0] * 3, (0, "nis"): [100.0], (1, "error.F"): [200.0, 100.0, 50.0], (1, "nis"): [150.0],
+    }  # fmt: skip
+    assert statement.why == "because"
 
 
 def test_the_numbers_are_those_of_the_runs(suite, results):
