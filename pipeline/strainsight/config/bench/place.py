@@ -32,6 +32,11 @@ class BenchPlace(GaugeSites, LayoutSettings):
         description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown input "
         "in turn.",
     )
+    search: Literal["all", "pool"] = Field(
+        "all",
+        description="all: bound and proof are over all candidates, and those that a better layout could have by that bound "
+        "enter, too; pool: layout, bound and proof are of the pool alone.",
+    )
     spacing: NotNegative = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."
     )

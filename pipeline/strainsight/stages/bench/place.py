@@ -23,7 +23,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=13,
+    version=14,
     reads=(
         "seed",
         "bodies",

@@ -19,7 +19,7 @@ from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.layout.gauge_list import gauge_list
 from strainsight.cases.layout.placement import Placed, placed
 from strainsight.cases.layout.pool import PoolRows, layout_limits
-from strainsight.cases.layout.task import Readings, Task, Unknowns
+from strainsight.cases.layout.task import Readings, Task, Unknowns, Whole
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.place import BenchPlace
@@ -28,8 +28,9 @@ from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.multibody.static import static_equilibrium
 from strainsight.placement.baselines import random_sets
+from strainsight.placement.limits import Limits
 from strainsight.placement.metric import Metric
-from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
+from strainsight.placement.scenario import Aggregate, Pool, Scenario, solve_pool
 from strainsight.records.bench_placed import PLACED, BenchLayout
 from strainsight.records.bodies import ReducedBody
 
@@ -118,13 +119,19 @@ def placement_of(
     rows[:, modal] = on.rows
     strained = Strained(benches, rows, noise, float(asked(config).disturbance), place.aggregate)
     peak = np.max([np.abs(on.rows @ q[modal]) for q, _ in poses], axis=0)
+    every = _every(place, meshes[place.body], on, inputs, strained) if place.search == "all" else None
+
+    def task(kept: np.ndarray) -> Task:
+        return _task(place, config.seed, meshes[place.body], replace(on, kept=kept), inputs, strained, every)
+
     found = placed(
-        [_task(place, config.seed, meshes[place.body], on, inputs, strained)],
+        [task(on.kept)],
         lambda gauges: _expectation(strained, gauges, inputs),
         lambda gauges: gauge_list(
             on.candidates, [""] * on.candidates.gauges, gauges, ("gauges",), peak, np.full(len(peak), np.inf)
         ),
         using.progress,
+        pooled=task,
     )
     units = tuple(load_units(config, inputs).values())
     layouts, std = _layouts(found, place, strained), strained.in_poses(found.gauges)
@@ -162,7 +169,29 @@ def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inp
     return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method, corrected)
 
 
-def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
+def _every(
+    place: BenchPlace, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained
+) -> tuple[tuple[Pool, ...], Limits]:
+    """Every pose with all candidates, and the limits of a layout of them but for its spacing: that has as many as there are pairs
+    of neighbours, and a bound without it is one with it."""
+    numbers = np.arange(len(on.rows))
+    price = np.where(on.candidates.bonded, 0.0, float(place.price))
+    apart = place.model_copy(update={"minimum_spacing": 0.0})
+    with blame("place.keep"):
+        solved = tuple(solve_pool(scenario, inputs) for scenario in strained.scenarios(numbers))
+        pool = PoolRows(numbers[:, None], numbers[:, None])
+        return solved, layout_limits(apart, pool, mesh, on.candidates, price, "place.fixed")
+
+
+def _task(
+    place: BenchPlace,
+    seed: int,
+    mesh: Mesh,
+    on: GaugePool,
+    inputs: tuple[str, ...],
+    strained: Strained,
+    every: tuple[tuple[Pool, ...], Limits] | None,
+) -> Task:
     """The pool as a linear problem: every input counts in its increments, every gauge is a pool row."""
     linear, kept = strained.benches[0], on.kept
     pool = PoolRows(kept[:, None], kept[:, None])
@@ -186,6 +215,7 @@ def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple
         seed,
         aggregate=strained.aggregate,
         relative=False,
+        whole=Whole(*every, kept) if every is not None and len(kept) < len(on.rows) else None,
     )
 
 
