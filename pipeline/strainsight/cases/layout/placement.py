@@ -117,33 +117,31 @@ def _widened(
     progress: Callable[[str, float], None],
 ) -> tuple[Task, Elimination, Layout]:
     """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
-    many again, until no such candidate leads to one; of the layouts the best."""
-    for _ in range(ROUNDS):
+    many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
+    is one more start; of the layouts the best."""
+    start, cost, before, rounds = layout.gauges, layout.cost, task, ROUNDS if layout.exchange else 1
+    for _ in range(rounds):
         whole = task.whole
         assert whole is not None
         progress("bound over all candidates", 0.55)
-        found = certify(
-            task.under(whole.pools), whole.rows[layout.gauges], layout.cost, task.aggregate, limits=whole.limits
-        )
-        could = np.flatnonzero(found.including < layout.cost * (1 - TIE))
-        new = np.setdiff1d(could, whole.rows)
+        found = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
+        new = np.setdiff1d(np.flatnonzero(found.including < cost * (1 - TIE)), whole.rows)
         if not len(new):
             break
         new = new[tied_order(found.including[new])][: len(whole.rows)]
-        wider = pooled(np.union1d(whole.rows, new))
-        assert wider.whole is not None
-        before = np.searchsorted(wider.whole.rows, whole.rows[layout.gauges])
-        result, own = _drafted(wider, progress)
-        swapped = exchange(result.pools, before, wider.aggregate, limits=wider.limits) if own.exchange else None
-        gauges = before if swapped is None else swapped.gauges
-        cost = score(result.pools, gauges, wider.aggregate)
-        if cost < own.cost * (1 - TIE):
-            own = Layout(gauges, cost, swapped)
-        improved = own.cost < layout.cost * (1 - TIE)
-        task, layout = wider, own
-        if not improved:
-            break
-    return task, result, layout
+        task = pooled(np.union1d(whole.rows, new))
+        assert task.whole is not None
+        start = np.searchsorted(task.whole.rows, whole.rows[start])
+        if layout.exchange:
+            swapped = exchange(task.under(task.pools), start, task.aggregate, limits=task.limits)
+            start, cost = swapped.gauges, float(swapped.cost[-1])
+    if task is before:
+        return task, result, layout
+    result, own = _drafted(task, progress)
+    led_on = exchange(result.pools, start, task.aggregate, limits=task.limits) if own.exchange else None
+    gauges = start if led_on is None else led_on.gauges
+    cost = score(result.pools, gauges, task.aggregate)
+    return task, result, Layout(gauges, cost, led_on) if cost < own.cost * (1 - TIE) else own
 
 
 def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:
