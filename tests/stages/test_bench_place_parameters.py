@@ -83,6 +83,13 @@ def test_a_run_in_two_poses_that_are_one_is_a_run_in_one(bench):
     np.testing.assert_allclose(two["/layouts/random-1/std"][1], one["/layouts/random-1/std"][1], rtol=1e-6)
 
 
+def test_gauges_that_tell_nothing_of_a_parameter_are_reported(bench):
+    place = bench("estimate.parameters.E.std=1.0e+7")["place"]
+    assert place["/layouts/place/std"][1] == pytest.approx(1e7, rel=0.01)
+    assert "Of E the gauges tell next to nothing" in place["/advice"].tolist()[0]
+    assert "next to nothing" not in " ".join(bench()["place"]["/advice"].tolist())
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

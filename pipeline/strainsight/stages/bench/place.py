@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=15,
+    version=16,
     reads=(
         "seed",
         "bodies",

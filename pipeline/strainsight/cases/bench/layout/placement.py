@@ -103,6 +103,10 @@ def placement_of(
     )
     units = (*load_units(config, loads).values(), *parameter_units(config, unknowns.free))
     layouts, std = _layouts(found, place, strained), strained.in_poses(found.gauges)
+    if len(untold := strained.untold(np.array(list(found.expected.std.values())))):
+        names = " and ".join(unknowns.free[i] for i in untold)
+        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
+        found = replace(found, advice=(sentence, *found.advice))
     return BenchPlacement(**vars(found), units=units, on=on, layouts=layouts, time=time, std=std, scale=strained.scale)
 
 

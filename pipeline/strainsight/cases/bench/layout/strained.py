@@ -12,6 +12,9 @@ from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
 
+UNTOLD = 0.9
+"""Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
+
 
 @dataclass(frozen=True)
 class Known:
@@ -66,6 +69,14 @@ class Strained:
             loads = len(worst) - len(self.known.slopes)
             worst[loads:] = std[-1, loads:]
         return np.asarray(worst)
+
+    def untold(self, std: np.ndarray) -> np.ndarray:
+        """Numbers, from the first parameter on, of those whose σ (unknowns,) is hardly below that of the guess."""
+        if self.known is None:
+            return np.zeros(0, dtype=int)
+        loads = len(std) - len(self.known.slopes)
+        guess = np.linalg.norm(self.known.slopes @ self.known.start[loads:], axis=1)
+        return np.flatnonzero(std[loads:] > UNTOLD * guess)
 
     def claimed(self, gauges: np.ndarray) -> np.ndarray:
         """That of all poses (unknowns,), NaN where it is not solved."""
