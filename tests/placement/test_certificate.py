@@ -152,3 +152,24 @@ def test_the_relaxation_of_walks_is_that_of_a_general_solver(case, aggregate, un
     np.testing.assert_allclose(found.gap, 1 - found.lower_bound / (unit * cost), atol=1e-12)
     assert np.all(limits.rows @ found.weights <= limits.most + 1e-5)
     assert unit * combine([cost_of_walks(q, found.weights) for q in SPREAD]) <= found.relaxed * 1.01
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_no_set_with_a_gauge_costs_less_than_its_own_bound(oracle, beam_of, scenarios_of, aggregate):
+    """By brute force over all sets of three, and over those whose gauges keep apart."""
+    scenarios = scenarios_of(beam_of(11, 2), ("Fz",), ("E",), instants=(55, 871))
+    greedy = eliminate(scenarios, 3, aggregate)
+    pools, combine = greedy.pools, {"mean": np.mean, "worst": np.max}[aggregate]
+    costs = {
+        gauges: combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools])
+        for gauges in combinations(range(11), 3)
+    }
+    apart = limits_of(11, 3, near=np.array([[i, i + 1] for i in range(10)]))
+    for limits in (limits_of(11, 3), apart):
+        allowed = {gauges: cost for gauges, cost in costs.items() if limits.allows(np.array(gauges))}
+        best = min(allowed, key=allowed.__getitem__)
+        found = certify(pools, best, allowed[best], aggregate, limits=limits)
+        for gauge in range(11):
+            least = min(cost for gauges, cost in allowed.items() if gauge in gauges)
+            assert found.lower_bound * (1 - 1e-9) <= found.including[gauge] <= least * (1 + 1e-7)
+        assert np.sum(found.including > found.lower_bound * 1.001) >= 3

@@ -8,7 +8,7 @@ import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.placement import doubling
-from strainsight.placement.doubling import steady_factor
+from strainsight.placement.doubling import factor_after, steady_factor
 
 
 def covariance(A, H, N):
@@ -107,3 +107,18 @@ def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice
     assert steady_factor(A, H, N) is not None
     with pytest.raises(NumericalError, match="not solved: its filter is not stable"):
         steady_factor(*system(3, 0.02, 1e-18))
+
+
+@pytest.mark.parametrize("steps", [1, 2, 7, 40])
+def test_a_filter_after_so_many_steps_is_that_of_plain_steps(steps):
+    """From a start that is known in part, with a load that does not change: it has no steady covariance but 0."""
+    A, H, N = system(3, 0.02, 1e-3)
+    N[:, 1] = 0.0
+    start = np.random.default_rng(1).standard_normal((6, 3))
+    P = start @ start.T
+    for _ in range(steps):
+        P = A @ P @ A.T + N @ N.T
+        K = np.linalg.solve(H @ P @ H.T + np.eye(2), H @ P).T
+        P = (np.eye(6) - K @ H) @ P @ (np.eye(6) - K @ H).T + K @ K.T
+    L = factor_after(A, H, N, start, steps)
+    np.testing.assert_allclose(L @ L.T, P, rtol=1e-7, atol=1e-9 * np.abs(P).max())

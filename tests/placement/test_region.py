@@ -51,7 +51,7 @@ def test_the_projection_is_the_nearest_point_and_the_least_that_of_a_program(see
         np.testing.assert_allclose(mine, other.x, atol=2e-5)
         slope = -rng.exponential(1.0, 12)
         least = linprog(slope, A_ub=A, b_ub=b, bounds=bounds).fun
-        np.testing.assert_allclose(region.least(slope), least, rtol=1e-9)
+        np.testing.assert_allclose(region.least(slope)[0], least, rtol=1e-9)
 
 
 @pytest.mark.parametrize("case", ["plain", "plain, bonded", "pairs", "pairs, bonded", "budget", "budget in cents"])

@@ -71,7 +71,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
     ],
 )
 def test_shares_are_rounded_up(gap, names, said):
-    certificate = Certificate(1 - gap, gap, 1.0, np.ones(1), 1)
+    certificate = Certificate(1 - gap, gap, 1.0, np.ones(1), 1, np.ones(1))
     assert said in next(best_possible(certificate, TRACE, names, root_of(TRACE, names)))
 
 

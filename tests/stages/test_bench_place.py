@@ -46,6 +46,7 @@ place:
   keep: 3
   noise: {NOISE}
   pool: 10
+  search: pool
   spacing: 0.05
   random: 3
   direction: {{type: axis, axis: [1, 0, 0], angles: [0.0, 45.0]}}

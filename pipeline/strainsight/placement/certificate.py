@@ -21,7 +21,7 @@ class Certificate:
     """No set of this size costs less than lower_bound; gap = (cost − lower_bound)/cost of the set that was certified.
 
     weights (pool,) of the relaxation, 0 ≤ w ≤ 1; iterations: evaluations of the relaxed cost;
-    relaxed: the least relaxed cost found, which no bound can exceed.
+    relaxed: the least relaxed cost found, which no bound can exceed; including (pool,): no such set with that gauge costs less.
     """
 
     lower_bound: float
@@ -29,6 +29,7 @@ class Certificate:
     relaxed: float
     weights: np.ndarray
     iterations: int
+    including: np.ndarray
 
 
 def certify(
@@ -47,6 +48,7 @@ def certify(
 
         min f(w) over 0 ≤ w ≤ 1, Σ w = n or the limits, w = 1 on fixed gauges;   f = Σ_s μ_s c(P_s),   G = Σ_g w_g h_gᵀh_g
         every w and μ gives   f* ≥ Σ_s μ_s tr(W_s P_s) + min over v of g·(v − w),   g = −Σ_s μ_s tr(h_g P_s X_s P_s h_gᵀ)
+        and of the sets with gauge j the same with the minimum over v_j = 1
 
     by projected gradient steps of Barzilai-Borwein length with a non-monotone line search; every point gives a bound
     and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
@@ -64,35 +66,38 @@ def certify(
     w = region.project(0.5 * (chosen + len(gauges) / len(chosen)))
     smooth = (aggregate == "mean" or len(pools) == 1) and all(p.metric.smooth for p in pools)
     temperatures = [0.0] if smooth else [t * cost for t in (1e-2, 1e-3, 1e-4)]
-    lower, relaxed, used = -np.inf, np.inf, 0
+    relaxed, used = np.inf, 0
     for stage, temperature in enumerate(temperatures, start=1):
         share = budget * stage // len(temperatures)
-        w, lower, relaxed, used = _descend(relaxation, w, temperature, lower, relaxed, used, share, tolerance)
+        w, relaxed, used = _descend(relaxation, w, temperature, relaxed, used, share, tolerance)
     # where the set is optimal the two agree to rounding: never claim more than the set attains
-    lower = min(lower, cost)
+    lower = min(relaxation.lower, cost)
     relaxed = max(lower, relaxed)
-    return Certificate(lower, (cost - lower) / cost, relaxed, w, used)
+    return Certificate(lower, (cost - lower) / cost, relaxed, w, used, relaxation.including)
 
 
 def _descend(
     relaxation: _Relaxation,
     w: np.ndarray,
     temperature: float,
-    lower: float,
     relaxed: float,
     used: int,
     budget: int,
     tolerance: float,
-) -> tuple[np.ndarray, float, float, int]:
-    """Spectral projected gradient at one temperature, from w, until the bound closes: w, lower, relaxed, used."""
+) -> tuple[np.ndarray, float, int]:
+    """Spectral projected gradient at one temperature, from w, until the bound closes: w, relaxed, used."""
     value, slope, costs, bound = relaxation.evaluate(w, temperature)
     used += 1
-    lower, relaxed = max(lower, bound), min(relaxed, costs)
+    relaxed = min(relaxed, costs)
     recent = [value]
     steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
     reach = float(np.abs(relaxation.region.project(w - slope / steepest) - w).max())
     length = 0.1 / max(reach, 1e-12) / steepest
-    while used < budget and value - bound > 0.3 * tolerance * abs(value) and relaxed - lower > tolerance * relaxed:
+    while (
+        used < budget
+        and value - bound > 0.3 * tolerance * abs(value)
+        and relaxed - relaxation.lower > tolerance * relaxed
+    ):
         step = relaxation.region.project(w - length * slope) - w
         descent = float(slope @ step)
         if descent > -1e-15 * abs(value):
@@ -110,21 +115,23 @@ def _descend(
         else:
             break
         new, new_slope, costs, new_bound = trial
-        lower, relaxed = max(lower, new_bound), min(relaxed, costs)
+        relaxed = min(relaxed, costs)
         s, y = t * step, new_slope - slope
         curvature = float(s @ y)
         length = float(s @ s) / curvature if curvature > 0 else 10 * length
         w, value, slope, bound = w + s, new, new_slope, new_bound
         recent.append(value)
-    return w, lower, relaxed, used
+    return w, relaxed, used
 
 
 class _Relaxation:
-    """f(w) and ∇f, each scenario started from its last covariance."""
+    """f(w) and ∇f, each scenario started from its last covariance; the best bounds so far: lower, of all sets, including (pool,),
+    of those with each gauge."""
 
     def __init__(self, pools: Sequence[Pool], region: Region, aggregate: Aggregate):
         self.pools, self.region, self.aggregate = pools, region, aggregate
         self.last: list[np.ndarray | None] = [None] * len(pools)
+        self.lower, self.including = -np.inf, np.full(len(pools[0].rows), -np.inf)
 
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
@@ -144,7 +151,9 @@ class _Relaxation:
             mu = np.full(len(costs), 1 / len(costs))
             value = float(mu @ soft)
         slope = mu @ gradients
-        bound = float(mu @ levels - slope @ w + self.region.least(slope))
+        least, rise = self.region.least(slope)
+        bound = float(mu @ levels - slope @ w + least)
+        self.lower, self.including = max(self.lower, bound), np.maximum(self.including, bound + rise)
         return float(value), slope, float(costs.max() if self.aggregate == "worst" else costs.mean()), bound
 
     def _loop(self, i: int, w: np.ndarray) -> Loop:

@@ -43,12 +43,9 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
         )
     F, C, L = A.T, _triangle(H), _triangle(N.T).T
     for _ in range(MOST_DOUBLINGS):
-        U, s, Vt = np.linalg.svd(C @ L)
-        m = len(s)
-        rise, seen = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
-        F = F @ F - (F @ C.T @ U[:, :m]) * (s / (1 + s**2)) @ (Vt[:m] @ L.T @ F)
-        grown, variance = np.sum(rise**2, axis=1), np.sum(L**2, axis=1)
-        L, C = _triangle(np.hstack([L, rise]).T).T, _triangle(np.vstack([C, seen]))
+        variance = np.sum(L**2, axis=1)
+        F, C, L = _doubled(F, C, L)
+        grown = np.sum(L**2, axis=1) - variance
         # P⁻ grows, so each variance beside itself: a state that nothing but one noise reaches may dwarf the others
         if np.all(grown <= SETTLED * np.maximum(variance, NOT_REACHED**2 * variance.max())):
             break
@@ -64,10 +61,39 @@ def steady_factor(A: np.ndarray, H: np.ndarray, N: np.ndarray) -> np.ndarray | N
     return P
 
 
+def factor_after(A: np.ndarray, H: np.ndarray, N: np.ndarray, start: np.ndarray, steps: int) -> np.ndarray:
+    """L (n, k), P = LLᵀ after the update of the last of so many steps of the filter of `steady_factor`, from a start whose
+    covariance has the factor start (n, any) and no reading. With the W, G, F and P⁻ of 2ʲ steps, which the doublings there give,
+
+        P ← P⁻ + Fᵀ P (1 + G P)⁻¹ F
+
+    leads any covariance P before a reading as many steps on; the steps are put together of powers of two.
+    """
+    P = _triangle(np.hstack([A @ start, N]).T).T
+    F, C, L = A.T, _triangle(H), _triangle(N.T).T
+    left = steps - 1
+    while left > 0:
+        if left % 2:
+            P = _triangle(np.hstack([L, F.T @ updated(P, C)]).T).T
+        left //= 2
+        if left:
+            F, C, L = _doubled(F, C, L)
+    return updated(P, H)
+
+
 def updated(L: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Factor L V(1 + Σ²)^(−½) of P − PHᵀ(1 + HPHᵀ)⁻¹HP, P = LLᵀ, HL = U Σ Vᵀ: readings H (m, n) of unit noise."""
     _, s, Vt = np.linalg.svd(H @ L)
     return np.asarray((L @ Vt.T) * _kept(s, len(Vt)))
+
+
+def _doubled(F: np.ndarray, C: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same of twice as many steps."""
+    U, s, Vt = np.linalg.svd(C @ L)
+    m = len(s)
+    rise, seen = (F.T @ L @ Vt.T) * _kept(s, len(Vt)), _kept(s, len(U))[:, None] * (U.T @ C @ F.T)
+    F = F @ F - (F @ C.T @ U[:, :m]) * (s / (1 + s**2)) @ (Vt[:m] @ L.T @ F)
+    return F, _triangle(np.vstack([C, seen])), _triangle(np.hstack([L, rise]).T).T
 
 
 def _error(A: np.ndarray, H: np.ndarray, before: np.ndarray, after: np.ndarray) -> float:

@@ -57,10 +57,13 @@ class Region:
         projected[~self.fixed] = np.clip(free - self._across @ found.x, 0, 1)
         return projected
 
-    def least(self, slope: np.ndarray) -> float:
-        """Lower bound of slope·v over the region, its least up to rounding: by sorting, or by multipliers of a program.
+    def least(self, slope: np.ndarray) -> tuple[float, np.ndarray]:
+        """Lower bound of slope·v over the region, its least up to rounding: by sorting, or by multipliers of a program; and by
+        how much it rises where a gauge is taken (pool,), v_g = 1.
 
-        slope·v ≥ (slope + λᵀA)·v − λᵀb for any λ ≥ 0: the bound does not depend on the tolerances of the program.
+            slope·v ≥ (slope + λᵀA)·v − λᵀb for any λ ≥ 0,     with v_g = 1 more by max(0, (slope + λᵀA)_g)
+
+        The bounds do not depend on the tolerances of the program.
         """
         free = slope[~self.fixed]
         fixed = float(slope[self.fixed].sum())
@@ -75,8 +78,10 @@ class Region:
                 # count and floor are left to the sorting
                 multiplier[[0, -1]] = 0.0
                 price, offset = free + self._across @ multiplier, -float(multiplier @ self._most)
-        value, _ = cheapest(price, size, self.limits.least - bonded, self.limits.keep - bonded)
-        return fixed + offset + value
+        value, theta = cheapest(price, size, self.limits.least - bonded, self.limits.keep - bonded)
+        rise = np.zeros_like(slope)
+        rise[~self.fixed] = np.maximum(0.0, price + theta * size)
+        return fixed + offset + value, rise
 
     def _clipped(self, free: np.ndarray) -> np.ndarray:
         total = self.limits.keep - int(self.fixed.sum())

@@ -95,10 +95,11 @@ class Pool:
         return np.asarray(self.rows.any(axis=2).sum(axis=1))
 
 
-def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
+def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray | None = None) -> Pool:
     """Steady covariance of the whole pool, in balanced coordinates.
 
-    names: of the unknowns, the last states, for the message. Raises ConfigError where a number is not finite or a noise
+    names: of the unknowns, the last states, for the message, which compares them in these units (names,).
+    Raises ConfigError where a number is not finite or a noise
     not positive, InfeasibleError where the pool cannot detect them or where the process noise does not reach all that
     fails to decay, NumericalError where the residual stays above 1e-10.
     """
@@ -107,6 +108,8 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = ()) -> Pool:
     rows = scenario.rows.reshape(-1, size)
     lost = undetectable_directions(scenario.F, rows)
     if lost.shape[1]:
+        if units is not None:
+            lost[size - len(units) :] /= units[:, None]
         raise InfeasibleError(
             f"no gauge of the pool can tell {undetectable_in_words(lost, names)}",
             remedy="let more candidates into the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",

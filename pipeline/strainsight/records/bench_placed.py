@@ -18,7 +18,7 @@ class BenchCandidates:
     element: np.ndarray = dataset("/element", "1", "candidate", "element id in the deck")
     facet: np.ndarray = dataset("/facet", "1", "candidate", "facet number within the element, from 1")
     response: np.ndarray = dataset(
-        "/response", "strain/N or strain/(N m)", "candidate × /inputs", "strain per unit of every input at rest"
+        "/response", "strain/SI", "candidate × /inputs", "strain per unit of every unknown at rest"
     )
 
 
@@ -31,23 +31,24 @@ class BenchLayout:
     direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "measuring direction")
     length: np.ndarray = dataset("/length", "m", "gauge", "length of its grid, 0: the strain at its centre")
     metric: float = dataset(
-        "/metric", "1", "", "<what>; inf where an input is lost, NaN where the equation is not solved to accuracy"
+        "/metric", "1", "", "<what>; inf where an unknown is lost, NaN where the equation is not solved to accuracy"
     )
     std: np.ndarray = dataset(
         "/std",
-        "N or N m",
+        "SI",
         "/inputs",
-        "σ of every input that the filter comes to claim; inf where it is lost, NaN where that is not solved",
+        "σ of every unknown that the filter comes to claim, of a parameter at the end of the run; inf where a load is lost, "
+        "NaN where that is not solved",
     )
-    without: np.ndarray = dataset("/without", "N or N m", "gauge × /inputs", "that σ without each gauge")
+    without: np.ndarray = dataset("/without", "SI", "gauge × /inputs", "that σ without each gauge")
 
 
 @record
 class BenchPlaced(PlacedLayout):
-    """place.h5 of a bench: the state is (η, η̇, u) about the static equilibrium, motions that the constraints leave in their
-    modes, their rates, the unknown inputs."""
+    """place.h5 of a bench: the state is (η, η̇, u, ξ) about the static equilibrium, motions that the constraints leave in their
+    modes, their rates, the unknown inputs, the parameters in their coordinates."""
 
-    inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every unknown input")
+    inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every unknown, inputs before parameters")
     units: tuple[str, ...] = dataset("/units", "1", "/inputs", "unit of every one of them")
     candidates: BenchCandidates = group("/candidates")
     layouts: dict[str, BenchLayout] = group("/layouts/<name>", what="<what>")

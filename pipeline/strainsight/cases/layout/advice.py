@@ -42,6 +42,7 @@ def advice(
         *(_weakest(expected.std) if task.relative else ()),
         *helps(expected.budget),
         *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
+        *_beyond(task, layout),
         *(
             f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
             "each other."
@@ -123,6 +124,18 @@ def best_possible(
             f"With no other layout within the limits is {criterion.symbol} lower by more than {variance} %, or its "
             f"root, {sigma}, by more than {deviation} %; σ of one of them alone may be lower by more."
         )
+
+
+def _beyond(task: Task, layout: Layout) -> Iterator[str]:
+    """What the bound says of the candidates that did not enter the elimination."""
+    if task.whole is None or layout.beyond is None:
+        return
+    every, entered = len(task.whole.limits.size), len(task.whole.rows)
+    what = f"That holds for all {every} candidates, of which {entered} entered the elimination"
+    if layout.beyond:
+        yield f"{what}: {layout.beyond} of the others could be in a better layout."
+    else:
+        yield f"{what}: none of the others is in a better layout."
 
 
 def _failures(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.layout import LayoutSettings
+from strainsight.ordering import TIE
 from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.exchange import Exchange, exchange
@@ -21,13 +22,20 @@ from strainsight.placement.score import score
 @dataclass(frozen=True)
 class Layout:
     """gauges (k,) pool rows, ascending; cost: their aggregate of the metric; exchange, certificate and proof where they were
-    asked for."""
+    asked for; beyond: how many candidates that are not in the pool could be in a layout that costs less, None where the pool has
+    all or nothing tells."""
 
     gauges: np.ndarray
     cost: float
     exchange: Exchange | None = None
     certificate: Certificate | None = None
     proof: BranchAndBound | None = None
+    beyond: int | None = None
+
+    @property
+    def proven(self) -> bool:
+        """Whether a proof was asked for and found that no layout costs less, of the pool or with what is not in it."""
+        return self.proof is not None and self.proof.proven and not self.beyond
 
 
 def layout_of(
@@ -61,8 +69,12 @@ def proved(
     settings: LayoutSettings,
     aggregate: Aggregate,
     progress: Callable[[str, float], None],
+    whole: tuple[Sequence[Pool], Limits, np.ndarray] | None = None,
 ) -> Layout:
-    """The best layout as far as `place.prove` lets it be sought, and the bound on all others."""
+    """The best layout as far as `place.prove` lets it be sought, and the bound on all others.
+
+    whole: scenarios and limits of all candidates, and the number there of every pool row; then the bound is over all of them.
+    """
     gauges, cost, proof = layout.gauges, layout.cost, None
     if settings.prove > 0:  # never beside worst_failure: the config refuses that
         progress("proof", 0.6)
@@ -70,8 +82,17 @@ def proved(
         gauges = proof.gauges
         cost = score(pools, gauges, aggregate)
     progress("certificate", 0.7)
-    certificate = certify(pools, gauges, cost, aggregate, limits=limits) if settings.certificate else None
-    if certificate and proof and proof.lower_bound > certificate.lower_bound:
-        lower = min(proof.lower_bound, cost)
+    if not settings.certificate and (proof is None or whole is None):
+        return Layout(gauges, cost, layout.exchange, None, proof)
+    least, beyond = np.inf, None
+    if whole is None:
+        certificate = certify(pools, gauges, cost, aggregate, limits=limits)
+    else:
+        every, within, rows = whole
+        certificate = certify(every, rows[gauges], cost, aggregate, limits=within)
+        others = np.delete(certificate.including, rows)
+        least, beyond = float(others.min(initial=np.inf)), int(np.sum(others < cost * (1 - TIE)))
+        certificate = replace(certificate, weights=certificate.weights[rows])
+    if proof and (lower := min(proof.lower_bound, least, cost)) > certificate.lower_bound:
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
-    return Layout(gauges, cost, layout.exchange, certificate, proof)
+    return Layout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, beyond)

@@ -89,12 +89,13 @@ def layout_output(
     """Datasets of the record and the pool, numbers, tables and files; mesh that the gauges are on, and the unit of length of its
     deck; numbers, attributes, tables: those of the case beside; unit of its channels."""
     task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
-    criterion, certificate, proof = task.criterion, found.layout.certificate, found.layout.proof
+    criterion, certificate = task.criterion, found.layout.certificate
     grid, own = _pool_grid(found)
     parts = [f"{len(task.pool.gauges)} → {len(found.gauges)}"]
     if certificate:
-        parts.append(f"gap {100 * max(certificate.gap, 0.0):.3f} %")
-    if proof and proof.proven:
+        over = "" if task.whole is None else f" of all {len(task.whole.limits.size)}"
+        parts.append(f"gap{over} {100 * max(certificate.gap, 0.0):.3f} %")
+    if found.layout.proven:
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
     position, direction, normal, labels = marked_places(listed)
@@ -194,7 +195,11 @@ def _summary(found: Placed) -> dict[str, Scalar]:
     if swapped:
         numbers |= {"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete}
     if proof:
-        numbers |= {"proven": proof.proven, "nodes": proof.nodes}
+        numbers |= {"proven": layout.proven, "nodes": proof.nodes}
+    if found.task.whole is not None:
+        numbers["bounded"] = len(found.task.whole.limits.size)
+    if layout.beyond is not None:
+        numbers["beyond"] = layout.beyond
     if certificate:
         numbers |= {"lower_bound": certificate.lower_bound, "gap": certificate.gap}
     return numbers

@@ -15,10 +15,16 @@ from strainsight.cases.layout.gauge_list import GaugeList
 from strainsight.cases.layout.layout import Layout, layout_of, proved
 from strainsight.cases.layout.task import Task
 from strainsight.errors import blame
-from strainsight.ordering import tied_order
+from strainsight.ordering import TIE, tied_order
+from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import Elimination, eliminate_from
+from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.scenario import Pool
+from strainsight.placement.score import score
+
+ROUNDS = 3
+"""Most times that a pool is widened by what the bound over all candidates leaves open."""
 
 
 @dataclass(frozen=True)
@@ -50,27 +56,36 @@ def placed(
     *,
     alike: Callable[[np.ndarray], Sequence[tuple[int, ...]]] = lambda gauges: (),
     alone: Callable[[np.ndarray, float], Sequence[Pool]] | None = None,
+    pooled: Callable[[np.ndarray], Task] | None = None,
 ) -> Placed:
     """The layout of least expected σ among those of the tasks, which are the same but for their coherence; the first has none.
 
     Of gauges (k,) by their numbers: claimed, σ that a filter on them comes to claim; listed, the same for people; alike, groups
     that are redundant; alone, where a pool row may be two gauges, the scenarios of a coherence with these as pool rows of their
-    own. Raises InfeasibleError where no layout within the limits detects every unknown.
+    own; pooled, where the task has a part of the candidates in its pool, the task with these.
+    Raises InfeasibleError where no layout within the limits detects every unknown.
     """
 
     @cache
-    def expects(rows: tuple[int, ...]) -> Expectation:
-        return claimed(tasks[0].pool.gauges_of(np.array(rows)))
+    def expects(gauges: tuple[int, ...]) -> Expectation:
+        return claimed(np.array(gauges))
+
+    def expected_of(task: Task, layout: Layout) -> Expectation:
+        return expects(tuple(task.pool.gauges_of(layout.gauges).tolist()))
 
     drafts = [_drafted(task, progress) for task in tasks]
     chosen = 0
     if len(tasks) > 1:
-        chosen = least_expected([expects(tuple(layout.gauges)) for _, layout in drafts], tasks[0].over)
+        both = [expected_of(task, layout) for task, (_, layout) in zip(tasks, drafts, strict=True)]
+        chosen = least_expected(both, tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
-    pool = task.pool
+    if pooled is not None and task.whole is not None and task.settings.optimise == "metric":
+        task, result, layout = _widened(task, result, layout, pooled, progress)
+    pool, whole = task.pool, task.whole
+    every = None if whole is None else (task.under(whole.pools), whole.limits, whole.rows)
     with blame("place.keep"):
-        layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress)
-    expected, final = _most_missed_first(task, expects(tuple(layout.gauges)), layout.gauges)
+        layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress, every)
+    expected, final = _most_missed_first(task, expected_of(task, layout), layout.gauges)
     gauges = pool.gauges_of(final)
     own = listed(gauges)
     progress("failures and other rules", 0.8)
@@ -81,7 +96,7 @@ def placed(
         loss = loss_if_one_fails(single, np.arange(len(gauges)), task.aggregate)
     words = advice(task, result, layout, own, expected, loss, alike(gauges))
     if chosen:
-        words = (moved_in_words(expects(tuple(drafts[0][1].gauges)), expected, task.over), *words)
+        words = (moved_in_words(expected_of(tasks[0], drafts[0][1]), expected, task.over), *words)
     others = comparison(task, final, result.kept)
     return Placed(task, result, layout, final, gauges, own, expected, loss, others, words)
 
@@ -92,6 +107,41 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
     with blame("place.keep"):
         result = eliminate_from(task.under(task.pools), task.limits, task.aggregate, names=task.unknowns.states)
         return result, layout_of(result.pools, result.kept, task.limits, task.settings, task.aggregate, progress)
+
+
+def _widened(
+    task: Task,
+    result: Elimination,
+    layout: Layout,
+    pooled: Callable[[np.ndarray], Task],
+    progress: Callable[[str, float], None],
+) -> tuple[Task, Elimination, Layout]:
+    """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
+    many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
+    is one more start; of the layouts the best."""
+    start, cost, before, rounds = layout.gauges, layout.cost, task, ROUNDS if layout.exchange else 1
+    for _ in range(rounds):
+        whole = task.whole
+        assert whole is not None
+        progress("bound over all candidates", 0.55)
+        found = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
+        new = np.setdiff1d(np.flatnonzero(found.including < cost * (1 - TIE)), whole.rows)
+        if not len(new):
+            break
+        new = new[tied_order(found.including[new])][: len(whole.rows)]
+        task = pooled(np.union1d(whole.rows, new))
+        assert task.whole is not None
+        start = np.searchsorted(task.whole.rows, whole.rows[start])
+        if layout.exchange:
+            swapped = exchange(task.under(task.pools), start, task.aggregate, limits=task.limits)
+            start, cost = swapped.gauges, float(swapped.cost[-1])
+    if task is before:
+        return task, result, layout
+    result, own = _drafted(task, progress)
+    led_on = exchange(result.pools, start, task.aggregate, limits=task.limits) if own.exchange else None
+    gauges = start if led_on is None else led_on.gauges
+    cost = score(result.pools, gauges, task.aggregate)
+    return task, result, Layout(gauges, cost, led_on) if cost < own.cost * (1 - TIE) else own
 
 
 def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:

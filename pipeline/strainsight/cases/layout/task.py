@@ -46,12 +46,23 @@ class Readings:
 
 
 @dataclass(frozen=True)
+class Whole:
+    """All candidates, where the pool is only a part of them: pools, every scenario solved with all, still without a metric;
+    limits of a layout of them; rows (p,): numbers of those in the pool, ascending."""
+
+    pools: tuple[Pool, ...]
+    limits: Limits
+    rows: np.ndarray
+
+
+@dataclass(frozen=True)
 class Task:
     """unknowns; pools: every scenario solved with all gauges of the pool, still without a metric; candidates, and which of them
     are the pool, with price (p,) of its rows; limits, settings: `place` of a config; readings; seed of random sets; aggregate
     over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit; coherence τ [s]
     of the white noise that stands for errors of installation in the pools, 0: they are taken as exact; cases: the load cases that
-    the scenarios are of, None where there is one without a name."""
+    the scenarios are of, None where there is one without a name; whole: all candidates, by which the trace is then weighed, None
+    where the pool has all."""
 
     unknowns: Unknowns
     pools: tuple[Pool, ...]
@@ -67,6 +78,7 @@ class Task:
     relative: bool = True
     coherence: float = 0.0
     cases: LoadCases | None = None
+    whole: Whole | None = None
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -89,7 +101,8 @@ class Task:
 
     def _metrics_of(self, case: int) -> dict[str, Metric]:
         own, states, cases = self.unknowns, len(self.pools[0].P), self.cases
-        over, scale, pools = np.isin(own.names, self.over), own.scale, self.pools
+        over, scale = np.isin(own.names, self.over), own.scale
+        pools = self.pools if self.whole is None else self.whole.pools
         if cases is not None:
             over, scale = over & cases.acts[case], cases.scale[case]
             pools = tuple(pools[i] for i in np.flatnonzero(cases.of == case))

@@ -19,6 +19,7 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             yield Problem(
                 "place", "no input is unknown", "name the loads to place for under estimate.inputs", at_key=True
             )
+        parameters = {} if config.estimate is None else config.estimate.parameters
         if place.pool + place.bonded < place.keep:
             yield Problem("place.pool", f"{place.pool} candidates for {place.keep} gauges", "take a larger pool")
         if list(place.poses) != sorted(set(place.poses)):
@@ -27,7 +28,9 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
             what = f"{max(place.poses):g} s is beyond the run of {config.simulate.duration:g} s"
             yield Problem("place.poses", what, "take instants of the run")
         inputs = () if config.estimate is None else tuple(config.estimate.inputs)
-        yield from layout_problems(place, inputs, "estimate.inputs", place.bonded, "place.fixed")
+        free = [name for name, own in parameters.items() if own.std is not None]
+        among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
+        yield from layout_problems(place, (*inputs, *free), among, place.bonded, "place.fixed")
         yield from zone_problems("place.include", place.include)
         yield from zone_problems("place.exclude", place.exclude)
     for name, sensor in config.sensors.items():

@@ -16,7 +16,7 @@ Layout = Literal["place", "random"]
 
 
 class BenchPlace(GaugeSites, LayoutSettings):
-    """Gauges of a flexible body, placed for the unknown inputs of `estimate`."""
+    """Gauges of a flexible body, placed for the unknown inputs and the parameters that `estimate` estimates."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
     fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
@@ -29,8 +29,13 @@ class BenchPlace(GaugeSites, LayoutSettings):
     )
     pool: Annotated[int, Field(ge=1)] = Field(
         300,
-        description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown input "
+        description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown "
         "in turn.",
+    )
+    search: Literal["all", "pool"] = Field(
+        "all",
+        description="all: bound and proof are over all candidates, and those that a better layout could have by that bound "
+        "enter, too; pool: layout, bound and proof are of the pool alone.",
     )
     spacing: NotNegative = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 
 from strainsight.fem.modes import signs, turned
 from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
-from strainsight.multibody.equations import input_slopes
+from strainsight.multibody.equations import input_slopes, parameter_slopes
 from strainsight.multibody.inverse.loads import SHORT, step_noise
 from strainsight.multibody.inverse.start import white_force
 from strainsight.multibody.spectrum import tangent_space
@@ -19,7 +19,8 @@ from strainsight.multibody.system import System
 
 @dataclass(frozen=True)
 class LinearBench:
-    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks.
+    """η̈ + C η̇ + diag(λ) η = B u + w about an equilibrium, q + T η, and the unknown inputs u as random walks; unknown parameters ξ
+    are inputs behind them, for to first order a parameter is a force that deforms the bench at rest.
 
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
@@ -57,10 +58,17 @@ def linear_bench(
     h: float,
     method: Method,
     corrected: bool = False,
+    by_xi: np.ndarray | None = None,
 ) -> LinearBench:
-    """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones."""
+    """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones; by_xi (nθ, p):
+    ∂θ/∂ξ of the unknown parameters, whose columns B_ξ = −Tᵀ ∂f/∂θ ∂θ/∂ξ and increments follow those of the inputs."""
     T, M, C, K, B = linearised(system, q, u, theta)
-    own = in_modes(T, M, C, K, B[:, list(inputs)], np.asarray(increment, float), white_force(system, 1.0), h, method)
+    B = B[:, list(inputs)]
+    if by_xi is not None and by_xi.shape[1]:
+        at = tangent_space(system, q, np.zeros(system.size), u, theta)
+        pushed = -at.T.T @ parameter_slopes(system, at.at, np.asarray(q, dtype=float), np.zeros(system.size)) @ by_xi
+        B = np.hstack([B, pushed])
+    own = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
     return replace(own, corrected=corrected)
 
 
@@ -102,23 +110,27 @@ def linearised(
     return found.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), force
 
 
-def in_time(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.ndarray]:
+def in_time(bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
     """F (n*, n*) [1/s] and the intensity Q (n*, n*) of ẋ = F x + w, x = (η, η̇, u):
 
         F = [0  I  0; −diag λ  −C  B; 0  0  0],   Q = diag(0, h W, increment²/h)
 
-    W the covariance of the white force in a step, of a white acceleration [m/s²] of every body.
+    W the covariance of the white force in a step, of a white acceleration [m/s²] of every body; drawn (nu,): in place of
+    increment.
     """
     r, nu = bench.B.shape
+    drawn = bench.increment if drawn is None else drawn
     F, Q = np.zeros((2, 2 * r + nu, 2 * r + nu))
     F[:r, r : 2 * r] = np.eye(r)
     F[r : 2 * r] = np.hstack([-np.diag(bench.stiffness), -bench.C, bench.B])
     Q[r : 2 * r, r : 2 * r] = bench.h * acceleration**2 * (bench.T.T * bench.force) @ bench.T
-    Q[2 * r :, 2 * r :] = np.diag(bench.increment**2 / bench.h)
+    Q[2 * r :, 2 * r :] = np.diag(drawn**2 / bench.h)
     return F, Q
 
 
-def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def in_steps(
+    bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A (n*, n*) and N (n*, nu + n) of the filter's own step x' = A x + N · (white, σ = 1), with the stages of `advance`:
 
         thesis        z' = X z + b(u + δ) + b w,                      X, b of one stage of h
@@ -126,15 +138,16 @@ def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nd
 
     z = (η, η̇), u' = u + δ, with scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in what stores the energy that the
     largest increment does at rest. There no motion grows in a step, whatever the units, and one that no input moves has no unit
-    of rounding.
+    of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which then is a unit.
     """
     r, nu = bench.B.shape
+    own_drawn = bench.increment if drawn is None else drawn
     frequency = np.sqrt(np.abs(bench.stiffness))
     energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max(initial=0.0) or 1.0
     scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
-    drawn = bench.T.T * (acceleration * np.sqrt(bench.force))
+    shaken = bench.T.T * (acceleration * np.sqrt(bench.force))
     X, b = _stage(bench, bench.h * INSTANTS[bench.method][0])
-    through, start, end, force = X, np.zeros((2 * r, nu)), b @ bench.B, b @ drawn
+    through, start, end, force = X, np.zeros((2 * r, nu)), b @ bench.B, b @ shaken
     if bench.method == "second_order":
         carried = CARRIED * X
         through = carried @ X + (1 - CARRIED) * X
@@ -142,7 +155,7 @@ def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nd
         force = force + carried @ force
     if bench.corrected:
         # sampled exactly, as the filter has it; the white force acts in the step as before
-        F, Q = in_time(bench, 0.0)
+        F, Q = in_time(bench, 0.0, own_drawn)
         units = np.concatenate([frequency, np.ones(r + nu)])
         F, Q = units[:, None] * F / units, units[:, None] * Q * units
         parts = max(
@@ -150,13 +163,13 @@ def in_steps(bench: LinearBench, acceleration: float) -> tuple[np.ndarray, np.nd
         )
         A, gathered = step_noise(F, Q, bench.h / 2**parts, parts)
         A, gathered = A / units[:, None] * units, gathered / units[:, None] / units
-        white = np.zeros((2 * r + nu, drawn.shape[1]))
+        white = np.zeros((2 * r + nu, shaken.shape[1]))
         white[: 2 * r] = force
         own = scale[:, None] * _factor(gathered / scale[:, None] / scale)
         return A / scale[:, None] * scale, np.hstack([own, white]) / scale[:, None], scale
-    A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + drawn.shape[1]))
+    A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + shaken.shape[1]))
     A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, start + end
-    N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = end * bench.increment, np.diag(bench.increment), force
+    N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = end * own_drawn, np.diag(own_drawn), force
     return A / scale[:, None] * scale, N / scale[:, None], scale
 
 

@@ -209,7 +209,11 @@ def placement_table(placement: BenchPlacement) -> str:
     ]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
-        caption += f" No other layout within the limits is lower by more than {ratio(max(gap, 0.0))}."
+        every = placement.numbers.get("bounded")
+        caption += (
+            f" No other layout within the limits{f' of all {every} candidates' if every else ''} is lower by more than "
+        )
+        caption += f"{ratio(max(gap, 0.0))}."
     if "proven" in placement.numbers:
         proof = "Proven: none is better." if placement.numbers["proven"] else "The time was too short for a proof."
         caption += f" {proof}"

@@ -23,9 +23,7 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
 
     stages = [*((BEARING,) if config["bearings"] else ()), IMPORT, REDUCE]
     if config.get("place"):
-        from strainsight.stages.bench.place import PLACE
-
-        stages.append(PLACE)
+        stages.append(_place(config))
     takes_over = _takes_over(config)
     stages.append(_after(SIMULATE, "place") if takes_over else SIMULATE)
     if config.get("estimate"):
@@ -59,9 +57,14 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
     asked = MODES if stage == MODES.name else STATICS
     if not _takes_over(config):
         return (IMPORT, REDUCE, asked)
-    from strainsight.stages.bench.place import PLACE
+    return (IMPORT, REDUCE, _place(config), _after(asked, "place"))
 
-    return (IMPORT, REDUCE, PLACE, _after(asked, "place"))
+
+def _place(config: Mapping[str, Any]) -> Stage:
+    from strainsight.stages.bench.place import place_stage
+
+    parameters = (config.get("estimate") or {}).get("parameters") or {}
+    return place_stage(any(own.get("std") is not None for own in parameters.values()))
 
 
 def _takes_over(config: Mapping[str, Any]) -> bool:

@@ -1,6 +1,8 @@
-"""place: gauges of a bench's flexible body for its unknown inputs, with a bound and layouts drawn at random beside them."""
+"""place: gauges of a bench's flexible body for its unknowns, with a bound and layouts drawn at random beside them."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 from strainsight.cases.bench.layout.output import output_of
 from strainsight.cases.bench.layout.placement import placement_of
@@ -23,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=14,
+    version=17,
     reads=(
         "seed",
         "bodies",
@@ -39,6 +41,10 @@ PLACE = Stage(
         "estimate.increments",
         "estimate.disturbance",
         "estimate.method.step_error",
+        "estimate.parameters",
+        "estimate.inputs.*.std",
+        "estimate.inputs.*.smoothness",
+        "estimate.inputs.*.damping",
         "estimate.inputs.*.increment",
         "estimate.inputs.*.model",
         "estimate.inputs.*.kappa",
@@ -50,3 +56,11 @@ PLACE = Stage(
     files=HISTORIES,
     run=run,
 )
+
+BESIDE_PARAMETERS = ("estimate.duration", "estimate.sensors", "simulate.duration", "simulate.start", "sensors")
+"""What it reads, too, where parameters are estimated: σ of a constant depends on how long it is watched, and by which gauges."""
+
+
+def place_stage(parameters: bool) -> Stage:
+    """The stage, of a bench that has parameters to estimate or not."""
+    return replace(PLACE, reads=(*PLACE.reads, *BESIDE_PARAMETERS)) if parameters else PLACE

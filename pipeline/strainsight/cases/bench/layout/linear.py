@@ -1,11 +1,13 @@
-"""What a linear bench gives placement: the system that gauges are ranked by, and what a filter on them will claim."""
+"""What linear benches give placement: the system that gauges are ranked by, and what a filter on them will claim."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time
-from strainsight.placement.doubling import steady_factor
+from strainsight.placement.doubling import factor_after, steady_factor
 from strainsight.placement.scenario import Scenario
 
 DISTURBED = 1e-3
@@ -13,14 +15,16 @@ DISTURBED = 1e-3
 that nothing damps have no steady covariance."""
 
 
-def scenario_of(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> Scenario:
+def scenario_of(
+    bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float, zero: np.ndarray | None = None
+) -> Scenario:
     """The bench in time with readings of intensity σ²h, without weights.
 
     rows (k, n): strain per coordinate of the system; noise σ [strain] of a sample every h; acceleration [m/s²] of the white
-    force, `DISTURBED` at least.
+    force, `DISTURBED` at least; zero (k, unknowns): what is taken off the reading per unit of every unknown.
     """
     F, Q = in_time(bench, max(acceleration, DISTURBED))
-    return Scenario(F, Q, bench.readings(rows), np.full(len(rows), noise**2 * bench.h), np.zeros(len(F)))
+    return Scenario(F, Q, _readings(bench, rows, zero), np.full(len(rows), noise**2 * bench.h), np.zeros(len(F)))
 
 
 def expected_std(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
@@ -36,3 +40,47 @@ def expected_std(bench: LinearBench, rows: np.ndarray, noise: float, acceleratio
     if L is None:
         return np.full(len(bench.increment), np.inf)
     return np.asarray(np.linalg.norm(L[unknown], axis=1) * bench.increment)
+
+
+def factors_along(
+    benches: Sequence[LinearBench],
+    rows: np.ndarray,
+    noise: float,
+    acceleration: float,
+    drawn: np.ndarray,
+    start: np.ndarray,
+    steps: Sequence[int],
+    zero: np.ndarray,
+) -> list[np.ndarray]:
+    """Factors L (unknowns, any) of the covariance of the unknowns c at the end of each pose of a run that stays in each of the
+    benches for so many steps, after it began at rest with a covariance of c of the factor start (unknowns, any):
+
+        L₀ = (S; 0; 1) start,     η = S c at rest,     from pose to pose   η ← S' c + Π (η − S c),   η̇ ← Π η̇
+
+    Π takes a motion of the bodies from the modes of one pose to those of the next, so that the change of pose moves nothing by
+    itself. drawn (unknowns,): σ of their changes in a step, 0 of a constant; the others as of `scenario_of`.
+    """
+    found: list[np.ndarray] = []
+    L = np.zeros((0, 0))
+    for k, (bench, count) in enumerate(zip(benches, steps, strict=True)):
+        r, rest = len(bench.stiffness), bench.B / bench.stiffness[:, None]
+        if k == 0:
+            L = np.vstack([rest @ start, np.zeros((r, start.shape[1])), start])
+        else:
+            before, felt = benches[k - 1], np.sqrt(bench.force)[:, None]
+            over, c = np.linalg.lstsq(felt * bench.T, felt * before.T, rcond=None)[0], L[2 * len(before.stiffness) :]
+            eta, rate = L[: len(before.stiffness)], L[len(before.stiffness) : 2 * len(before.stiffness)]
+            swung = eta - before.B / before.stiffness[:, None] @ c
+            L = np.vstack([rest @ c + over @ swung, over @ rate, c])
+        A, N, scale = in_steps(bench, acceleration, drawn)
+        H = _readings(bench, rows, zero) * scale / noise
+        L = scale[:, None] * factor_after(A, H, N, L / scale[:, None], count)
+        found.append(L[2 * r :])
+    return found
+
+
+def _readings(bench: LinearBench, rows: np.ndarray, zero: np.ndarray | None) -> np.ndarray:
+    H = bench.readings(rows)
+    if zero is not None:
+        H[:, 2 * len(bench.stiffness) :] -= zero
+    return H

@@ -28,7 +28,7 @@ def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
             direction=candidates.direction,
             element=candidates.element,
             facet=candidates.facet,
-            response=found.on.response[0],
+            response=found.on.response[0] / found.scale,
         ),
         layouts=found.layouts,
     )

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.inverse.load_models import increments_of
-from strainsight.cases.bench.inverse.unknowns import asked, corrects_in_a_test
-from strainsight.cases.bench.layout.linear import expected_std, scenario_of
+from strainsight.cases.bench.inverse.unknowns import Unknowns as BenchUnknowns
+from strainsight.cases.bench.inverse.unknowns import asked, corrects_in_a_test, free_properties, unknowns_of
+from strainsight.cases.bench.layout.known import known_of, parameter_units, zeroed
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
 from strainsight.cases.bench.layout.scales import refuse_sizes
+from strainsight.cases.bench.layout.strained import Strained
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.layout.gauge_list import gauge_list
 from strainsight.cases.layout.placement import Placed, placed
 from strainsight.cases.layout.pool import PoolRows, layout_limits
-from strainsight.cases.layout.task import Readings, Task, Unknowns
+from strainsight.cases.layout.task import Readings, Task, Unknowns, Whole
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.place import BenchPlace
@@ -28,18 +29,18 @@ from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.multibody.static import static_equilibrium
 from strainsight.placement.baselines import random_sets
-from strainsight.placement.metric import Metric
-from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
+from strainsight.placement.limits import Limits
+from strainsight.placement.scenario import Pool, solve_pool
 from strainsight.records.bench_placed import PLACED, BenchLayout
 from strainsight.records.bodies import ReducedBody
 
 
 @dataclass(frozen=True)
 class BenchPlacement(Placed):
-    """All that a placement has found; σ is in N or N m.
+    """All that a placement has found; σ is in the unit of each unknown, inputs before parameters.
 
-    units of the unknown inputs; on: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,)
-    [s] and std (poses, nu) of the placed one in every pose.
+    units of the unknowns; on: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,) [s]
+    and std (poses, unknowns) of the placed one in every pose; scale (unknowns,) as of `Strained`.
     """
 
     units: tuple[str, ...]
@@ -47,51 +48,7 @@ class BenchPlacement(Placed):
     layouts: dict[str, BenchLayout]
     time: np.ndarray
     std: np.ndarray
-
-
-@dataclass(frozen=True)
-class Strained:
-    """What gauges of a body mean for the bench: benches, linear in every pose; rows (m, n) of its candidates on all coordinates;
-    noise σ [strain] of a sample; acceleration [m/s²] of the white force of the filter; aggregate of the metric over poses."""
-
-    benches: tuple[LinearBench, ...]
-    rows: np.ndarray
-    noise: float
-    acceleration: float
-    aggregate: Aggregate
-
-    def in_poses(self, gauges: np.ndarray) -> np.ndarray:
-        """σ (poses, nu) [N, N m] that a filter on these gauges comes to claim, inf where an input is lost."""
-        rows = self.rows[gauges]
-        return np.array([expected_std(bench, rows, self.noise, self.acceleration) for bench in self.benches])
-
-    def claimed(self, gauges: np.ndarray) -> np.ndarray:
-        """The largest of all poses (nu,), NaN where it is not solved."""
-        try:
-            return np.asarray(self.in_poses(gauges).max(axis=0))
-        except NumericalError:
-            return np.full(len(self.benches[0].increment), np.nan)
-
-    def without_each(self, gauges: np.ndarray) -> np.ndarray:
-        """The same without each of them (k, nu)."""
-        return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
-
-    def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
-        """Every pose with these gauges as a pool."""
-        return [scenario_of(bench, self.rows[gauges], self.noise, self.acceleration) for bench in self.benches]
-
-    def metric(self, gauges: np.ndarray, metric: Metric) -> float:
-        """The metric with these gauges; inf where an input is lost, NaN where the equation is not solved to accuracy."""
-        found = []
-        for own in self.scenarios(gauges):
-            try:
-                solved = solve_pool(replace(own, weight=metric.weight, criterion=metric.criterion))
-            except InfeasibleError:
-                return float("inf")
-            except NumericalError:
-                return float("nan")
-            found.append(solved.metric.value(solved.P))
-        return float(np.mean(found) if self.aggregate == "mean" else np.max(found))
+    scale: np.ndarray
 
 
 def placement_of(
@@ -99,44 +56,66 @@ def placement_of(
 ) -> BenchPlacement:
     """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
 
-    Raises InfeasibleError where no layout within the limits detects every input in every pose.
+    Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
     """
     place = config.place
     assert place is not None
-    bench = bench_of(config, reduced, meshes)
-    inputs = tuple(name for name in bench.system.inputs if name in asked(config).inputs)
-    time, poses = _poses(config, place, bench, using)
-    benches = tuple(_linear(config, bench, q, u, inputs) for q, u in poses)
+    bench = bench_of(config, reduced, meshes, free_properties(asked(config)))
+    h = float(asked(config).time_step or config.simulate.time_step)
+    unknowns = unknowns_of(config, bench, h)
+    # by what the filter takes the parameters for when it begins
+    bench = replace(bench, theta=unknowns.starts[0])
+    loads = tuple(name for name in bench.system.inputs if name in asked(config).inputs)
+    inputs = (*loads, *unknowns.free)
+    time, poses = _poses(config, place, bench, using, place.poses)
+    known, increment = known_of(config, unknowns, bench, loads, h, time)
+    benches = tuple(_linear(config, bench, q, u, loads, unknowns, increment, h) for q, u in poses)
     modal = bench.system.modal(place.body)
     using.progress("candidates", 0.1)
     static = np.array([linear.static[modal] for linear in benches])
-    on = gauge_pool(meshes[place.body], reduced[place.body].basis, static, inputs, place)
+    taken_off = np.zeros_like(static[0])
+    if unknowns.free and zeroed(config):
+        at_zero = poses[0] if time[0] == 0 else _poses(config, place, bench, using, (0.0,))[1][0]
+        first = _linear(config, bench, *at_zero, loads, unknowns, increment, h)
+        taken_off[:, len(loads) :] = first.static[modal, len(loads) :]
+    on = gauge_pool(meshes[place.body], reduced[place.body].basis, static - taken_off, inputs, place)
     noise = float(place.noise)
     for linear in benches:
-        refuse_sizes(linear, np.abs(on.response).max(axis=0), noise, inputs)
+        refuse_sizes(linear, np.abs(on.response).max(axis=0)[:, : len(loads)], noise, loads)
     rows = np.zeros((len(on.rows), bench.system.size))
     rows[:, modal] = on.rows
-    strained = Strained(benches, rows, noise, float(asked(config).disturbance), place.aggregate)
+    disturbance = float(asked(config).disturbance)
+    strained = Strained(benches, rows, on.rows @ taken_off, noise, disturbance, place.aggregate, known)
     peak = np.max([np.abs(on.rows @ q[modal]) for q, _ in poses], axis=0)
+    every = _every(place, meshes[place.body], on, inputs, strained) if place.search == "all" else None
+
+    def task(kept: np.ndarray) -> Task:
+        return _task(place, config.seed, meshes[place.body], replace(on, kept=kept), inputs, strained, every)
+
     found = placed(
-        [_task(place, config.seed, meshes[place.body], on, inputs, strained)],
+        [task(on.kept)],
         lambda gauges: _expectation(strained, gauges, inputs),
         lambda gauges: gauge_list(
             on.candidates, [""] * on.candidates.gauges, gauges, ("gauges",), peak, np.full(len(peak), np.inf)
         ),
         using.progress,
+        pooled=task,
     )
-    units = tuple(load_units(config, inputs).values())
+    units = (*load_units(config, loads).values(), *parameter_units(config, unknowns.free))
     layouts, std = _layouts(found, place, strained), strained.in_poses(found.gauges)
-    return BenchPlacement(**vars(found), units=units, on=on, layouts=layouts, time=time, std=std)
+    if len(untold := strained.untold(np.array(list(found.expected.std.values())))):
+        names = " and ".join(unknowns.free[i] for i in untold)
+        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
+        found = replace(found, advice=(sentence, *found.advice))
+    return BenchPlacement(**vars(found), units=units, on=on, layouts=layouts, time=time, std=std, scale=strained.scale)
 
 
 def _poses(
-    config: BenchConfig, place: BenchPlace, bench: Bench, using: Resources
+    config: BenchConfig, place: BenchPlace, bench: Bench, using: Resources, instants: Sequence[float]
 ) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Instants (poses,) [s] and the static equilibrium at each, whatever the simulation starts from, with its loads and drives
     at rest; each is sought from the one before."""
-    time = np.array(place.poses)
+    time = np.array(instants)
     u = loads_of(config, bench, using.files)(time)
     u[:, bench.system.drives.rates] = 0.0
     settings = config.simulate.model_copy(update={"start": "equilibrium"})
@@ -152,29 +131,58 @@ def _poses(
     return time, poses
 
 
-def _linear(config: BenchConfig, bench: Bench, q: np.ndarray, u: np.ndarray, inputs: tuple[str, ...]) -> LinearBench:
-    estimate = asked(config)
-    h = config.simulate.time_step if estimate.time_step is None else estimate.time_step
-    own = dict(zip(estimate.inputs, increments_of(config, h), strict=True))
-    increment = np.array([own[name] for name in inputs])
-    places = [bench.system.inputs.index(name) for name in inputs]
-    corrected = corrects_in_a_test(config)
-    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, config.simulate.method, corrected)
+def _linear(
+    config: BenchConfig,
+    bench: Bench,
+    q: np.ndarray,
+    u: np.ndarray,
+    loads: tuple[str, ...],
+    unknowns: BenchUnknowns,
+    increment: np.ndarray,
+    h: float,
+) -> LinearBench:
+    places = [bench.system.inputs.index(name) for name in loads]
+    by_xi = unknowns.coordinates.theta(unknowns.coordinates.xi(bench.theta))[1]
+    corrected, method = corrects_in_a_test(config), config.simulate.method
+    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected, by_xi)
 
 
-def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained) -> Task:
-    """The pool as a linear problem: every input counts in its increments, every gauge is a pool row."""
+def _every(
+    place: BenchPlace, mesh: Mesh, on: GaugePool, inputs: tuple[str, ...], strained: Strained
+) -> tuple[tuple[Pool, ...], Limits]:
+    """Every pose with all candidates, and the limits of a layout of them but for its spacing: that has as many as there are pairs
+    of neighbours, and a bound without it is one with it."""
+    numbers = np.arange(len(on.rows))
+    price = np.where(on.candidates.bonded, 0.0, float(place.price))
+    apart = place.model_copy(update={"minimum_spacing": 0.0})
+    with blame("place.keep"):
+        units = strained.benches[0].increment
+        solved = tuple(solve_pool(scenario, inputs, units) for scenario in strained.scenarios(numbers))
+        pool = PoolRows(numbers[:, None], numbers[:, None])
+        return solved, layout_limits(apart, pool, mesh, on.candidates, price, "place.fixed")
+
+
+def _task(
+    place: BenchPlace,
+    seed: int,
+    mesh: Mesh,
+    on: GaugePool,
+    inputs: tuple[str, ...],
+    strained: Strained,
+    every: tuple[tuple[Pool, ...], Limits] | None,
+) -> Task:
+    """The pool as a linear problem: every unknown counts in its increments, every gauge is a pool row."""
     linear, kept = strained.benches[0], on.kept
     pool = PoolRows(kept[:, None], kept[:, None])
     price = np.where(on.candidates.bonded[kept], 0.0, float(place.price))
     scenarios = strained.scenarios(kept)
     with blame("place.keep"):
         limits = layout_limits(place, pool, mesh, on.candidates, price, "place.fixed")
-        solved = tuple(solve_pool(scenario, inputs) for scenario in scenarios)
+        solved = tuple(solve_pool(scenario, inputs, linear.increment) for scenario in scenarios)
     count, modes = len(inputs), len(linear.stiffness)
     moved = linear.B / linear.stiffness[:, None] * linear.increment
     return Task(
-        Unknowns(inputs, inputs, np.arange(2 * modes, 2 * modes + count), np.ones(count), linear.increment),
+        Unknowns(inputs, inputs, np.arange(2 * modes, 2 * modes + count), strained.scale, linear.increment),
         solved,
         on.candidates,
         pool,
@@ -186,18 +194,20 @@ def _task(place: BenchPlace, seed: int, mesh: Mesh, on: GaugePool, inputs: tuple
         seed,
         aggregate=strained.aggregate,
         relative=False,
+        whole=Whole(*every, kept) if every is not None and len(kept) < len(on.rows) else None,
     )
 
 
 def _expectation(strained: Strained, gauges: np.ndarray, inputs: tuple[str, ...]) -> Expectation:
-    """σ of every input in the worst pose; raises InfeasibleError where one is lost, NumericalError where it is not solved."""
+    """σ of every unknown (`Strained.summed_up`); raises InfeasibleError where one is lost, NumericalError where it is not
+    solved."""
     with blame("estimate"):
-        std = strained.in_poses(gauges).max(axis=0)
+        std = strained.summed_up(strained.in_poses(gauges))
     if not np.isfinite(std).all():
         raise InfeasibleError(
-            f"a filter on the {len(gauges)} gauges does not detect every input",
+            f"a filter on the {len(gauges)} gauges does not detect every unknown",
             key="place.keep",
-            remedy="keep more gauges, or estimate fewer inputs",
+            remedy="keep more gauges, or estimate fewer unknowns",
         )
     without = strained.without_each(gauges)
     return Expectation(dict(zip(inputs, std.tolist(), strict=True)), dict(zip(inputs, without.T, strict=True)))

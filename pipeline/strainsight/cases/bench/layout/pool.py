@@ -90,6 +90,6 @@ def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
         raise InfeasibleError(
             f"{', '.join(lost)} strain{'s' * (len(lost) == 1)} no candidate",
             key="place.body",
-            remedy="place gauges on a body that carries them, or take them out of estimate.inputs",
+            remedy="place gauges on a body that carries them, take poses in which they show, or take them out of estimate",
         )
     return np.asarray(largest)

@@ -21,7 +21,7 @@ def refuse_sizes(linear: LinearBench, response: np.ndarray, noise: float, inputs
 
     response (m, nu) strain per unit of every unknown input, at rest; noise σ [strain]; inputs: their names.
     """
-    felt = np.abs(response).max(axis=0) * linear.increment / noise
+    felt = np.abs(response).max(axis=0) * linear.increment[: len(inputs)] / noise
     for name, share in zip(inputs, felt, strict=True):
         if not FELT[0] <= share <= FELT[1]:
             raise InfeasibleError(
