@@ -68,7 +68,9 @@ def runs():
 
 
 def made(results, runs, claims=(), studies=(), name="all"):
-    config = {"name": name, "title": "All & <more>", "runs": runs, "studies": list(studies), "claims": list(claims)}
+    config = {"name": name, "title": "All & <more>", "runs": runs, "studies": list(studies), "comparisons": []}
+    measures = [{"key": f"claims.{i}"} | own for i, own in enumerate(claims)]
+    config["claims"] = [{"text": own["text"], "why": own.get("why", ""), "measure": own} for own in measures]
     job = Job(config, results, results, lambda key: f"suite.yaml at {key}")
     return list(run((SUITE,), job))[-1].artefact
 
@@ -105,7 +107,8 @@ def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
         BenchRun("a", "a", numbers={"estimate": {"nis": 2.0}}, seeds={"error.F": np.array([1.0, 2.0, 4.0])}),
         BenchRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
     ]
-    (statement,) = statements_of([claim], runs)
+    claim.key = "claims.0"
+    (statement,) = statements_of([SimpleNamespace(text=claim.text, why=claim.why, measure=claim)], runs)
     assert statement.seeds == {
         (0, "error.F"): [100.0] * 3, (0, "nis"): [100.0], (1, "error.F"): [200.0, 100.0, 50.0], (1, "nis"): [150.0],
     }  # fmt: skip

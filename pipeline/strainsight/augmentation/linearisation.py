@@ -67,7 +67,7 @@ def parameter_forces(
     for i, name in enumerate(unknowns.parameters):
         dK, dM = model.stiffness.derivative(name, theta), model.mass.derivative(name, theta)
         forces[:, :, i] = theta[name] * (q @ dK + a @ dM)
-        if damping_slope:
+        if damping_slope or name == model.damping.parameter:
             forces[:, :, i] += theta[name] * (v @ damping_derivative(model, theta, name))
         if name in model.input_slope:
             forces[:, :, i] -= theta[name] * (u @ model.input_slope[name].T)

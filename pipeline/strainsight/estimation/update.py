@@ -124,7 +124,7 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         there = np.flatnonzero(std)
         scaled = covariance[np.ix_(there, there)] / np.outer(std[there], std[there])
-        lower, order, rank, _ = dpstrf(scaled, lower=1, tol=len(P) * np.finfo(float).eps)
+        lower, order, rank, _ = dpstrf(scaled, lower=1, tol=len(covariance) * np.finfo(float).eps)
         F[there[order - 1], :rank] = std[there[order - 1], None] * np.tril(lower)[:, :rank]
     return factors
 

@@ -84,5 +84,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=11, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=12, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

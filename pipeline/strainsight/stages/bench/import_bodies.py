@@ -64,7 +64,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=7,
+    version=8,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),
