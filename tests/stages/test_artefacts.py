@@ -44,7 +44,7 @@ BELOW_KIND = {
 ONLY_SOMETIMES = (
     r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
     r"|/elimination/metric|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak|^/installation$"
-    r"|^/drives/|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/|/(factors|roots|weights)/|^/gauges/row_change/"
+    r"|^/drives/|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/|^/composites/|/(factors|roots|weights)/|^/gauges/row_change/"
 )
 """Where a density is a parameter, and a load acts on it, or errors of installation are avoided (a test of their own below); where
 stiffness and mass, or strain rows, come from files (test_ready.py), or modes and static responses do (test_results.py); where
