@@ -93,6 +93,21 @@ def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_
     np.testing.assert_allclose(F, printed, rtol=1e-9, atol=1e-9 * np.abs(printed).max())
 
 
+def test_a_factor_of_the_damping_keeps_its_column_without_the_slope_of_others(chain_of, theta):
+    """Its slope is the damping itself, which the thesis does not estimate: −M⁻¹ C q̇ in either case."""
+    model = chain_of(damping=Damping("modal", ratio=0.02, parameter="d"))
+    theta = {**theta, "d": 1.0}
+    model = replace(model, reference={**model.reference, "d": 1.0})
+    unknowns = Unknowns((), ("d",), AMPLITUDE, theta)
+    rng = np.random.default_rng(1)
+    x, u = rng.normal(size=(1, 2 * model.size)), np.zeros((1, 2))
+    printed, whole = (linearise(model, unknowns, theta, x, u, slope)[0, :, -1] for slope in (False, True))
+    np.testing.assert_array_equal(printed, whole)
+    C = damping_matrix(model, theta)
+    wanted = -np.linalg.solve(model.mass.at(theta), C @ x[0, model.size :])
+    np.testing.assert_allclose(printed[model.size : 2 * model.size], wanted, rtol=1e-9)
+
+
 def test_input_models_stand_in_F_as_they_move(chain_of, theta):
     """The rows of ζ are A_u, the motion feels ũ alone, and nothing else changes."""
     model = chain_of()

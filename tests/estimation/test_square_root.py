@@ -10,7 +10,7 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.update import covariance_factor
+from strainsight.estimation.update import covariance_factor, pivoted_factors
 
 
 @pytest.mark.parametrize(("inputs", "parameters"), [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))])
@@ -77,3 +77,18 @@ def test_a_long_run_stays_symmetric_and_positive(make_beam, make_filter, form):
         assert np.array_equal(P, np.swapaxes(P, 1, 2))
         d = np.sqrt(np.diagonal(P[0]))
         assert np.linalg.eigvalsh(P[0] / np.outer(d, d)).min() > 0
+
+
+def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_it():
+    """Of P with states that nearly tell each other: the same digits alone and among two thousand; of rank 6 no seventh column
+    that counts; and what is not finite is no zero."""
+    near = np.array([[1.0, 1 - 1e-13], [1 - 1e-13, 1.0]])
+    alone = pivoted_factors(near[None])[0]
+    among = pivoted_factors(np.concatenate([np.tile(np.eye(2), (2000, 1, 1)), near[None]]))[-1]
+    np.testing.assert_array_equal(alone, among)
+    G = np.random.default_rng(0).normal(size=(40, 6))
+    F = pivoted_factors((G @ G.T)[None])[0]
+    np.testing.assert_allclose(F @ F.T, G @ G.T, atol=1e-12 * np.abs(G @ G.T).max())
+    assert np.count_nonzero(np.abs(F).max(axis=0)) == 6
+    with pytest.raises(np.linalg.LinAlgError):
+        pivoted_factors(np.full((1, 2, 2), np.nan))

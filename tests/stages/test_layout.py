@@ -114,7 +114,7 @@ def _advice(without, loss):
     """On two gauges, without each of which σ of E is that."""
     task = SimpleNamespace(
         criterion=Trace(), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
-        pool=SimpleNamespace(alone=0), relative=True, sigma="the steady-state σ of E", cost_of=lambda rows: None,
+        pool=SimpleNamespace(alone=0), relative=True, whole=None, sigma="the steady-state σ of E", cost_of=lambda rows: None,
     )  # fmt: skip
     listed = SimpleNamespace(labels=("G1", "G2"), bonded=np.zeros(2, dtype=bool), most=np.zeros(2), range=np.ones(2))
     removals = SimpleNamespace(cost=np.array([1.0, 1.1]), ties=((),))

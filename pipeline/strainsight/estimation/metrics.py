@@ -32,9 +32,10 @@ def after_start(history: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
 
 
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float, share: float) -> float:
-    """From when on an estimate stays within a share of the truth; the last time where it does not in the end.
+    """From when on an estimate stays within a share of the truth; infinite where it is outside in the end.
 
     time (T + 1,) [s]; estimate (T + 1,) and truth in one unit; share [-]. Returns [s].
     """
-    outside = np.flatnonzero(~(np.abs(estimate / truth - 1) <= share))
-    return float(time[min(outside[-1] + 1, len(time) - 1)] if outside.size else time[0])
+    outside = np.flatnonzero(~(np.abs(estimate - truth) <= share * abs(truth)))
+    after = outside[-1] + 1 if outside.size else 0
+    return float(time[after]) if after < len(time) else float("inf")

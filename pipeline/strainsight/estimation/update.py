@@ -120,6 +120,8 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
     """As `square_factor`, by Cholesky's factors with pivots: a tenth of the work, and less sure of the smallest part of a P whose
     states nearly tell each other."""
     factors = np.zeros_like(P)
+    if not np.isfinite(P).all():
+        raise np.linalg.LinAlgError("a covariance is not finite")
     for F, covariance in zip(factors, P, strict=True):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         there = np.flatnonzero(std)

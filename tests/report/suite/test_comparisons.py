@@ -43,6 +43,9 @@ def row(theirs, ours):
         (None, 2.0, CONTRADICTED),
         (NAN, 0.5, UNDECIDED),
         (0.5, NAN, UNDECIDED),
+        (2.0, NAN, CONTRADICTED),
+        (NAN, 2.0, CONTRADICTED),
+        (NAN, None, UNDECIDED),
         (None, None, UNMEASURED),
     ],
 )

@@ -17,9 +17,9 @@ CONVERGED = 1e-12
 """Largest correction of a body's coordinates beside the coordinates themselves, or its expected successor."""
 ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
-DIGITS = 1e-14
-"""So is one below this beside the coordinates of the whole system: a body that hardly deforms follows the last digits of places
-that others have."""
+DIGITS, OF_ITS_OWN = 1e-14, 1e-6
+"""So is one below the first beside the coordinates of the whole system, and the second beside those of its body: a body that
+hardly deforms follows the last digits of places that others have."""
 SLOW = 1e-3
 """Motion in a step beside the coordinates below which the velocity is as good as none."""
 STILL = 1e-10
@@ -97,7 +97,9 @@ def newton(
         q, z, mu, lam = moved(s, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
         beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
         enough = ROUNDED if again else 0.1
-        rounding = iteration > 2 and size > 0.3 * before and (size < ROUNDING or of_all < DIGITS)
+        rounding = (
+            iteration > 2 and size > 0.3 * before and (size < ROUNDING or (of_all < DIGITS and size < OF_ITS_OWN))
+        )
         if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
             return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
         # so near the end the change of the matrix is one of the next order

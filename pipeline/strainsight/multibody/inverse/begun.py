@@ -66,9 +66,11 @@ def begun(
     """
     n, p = 2 * system.size, len(xi)
     by_xi = np.zeros((n, p))
-    if before is not None and (before.k != k - 1 or before.left is None):
+    if before is not None and before.k != k - 1:
         before = None
     stale = np.zeros((n, n)) if before is None else before.stale
+    if before is not None and before.left is None:
+        before = None
     old = None if before is None else before.at
     middle = 0.5 * (start.q + ahead[0]), 0.5 * (start.v + ahead[1])
     try:
@@ -82,16 +84,19 @@ def begun(
             moved[j] += WIDTH
             there = start._replace(theta=coordinates.theta(moved)[0])
             by_xi[:, j] = (linearised(system, method, loads, inputs, there, middle).left.change - left.change) / WIDTH
-        serves, d = 1, None
+        serves, apart = 1, []
         if old is not None and before is not None:
             d = left.change - old.change(system, loads.h, start)
             sigma = np.sqrt(np.diag(left.noise))
             serves = min(2 * before.serves, KEPT) if np.all(np.abs(d) <= CLOSE * sigma) else 1
-            d = d if before.serves > 1 else None
-        if d is None and k % CHECKED == 0:
-            d = left.change - linearised(system, method, loads, inputs, start, (start.q, start.v)).left.change
-        if d is not None:
-            stale = 0.5 * (stale + np.outer(d, d)) if stale.any() else np.outer(d, d)
+            if before.serves > 1:
+                apart.append(d)
+        if apart or k % CHECKED == 0:
+            apart.append(left.change - linearised(system, method, loads, inputs, start, (start.q, start.v)).left.change)
+        if apart:
+            off = np.array(apart)
+            new = off.T @ off
+            stale = 0.5 * (stale + new) if stale.any() else new
     except (NumericalError, UserError):
         return Begun(k, x.copy(), None, np.zeros((n, p)), stale)
     if rest:

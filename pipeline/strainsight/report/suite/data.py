@@ -134,7 +134,7 @@ class Comparison:
         measured = [verdict for verdict in found if verdict is not None]
         if not measured:
             return UNMEASURED
-        if UNDECIDED in measured:
+        if UNDECIDED in measured and CONTRADICTED not in measured:
             return UNDECIDED
         if CONTRADICTED not in measured:
             return HOLDS

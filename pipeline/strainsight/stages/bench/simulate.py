@@ -109,7 +109,7 @@ def _turning(turn: float, settings: Simulate) -> str:
 
 SIMULATE = Stage(
     "simulate",
-    version=4,
+    version=5,
     reads=("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate"),
     upstream=("import", "reduce"),
     files=HISTORIES,

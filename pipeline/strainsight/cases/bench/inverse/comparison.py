@@ -33,6 +33,8 @@ from strainsight.records.bench_estimated import (
     SensorMatch,
 )
 
+SETTLING = "settling_time"
+"""Of a parameter; infinite where it never settles."""
 SETTLED = 1e-3
 """Share of the truth that a parameter stays within once it has settled: a bearing's geometry is known to a per cent before."""
 LEARNED = 0.5
@@ -92,7 +94,8 @@ def compared(config: BenchConfig, own: Estimated) -> Compared:
         compared=own.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
-    return Compared(found, {key: value for key, value in numbers.items() if np.isfinite(value)}, judged)
+    kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING)}
+    return Compared(found, kept, judged)
 
 
 def _load(
@@ -163,7 +166,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
-        numbers[f"settling_time.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
+        numbers[f"{SETTLING}.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
     else:
         numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
