@@ -37,6 +37,7 @@ from .test_artefacts import UNITS_OF
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
         (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),
         (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "a form of the extended"),
+        (LOADS, "estimate.method={noise: as_printed, step_error: estimated}", "estimate.method.step_error", "change after it"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_with_their_place(config, change, key, what):

@@ -83,6 +83,28 @@ def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
         assert found[f"/inputs/{name}/smoothed"][-1] == found[f"/inputs/{name}/estimate"][-1]
 
 
+def test_noise_and_update_of_the_thesis_find_the_loads_and_claim_no_less_than_an_increment(estimate):
+    """Q* after the step, one update at the first guess: no better known than the 2000 N a step of the loads, whatever is read."""
+    found = estimate(
+        LOADS, "estimate.duration=1.0", "estimate.method={update: as_printed, noise: as_printed}", "estimate.disturbance=1.0e-3",
+        "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9",
+    )  # fmt: skip
+    assert found.summary["method"] == "one-shot as printed, on no constraints, Q* as printed"
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"error.{name}"] < 1e-3
+        assert np.all(found[f"/inputs/{name}/std"][1:] > 0.999 * 2e3)
+
+
+def test_a_truth_drawn_with_the_noise_of_the_thesis_is_estimated_as_well_as_claimed_with_it(estimate):
+    """The loads change after the step that read them."""
+    found = estimate(
+        LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.method.noise=as_printed"
+    )
+    assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
+    for name in ("Fx", "Fy", "Fz"):
+        assert 0.6 < found.summary[f"ratio.{name}"] < 1.5
+
+
 def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
     step = estimate(LOADS, "estimate.duration=0.5", "estimate.truth.model=own")
     inputs = ", ".join(f"F{k}: {{std: 1.0e+4, increment: 4.0e+4}}" for k in "xyz")

@@ -35,6 +35,12 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
             "what a step leaves out is not estimated beside driven joints",
             "leave it out, and take a step that follows the loads and the drive",
         )
+    if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
+        yield Problem(
+            "estimate.method.step_error",
+            "what a step leaves out follows from how the loads change within it, and as printed they change after it",
+            "leave it out, or set estimate.method.noise: before_step",
+        )
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
     yield from _sensors(config, estimate)

@@ -125,10 +125,17 @@ Measured = Annotated[
 class Method(Section):
     """How a measurement corrects the estimate."""
 
-    update: Literal["iterated", "one_shot", "undamped"] = Field(
+    update: Literal["iterated", "one_shot", "undamped", "as_printed"] = Field(
         "iterated",
         description="iterated: damped Gauss-Newton on the most probable state with the step inside; one_shot: the extended "
-        "Kalman filter, put back onto the constraints; undamped: iterated without its damping.",
+        "Kalman filter, put back onto the constraints; undamped: iterated without its damping; as_printed: the thesis's (1.58) "
+        "to (1.60), one update at the first guess, the prediction, whose outcome is on no constraint until the next step.",
+    )
+    noise: Literal["before_step", "as_printed"] = Field(
+        "before_step",
+        description="before_step: loads, parameters and disturbance change as the step begins, which moves the bench, so that "
+        "its constraints hold; as_printed: the thesis's Q* of (1.45) and (1.57), in diagonal blocks added after the step, that "
+        "of the motion by `disturbance` on every velocity, whatever the joints: σ of a load is at least its increment.",
     )
     iterations: int = Field(10, ge=1, le=100, description="Most iterations of a step [-].")
     parameters: Literal["extended", "bank"] = Field(
@@ -141,8 +148,8 @@ class Method(Section):
         None,
         description="estimated: the filter adds what its step leaves out, by the bench linearised along the step, and takes the "
         "path of the loads within the step and what is left for noise of the motion; ignored: the step, with straight loads, is "
-        "taken for true; null: ignored with `simulate.method: thesis`, where the truth is made by the filter's own step, and "
-        "beside driven joints.",
+        "taken for true; null: ignored with `simulate.method: thesis` or `noise: as_printed`, where the truth is made by the "
+        "filter's own step, and beside driven joints.",
     )
 
 

@@ -55,8 +55,12 @@ class AugmentedStep:
     zero: ξ → a further offset (m,) and its slopes (m, p), of channels zeroed under load (`zero_at_rest`).
     rest: whether step 0 begins in the equilibrium under u and ξ: then q of x is only where that is sought from, v is zero, and
     q = q₀(u, ξ) with ∂q₀ of `static_response`. A q that follows u and ξ to first order alone would swing about it.
+    printed: the noise as (1.45) and (1.57) have it, in diagonal blocks that are added after the step: δ and w are zero, and
+        before = 0,   process = diag(0, (h w / d²)², 0, Q_δ, Q_ξ)        on (q, v, w, c, ξ)
+    w/d² the rate that a force gives a coordinate alone [1/s²], d its metric: no joint is asked, so that a disturbed state leaves
+    the constraints, and a load that changes in a step moves nothing in it.
     A step that fails leaves NaN in its run. Runs are stepped one after the other; the last two steps of each are remembered.
-    Source: thesis (1.40-1.56), with the noise before the step in place of (1.45).
+    Source: thesis (1.40-1.56), with the noise before the step in place of (1.45) unless `printed`.
     """
 
     system: System
@@ -73,6 +77,7 @@ class AugmentedStep:
     zero: Zero | None = None
     rest: bool = False
     corrected: bool = False
+    printed: bool = False
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
     _begun: dict[int, Begun] = field(default_factory=dict, init=False, repr=False)
@@ -91,7 +96,7 @@ class AugmentedStep:
 
     @cached_property
     def w(self) -> slice:
-        return slice(self.v.stop, self.v.stop + (self.system.size if self.Q_w.any() else 0))
+        return slice(self.v.stop, self.v.stop + (self.system.size if self._forced else 0))
 
     @cached_property
     def delta(self) -> slice:
@@ -181,10 +186,10 @@ class AugmentedStep:
         if not self.corrected:
             return self._noise[0]
         moved = self.v.stop
-        whole = np.zeros((max(len(self._begun), 1), self.size, self.size))
+        whole = np.tile(self._noise[0], (max(len(self._begun), 1), 1, 1))
         for run, now in self._begun.items():
             if now.k == k:
-                whole[run, :moved, :moved] = now.noise
+                whole[run, :moved, :moved] += now.noise
         return whole
 
     def before(self, k: int) -> np.ndarray:
@@ -217,14 +222,24 @@ class AugmentedStep:
                 off[run] = np.max(np.abs(phi) / np.linalg.norm(B / d, axis=1)) / np.linalg.norm(d * own[self.q])
         return off
 
+    @property
+    def _forced(self) -> bool:
+        """Whether a white force is a state."""
+        return bool(self.Q_w.any()) and not self.printed
+
     @cached_property
     def _noise(self) -> tuple[np.ndarray, np.ndarray]:
-        before = np.zeros((self.size, self.size))
-        if self.w.stop > self.w.start:
-            before[self.w, self.w] = np.diag(self.Q_w)
-        before[self.delta, self.delta] = self.loads.drawn
-        before[self.xi, self.xi] = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
-        return np.zeros((self.size, self.size)), before
+        """After every step, and before it."""
+        drawn, nothing = np.zeros((self.size, self.size)), np.zeros((self.size, self.size))
+        drawn[self.xi, self.xi] = np.diag(self.Q_xi) if self.Q_xi.ndim == 1 else self.Q_xi
+        if self.printed:
+            drawn[self.v, self.v] = np.diag(self.Q_w * (self.h / self.system.metric**2) ** 2)
+            drawn[self.c, self.c] = self.loads.drawn
+            return drawn, nothing
+        if self._forced:
+            drawn[self.w, self.w] = np.diag(self.Q_w)
+        drawn[self.delta, self.delta] = self.loads.drawn
+        return nothing, drawn
 
     def _whole(self, run: int, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """The step and its slopes, with what it leaves out."""

@@ -26,6 +26,7 @@ METHODS = {
     "iterated": "iterated with the step inside",
     "one_shot": "one-shot, put back onto the constraints",
     "undamped": "iterated without damping",
+    "as_printed": "one-shot as printed, on no constraints",
 }
 TRUTHS = {
     "fine": "the bench with h/{substeps}",
@@ -116,7 +117,9 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
         "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
         "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
         "violation": float(np.nanmax(result.found.violation)),
-        "method": METHODS[estimate.method.update] + ("" if own.compared is None else ", a bank over parameters"),
+        "method": METHODS[estimate.method.update]
+        + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
+        + ("" if own.compared is None else ", a bank over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **claim_numbers(result.claims),
@@ -169,7 +172,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=9,
+    version=10,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

@@ -41,6 +41,7 @@ PLACE = Stage(
         "estimate.increments",
         "estimate.disturbance",
         "estimate.method.step_error",
+        "estimate.method.noise",
         "estimate.parameters",
         "estimate.inputs.*.std",
         "estimate.inputs.*.smoothness",

@@ -104,7 +104,8 @@ def _filter(
     *,
     refuse: bool,
 ) -> FilterRun:
-    one_shot = method.update == "one_shot"
+    once = method.update in ("one_shot", "as_printed")
+    stays = method.update == "as_printed"
     return filter_runs(
         model,
         x,
@@ -112,10 +113,10 @@ def _filter(
         y,
         keep,
         form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
-        iterations=1 if one_shot else method.iterations,
-        through_step=not one_shot,
+        iterations=1 if once else method.iterations,
+        through_step=not once,
         damped=method.update != "undamped",
-        project=model.projected if one_shot or model.corrected else None,
+        project=model.projected if not stays and (once or model.corrected) else None,
         progress=progress,
         watch=watch,
         refuse=refuse,

@@ -73,6 +73,7 @@ def trial_of(
         known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
         rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config),
+        printed=asked(config).method.noise == "as_printed",
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u

@@ -65,7 +65,8 @@ def simulated(
 
 
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
-    """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from `before`.
+    """Truths of the filter's own model: the start from N(x̂, P), inputs, parameters and disturbance from its noise before a step
+    and after it.
 
     start (B, size), P (B, size, size), known (T + 1, width). The drawn starts are put back on the constraints.
     Raises NumericalError where a drawn step cannot be solved.
@@ -86,8 +87,9 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         model.begin(x, k)
         noise = np.array([draw.standard_normal(factor.shape[1]) for draw in draws])
         x = model.step(x + noise @ factor.T, k)[0]
-        if model.corrected:
-            within = square_factor(model.process(k))
+        if model.corrected or model.printed:
+            process = model.process(k)
+            within = square_factor(np.broadcast_to(process, (runs, *process.shape[-2:])))
             x = model.projected(
                 x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)]),
                 k + 1,

@@ -57,10 +57,10 @@ def corrects(config: BenchConfig) -> bool:
 
 
 def corrects_in_a_test(config: BenchConfig) -> bool:
-    """The same where the bench itself moves: where it is asked to, else unless the step is the thesis's, which is taken for true
-    as there, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
-    stated = asked(config).method.step_error
-    if stated is not None:
+    """The same where the bench itself moves: where it is asked to, else unless step or noise are the thesis's, which takes the
+    step for true, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
+    stated, printed = asked(config).method.step_error, asked(config).method.noise == "as_printed"
+    if stated is not None or printed:
         return stated == "estimated"
     return config.simulate.method == "second_order" and not has_drives(config)
 
