@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import time
+
 import pytest
 from typer.testing import CliRunner
 
@@ -104,3 +108,22 @@ def test_a_stage_that_a_run_does_not_come_to_is_found_before_anything_runs(call)
 
 def test_a_key_of_a_bench_behind_set_is_placed_there(call):
     assert "write set.simulate.duration=1" in call("status", "--set", "simulate.duration=1").stderr
+
+
+def test_a_suite_that_was_killed_goes_on_where_it_ended(folder):
+    """Killed between two runs, without a word: what was finished is taken as it is, what was begun is done again."""
+    results, words = folder / "killed", ["run", str(folder / "both.yaml"), "--results"]
+    whole = results / "coarse" / "simulate.h5"
+    child = subprocess.Popen([sys.executable, "-m", "strainsight_cli.main", *words, str(results)], stdout=subprocess.DEVNULL)
+    while not whole.exists() and child.poll() is None:
+        time.sleep(0.005)
+    child.kill()
+    child.wait()
+    assert not (results / "both" / "suite.h5").exists()
+    before = whole.stat().st_mtime_ns
+    done = CliRunner().invoke(app, [*words, str(results)])
+    assert done.exit_code == 0, done.output
+    assert whole.stat().st_mtime_ns == before
+    assert Artefact(results / "both" / "suite.h5").header.stage == "suite"
+    coarse = done.output.split("run 1 of 2 coarse")[1].split("run 2 of 2")[0]
+    assert "up to date" in coarse

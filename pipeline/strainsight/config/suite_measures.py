@@ -38,7 +38,8 @@ class Claim(Measure):
     text: Text = Field(description="The statement.")
     why: str = Field(
         "",
-        description="Why it holds or does not, in words that the page shows below the verdict; needed where it does not.",
+        description="Why it holds or does not, in words that the page shows below the verdict; where it does not, the "
+        "page marks that none is given.",
     )
 
 
@@ -53,7 +54,7 @@ class Comparison(Section):
     why: str = Field(
         "",
         description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
-        "needed where it does not hold.",
+        "where it does not hold, the page marks that none is given.",
     )
 
 

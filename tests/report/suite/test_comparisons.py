@@ -20,6 +20,7 @@ from strainsight.report.suite.data import (
     Statement,
     Suite,
 )
+from strainsight.report.suite.statements import statements_table
 
 NAN = float("nan")
 
@@ -77,3 +78,20 @@ def test_what_a_config_says_is_text_on_the_page_and_numbers_are_markup():
     assert '<data value="0.5">0.5</data>' in table
     assert "&lt;data" not in table
     assert "✓ holds under its settings only" in table
+
+
+@pytest.mark.parametrize("verdict", [(0.5, 2.0), (2.0, 0.5), (2.0, 2.0), (NAN, 0.5), (None, None)])
+def test_a_row_that_does_not_hold_and_gives_no_reason_is_marked(verdict):
+    run = SimpleNamespace(label="a run")
+    own = row(*verdict)
+    for why, marked in (("", True), ("Because.", False)):
+        table = comparisons_table(Suite("s", "t", (run,), comparisons=(replace(own, why=why),)))
+        assert ("no reason is given" in table) is marked
+    assert "no reason" not in comparisons_table(Suite("s", "t", (run,), comparisons=(replace(row(0.5, 0.5), why=""),)))
+
+
+def test_so_is_a_statement():
+    run = SimpleNamespace(label="a run")
+    for value, why, marked in ((2.0, "", True), (2.0, "Because.", False), (0.5, "", False)):
+        claim = Statement("s", ((0, "n", value),), below=1.0, why=why)
+        assert ("no reason is given" in statements_table(Suite("s", "t", (run,), statements=(claim,)))) is marked

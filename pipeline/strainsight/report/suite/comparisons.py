@@ -17,7 +17,7 @@ from strainsight.report.suite.data import (
     Statement,
     Suite,
 )
-from strainsight.report.suite.statements import Shown, measured, target
+from strainsight.report.suite.statements import Shown, measured, reason, target
 from strainsight.report.text import number
 
 VERDICTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
@@ -60,19 +60,18 @@ def _row(suite: Suite, index: int, row: Comparison) -> str:
         f'<td data-label="{label}">{_side(suite, own)}</td>'
         for label, own in ((COLUMNS[3], row.as_printed), (COLUMNS[4], row.ours))
     )
-    why = f'<p class="why">{escape(row.why)}</p>' if row.why else ""
     return (
         f'<tr id="comparison-{index}"><td data-label="{COLUMNS[0]}">{index}. {escape(row.source)}</td>'
         f'<th scope="row">{escape(row.says)}</th><td data-label="{COLUMNS[2]}">{escape(row.printed) or "–"}</td>'
-        f"{cells}<td>{_mark(row.verdict)}{why}</td></tr>"
+        f"{cells}<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
     )
 
 
 def _mark(verdict: str) -> str:
     if verdict in GOOD:
         return f'<strong class="good whole">✓ {verdict}</strong>'
-    sign = {CONTRADICTED: "✕", UNDECIDED: "–"}.get(verdict)
-    return f'<strong class="bad whole">{sign} {verdict}</strong>' if sign else verdict
+    sign = "✕" if verdict == CONTRADICTED else "–"
+    return f"– {verdict}" if verdict == UNMEASURED else f'<strong class="bad whole">{sign} {verdict}</strong>'
 
 
 def _side(suite: Suite, own: Statement | None) -> str:

@@ -141,6 +141,11 @@ class Comparison:
         return {CONFIRMED: THEIRS_ONLY}.get(found[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
+def unexplained(verdict: str, why: str) -> bool:
+    """Whether a verdict stands without the reason that it owes; what holds owes none."""
+    return verdict not in (CONFIRMED, HOLDS) and not why
+
+
 @dataclass(frozen=True)
 class Suite:
     """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, digests."""

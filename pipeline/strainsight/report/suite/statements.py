@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from strainsight.report.page.markup import count, plain, sheet
-from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite
+from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite, unexplained
 from strainsight.report.suite.results import is_estimated
 from strainsight.report.text import number
 
@@ -48,6 +48,13 @@ def statements_table(suite: Suite) -> str:
     rows = "".join(_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1))
     text = f'<table class="claims"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
     return sheet("statements", text, "<h2>Statements</h2>")
+
+
+def reason(verdict: str, why: str) -> str:
+    """Why a verdict is what it is; a mark where it owes a reason and none is stated."""
+    if unexplained(verdict, why):
+        return '<p class="why"><strong class="bad">no reason is given</strong>: say <code>why</code> in the suite</p>'
+    return f'<p class="why">{escape(why)}</p>' if why else ""
 
 
 Shown = Callable[[float], str]
@@ -126,8 +133,7 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         )
         more = f" and {count(len(bad) - FEW)} more" if len(bad) > FEW else ""
         wrong = f"<br><small>not in {worst}{more}</small>"
-    if statement.why:
-        wrong += f'<p class="why">{escape(statement.why)}</p>'
+    wrong += reason(statement.verdict, statement.why)
     seeds = most(statement)
     compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
     safe = replace(statement, unit=escape(statement.unit))

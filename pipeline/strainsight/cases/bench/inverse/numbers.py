@@ -57,7 +57,9 @@ def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers
 
 
 def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> Numbers:
-    """A load here over the one of the other bench, settled: affine fit, and the quotient where the other is large. (T,) each."""
+    """A load here over the one of the other bench: RMS over RMS, second half; settled, an affine fit, and the quotient where the
+    other is large. (T,) each."""
+    here, other = (float(np.linalg.norm(load[len(load) // 2 :])) for load in (estimate, there))
     there, estimate = _settled(there, estimate)
     slope, offset = _fit(there, estimate)
     large = np.abs(there) > LARGE * np.abs(there).max(initial=0.0)
@@ -65,6 +67,7 @@ def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> Numbers
     return {
         f"ratio_slope.{name}": slope,
         f"ratio_offset.{name}": offset,
+        f"ratio_rms.{name}": here / other if other > 0 else float("nan"),
         f"ratio_mean.{name}": float(quotient.mean()),
         f"ratio_low.{name}": float(quotient.min()),
         f"ratio_high.{name}": float(quotient.max()),
