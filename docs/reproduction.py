@@ -1,55 +1,106 @@
-"""The table of docs/reproduction.md, from the numbers of the suite that `make thesis` runs: `python docs/reproduction.py`.
+"""Tables of the manual from the numbers of suites: `python docs/reproduction.py` after `make thesis` and `make bench`.
 
-Another suite.h5 may be given as an argument. Only what stands below its heading is made; the rest is written by hand. A row that
-does not hold and says no reason ends it.
+    docs/reproduction.md    every comparison of configs/thesis/suite.yaml, from results/thesis/suite.h5
+    docs/thesis-runs.md     every statement of configs/bench/suite.yaml, from results/bench/suite.h5
+
+A suite that was not run leaves its page as it is; other results are an argument. Only what stands below a page's heading is made,
+the rest is written by hand. A comparison or statement that does not hold and says no reason ends it.
 """
 
 from __future__ import annotations
 
 import sys
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from strainsight.config.load import load_config
+from strainsight.config.suite import SuiteConfig
 from strainsight.records.record import read
 from strainsight.records.suite import SuiteNumbers
-from strainsight.report.suite.data import unexplained
+from strainsight.report.suite.data import Statement, unexplained
+from strainsight.report.suite.statements import measured, target
 from strainsight.workflow.artefact import Artefact
 
-PAGE = Path(__file__).parent / "reproduction.md"
-HEADING = "## Figure by figure\n"
-COLUMNS = ("", "the thesis", "printed", "as printed, here", "ours", "")
+DOCS = Path(__file__).parent
+CONFIGS = DOCS.parent / "configs"
 
 
-def below(numbers: SuiteNumbers) -> str:
+def comparisons(numbers: SuiteNumbers) -> str:
     """How many rows came to which verdict, and a row a comparison."""
-    rows, text = numbers.comparisons, [f"{len(numbers.runs.name)} runs."]
-    text[0] += "".join(f" {verdict.capitalize()}: {many}." for verdict, many in Counter(rows.verdict).items())
-    text += ["", line(COLUMNS), line(["---"] * len(COLUMNS))]
+    rows = numbers.comparisons
+    refuse(zip(rows.source, rows.verdict, rows.why, strict=True))
+    text = [
+        f"{len(numbers.runs.name)} runs. {counted(rows.verdict)}",
+        "",
+        *head("", "the thesis", "printed", "as printed, here", "ours", ""),
+    ]
     for source, says, printed, theirs, ours, verdict, why in zip(
         rows.source, rows.says, rows.printed, rows.as_printed, rows.ours, rows.verdict, rows.why, strict=True
     ):
-        text.append(line([source, says, printed, theirs, ours, f"**{verdict}**" + (f". {why}" if why else "")]))
+        text.append(line([source, says, printed, theirs, ours, cell(verdict, why)]))
     return "\n".join(text) + "\n"
 
 
-def line(cells) -> str:
+def statements(numbers: SuiteNumbers) -> str:
+    """How many statements hold, and a row each: what was measured and what it has to be, as the suite's page has them."""
+    suite = load_config(CONFIGS / "bench" / "suite.yaml").model
+    assert isinstance(suite, SuiteConfig)
+    rows, found = numbers.statements, defaultdict(list)
+    refuse(zip(rows.text, rows.verdict, rows.why, strict=True))
+    for claim, run, name, value in zip(
+        numbers.numbers.claim, numbers.numbers.run, numbers.numbers.name, numbers.numbers.value, strict=True
+    ):
+        found[int(claim)].append((int(run), str(name), float(value)))
+    text = [
+        f"{len(numbers.runs.name)} runs. {counted(rows.verdict)}",
+        "",
+        *head("statement", "measured", "to be", ""),
+    ]
+    for i, (own, verdict, why) in enumerate(zip(suite.claims, rows.verdict, rows.why, strict=True)):
+        told = Statement(own.text, tuple(found[i]), own.above, own.below, own.equals, own.unit)
+        text.append(line([own.text, measured(told), target(told), cell(verdict, why)]))
+    return "\n".join(text) + "\n"
+
+
+def refuse(rows: Iterable[tuple[str, str, str]]) -> None:
+    """End where a row of name, verdict and reason owes a reason."""
+    if owing := [f"{name}: {verdict}" for name, verdict, why in rows if unexplained(verdict, why)]:
+        sys.exit("give them a why in the suite:\n" + "\n".join(owing))
+
+
+def counted(verdicts: Sequence[str]) -> str:
+    """How often each verdict came out."""
+    return " ".join(f"{verdict.capitalize()}: {many}." for verdict, many in Counter(verdicts).items())
+
+
+def cell(verdict: str, why: str) -> str:
+    """A verdict and its reason."""
+    return f"**{verdict}**" + (f". {why}" if why else "")
+
+
+def head(*columns: str) -> tuple[str, str]:
+    """The first two lines of a table."""
+    return line(columns), line(["---"] * len(columns))
+
+
+def line(cells: Sequence[str]) -> str:
     """A row of a table."""
     return "| " + " | ".join(own.replace("|", "\\|") for own in cells) + " |"
 
 
-def without_reason(numbers: SuiteNumbers) -> list[str]:
-    """Rows whose verdict owes a reason."""
-    rows = numbers.comparisons
-    return [
-        f"{source}, {says}: {verdict}"
-        for source, says, verdict, why in zip(rows.source, rows.says, rows.verdict, rows.why, strict=True)
-        if unexplained(verdict, why)
-    ]
-
+PAGES = (
+    ("thesis", "reproduction.md", "## Figure by figure\n", comparisons),
+    ("bench", "thesis-runs.md", "### Statement by statement\n", statements),
+)
+"""Suite, page, heading, and what stands below it."""
 
 if __name__ == "__main__":
-    found = read(SuiteNumbers, Artefact(Path(sys.argv[1] if len(sys.argv) > 1 else "results/thesis/suite.h5")))
-    if owing := without_reason(found):
-        sys.exit("why is missing in configs/thesis/suite.yaml:\n" + "\n".join(owing))
-    by_hand = PAGE.read_text(encoding="utf-8").split(HEADING)[0]
-    PAGE.write_text(by_hand + HEADING + below(found), encoding="utf-8")
+    results = Path(sys.argv[1] if len(sys.argv) > 1 else "results")
+    for suite, page, heading, below in PAGES:
+        file, path = results / suite / "suite.h5", DOCS / page
+        if not file.exists():
+            print(f"{page}: {file} is not there, the page stays as it is")
+            continue
+        by_hand = path.read_text(encoding="utf-8").split(heading)[0]
+        path.write_text(by_hand + heading + below(read(SuiteNumbers, Artefact(file))), encoding="utf-8")

@@ -64,6 +64,25 @@ def test_the_settings_of_the_thesis_are_its_own(suite):
         assert (own.filter.method, own.validation.truth.model) == ("extended", "rom")
 
 
+def test_the_benches_of_chapter_2_have_its_update_and_its_noise(suite):
+    """Algorithm 1: one update a step, Q* after it, its own step as the truth; but for the one that shows what Q* costs."""
+    benches = {run.config.model.name: run.config.model for run in runs_of(suite) if run.config.data["kind"] == "bench"}
+    estimates = {name: own.estimate for name, own in benches.items() if own.estimate is not None}
+    printed = {name: own for name, own in estimates.items() if name.startswith("thesis-") and own.measured is None}
+    assert all(own.method.update in ("one_shot", "as_printed") and own.truth.model == "own" for own in printed.values())
+    second = [name for name in printed if re.match(r"thesis-(loads|step|noise|wrong)", name)]
+    assert {name for name in second if printed[name].method.noise != "as_printed"} == {"thesis-loads-before"}
+    ours = [own.method for name, own in estimates.items() if name.startswith("ours-")]
+    assert {(own.update, own.noise) for own in ours} == {("iterated", "before_step")}
+
+
+def test_what_does_not_hold_says_why_in_the_manual():
+    """A row of the manual whose verdict is more than "holds" goes on after it."""
+    page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]
+    verdicts = [line.strip("| ").rsplit(" | ", 1)[1] for line in page.splitlines() if line.startswith("| ")][2:]
+    assert [own for own in verdicts if re.fullmatch(r"\*\*(?!holds\*\*)[^*]*\*\*", own)] == []
+
+
 def test_the_page_of_the_manual_has_every_row(suite):
     """docs/reproduction.md is made by `python docs/reproduction.py` from the numbers of this suite as it stands."""
     page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]

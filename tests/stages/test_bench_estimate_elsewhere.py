@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+from strainsight.cases.bench.inverse.numbers import ratio_numbers
 from strainsight.errors import ConfigError
 
 from .conftest import LOADS, ROOT, SMALL
@@ -42,10 +43,18 @@ def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_
     )  # fmt: skip
     for name in ("Fx", "Fy", "Fz"):
         assert found.summary[f"ratio_slope.{name}"] == pytest.approx(0.25, abs=1e-5)
+        assert found.summary[f"ratio_rms.{name}"] == pytest.approx(0.25, abs=1e-5)
     assert found.summary["mismatch.relative"] < 1e-6
     # gauges are not given to the filter: they are compared, and read the same
     assert found.summary["mismatch.gauges"] < 1e-5
     assert [found.summary[f"size.gauges.{i}"] for i in range(1, 5)] == pytest.approx([1.0] * 4, abs=1e-5)
+
+
+def test_rms_over_rms_is_that_of_the_second_half():
+    """Whatever the first guess was: √(3² + 4²) over √(6² + 8²)."""
+    there, here = np.array([2.0, 2.0, 6.0, 8.0]), np.array([1e3, 1e3, 3.0, -4.0])
+    assert ratio_numbers("F", there, here)["ratio_rms.F"] == pytest.approx(0.5, rel=1e-12)
+    assert np.isnan(ratio_numbers("F", 0 * there, here)["ratio_rms.F"])
 
 
 @pytest.mark.slow
