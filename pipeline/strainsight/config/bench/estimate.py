@@ -21,8 +21,8 @@ class MeasuredSensor(Section):
     """A sensor that the filter is given."""
 
     noise: NotNegative | tuple[NotNegative, ...] = Field(
-        description="σ of a sample [strain, m, rad], one for all components or one each; of a relative motion the second half of "
-        "a pair in m and rad is written out: five numbers."
+        description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
+        "second half of a pair in m and rad is written out: five numbers."
     )
 
 

@@ -169,7 +169,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=9,
+    version=10,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

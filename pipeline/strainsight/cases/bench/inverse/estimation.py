@@ -18,7 +18,7 @@ from strainsight.cases.bench.inverse.smoothing import SmoothedLoads
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
-from strainsight.cases.bench.loads import load_units, loads_of
+from strainsight.cases.bench.loads import drives_of, load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.cases.bench.simulation import refuse_spun
 from strainsight.cases.resources import Resources
@@ -88,7 +88,8 @@ def estimated(
     time = h * np.arange(steps + 1)
     unknowns = unknowns_of(config, bench, h)
     loads = loads_of(config, bench, using.files)
-    known = loads(time)
+    drives = drives_of(config, bench, using.files)
+    known, second = loads(time), drives(time)[:, 2].T
     refuse_spun(config, bench, known, "estimate")
     zeroing = known[0].copy()
     heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
@@ -128,14 +129,14 @@ def estimated(
     elif estimate.truth.model != "walk":
         substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
         reality = simulated(
-            bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, progress_of
+            bench, sensors.readings, sensors.zeroed, config.simulate, loads, drives, h, steps, substeps, progress_of
         )
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = estimate.runs, len(unknowns.starts)
     largest = np.zeros(len(among))
     if reality is not None:
         largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
-    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
+    trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, h)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
@@ -182,7 +183,7 @@ def _expected(
     for at in np.ndindex(first.shape[:2]):
         if np.isfinite(x := first[at]).all():
             taken_off = constant if zero is None else zero(x[model.xi])[0]
-            reading[at] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
+            reading[at] = model.read(sensors.readings, x, at[0])[0] - taken_off
     return reading
 
 

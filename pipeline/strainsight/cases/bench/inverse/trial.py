@@ -12,7 +12,7 @@ from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
-from strainsight.config.bench.bench import BenchConfig, MotionSensor
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor
 from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
@@ -53,6 +53,7 @@ def trial_of(
     used: Sensors,
     unknowns: Unknowns,
     known: np.ndarray,
+    second: np.ndarray,
     largest: np.ndarray,
     heaviest: np.ndarray,
     zeroing: np.ndarray,
@@ -60,6 +61,7 @@ def trial_of(
     h: float,
 ) -> Trial:
     """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
+    second (T + 1, nd): p̈ of driven joints;
     largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
     zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
     start, which guesses that the config leaves open have to explain at rest.
@@ -72,7 +74,7 @@ def trial_of(
         bench.system, channels, np.zeros(len(largest)), config.simulate.method,
         known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config),
+        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config), second=second,
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
@@ -197,11 +199,15 @@ def _felt(
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
     unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
 
-    Where the start is no equilibrium, a sensor measures a velocity, or drives or gravity take the bench to other poses, rest says
-    nothing: `undistinguished` asks along the run.
+    Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
+    other poses, rest says nothing: `undistinguished` asks along the run.
     """
-    quantities = [sensor.quantity for name in used.channels if isinstance(sensor := config.sensors[name], MotionSensor)]
-    if config.simulate.start != "equilibrium" or "velocity" in quantities or has_other_poses(config):
+    given = [config.sensors[name] for name in used.channels]
+    moving = any(
+        isinstance(own, AccelerationSensor) or (isinstance(own, MotionSensor) and own.quantity == "velocity")
+        for own in given
+    )
+    if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
         return ()
     names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
