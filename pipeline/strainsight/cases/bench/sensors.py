@@ -68,7 +68,7 @@ def sensors_of(
         if isinstance(entry, ReactionSensor):
             continue
         if not isinstance(entry, StrainSensor):
-            others.append(_motion(name, entry, bench.frames))
+            others.append(motion_sensor(name, entry, bench.frames))
             continue
         sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
         strains.append(sensor)
@@ -99,7 +99,8 @@ def _strain(
     else:
         assert placed is not None
         key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
-        entries = [BondedEntry(*gauge) for gauge in zip(own.position, own.direction, own.length, strict=True)]
+        columns = (own.position[own.bonded], own.direction[own.bonded], own.length[own.bonded])
+        entries = [BondedEntry(*gauge) for gauge in zip(*columns, strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
         there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
@@ -123,13 +124,12 @@ def read_in_time(
     return np.array([sensors.read(*now)[0] for now in zip(q, v, felt, strict=True)])
 
 
-def _motion(
-    name: str, entry: RelativeSensor | MotionSensor | AccelerationSensor, frames: Mapping[str, Frame]
-) -> Sensor:
+def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -> Sensor:
     """A sensor of relative or absolute motion."""
     if isinstance(entry, RelativeSensor):
         i, j = (frames[frame] for frame in entry.frames)
         return RelationSensor(name, bearing_displacements(i, j))
+    assert isinstance(entry, MotionSensor | AccelerationSensor)
     frame = frames[entry.frame]
     if isinstance(entry, AccelerationSensor):
         return Accelerometer(name, frame, entry.axes == "own", entry.gravity)

@@ -24,6 +24,11 @@ class MeasuredSensor(Section):
         description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
         "second half of a pair in m and rad is written out: five numbers."
     )
+    layout: Literal["place", "random"] | None = Field(
+        None,
+        description="Of a sensor under `place.sensors`: the filter is given the components that are in the layout that was "
+        "placed, or in the first one drawn at random; null: all.",
+    )
 
 
 class UnknownInput(InputNoise):

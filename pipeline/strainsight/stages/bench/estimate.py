@@ -105,7 +105,8 @@ def _there(context: Context[object]) -> Simulated | None:
 
 def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, Scalar]:
     nis, late = own.nis[:, 0], own.nis[len(own.nis) // 2 :]
-    m, nu = len(own.trial.noise), len(own.unknowns.inputs)
+    given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.unknowns.inputs)
+    m = max(int(given.sum()), 1)
     return {
         "steps": len(nis),
         "step": float(own.trial.model.h),

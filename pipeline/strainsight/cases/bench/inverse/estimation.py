@@ -122,6 +122,7 @@ def estimated(
         for name, values in read.items():
             readings[:, 0, sensors.channels[name]] = values[1:]
         first = np.concatenate([read[name][0] for name in used.channels])
+        first[~_given(config, used, placed)] = np.nan
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif truths is not None:
@@ -137,10 +138,12 @@ def estimated(
     if reality is not None:
         largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
     trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, h)
+    given = _given(config, used, placed)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
+    y[:, :, ~given] = np.nan
 
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * share)
@@ -152,7 +155,7 @@ def estimated(
         else by_extended(estimate.method, trial, y, filtering, watch)
     )
     doubts = (
-        *undistinguished(config, trial, unknowns, found.mean[:, 0]),
+        *undistinguished(config, trial, given, unknowns, found.mean[:, 0]),
         *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
     )
     reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
@@ -163,6 +166,18 @@ def estimated(
         found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, done,
         (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
+
+
+def _given(config: BenchConfig, used: Sensors, placed: BenchPlaced | None) -> np.ndarray:
+    """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
+    found = np.ones(len(used.zeroed), dtype=bool)
+    for name, entry in asked(config).sensors.items():
+        if entry.layout is not None:
+            assert placed is not None
+            there, own = placed.layout(entry.layout).sensor, used.channels[name]
+            found[own] = False
+            found[own.start : own.start + 3] = [f"{name}.{axis}" in there for axis in "xyz"]
+    return found
 
 
 def _expected(

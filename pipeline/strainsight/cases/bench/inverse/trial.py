@@ -223,5 +223,5 @@ def _felt(
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
         for name, own in used.channels.items()
-        if moved[own].max() < FELT
+        if moved[own].max(initial=0.0) < FELT and own.stop > own.start
     )
