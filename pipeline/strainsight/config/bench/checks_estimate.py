@@ -88,9 +88,10 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
         count = channels_of(config, name)
         channels += count or 0
-        if count is not None and isinstance(entry.noise, tuple) and len(entry.noise) != count:
-            what = f"{len(entry.noise)} noises for {count} components"
-            yield Problem(f"{key}.noise", what, f"give one number, or {count}")
+        for field, own in (("noise", entry.noise), ("bias", entry.bias), ("drift", entry.drift)):
+            if count is not None and isinstance(own, tuple) and len(own) != count:
+                what = f"{len(own)} numbers for {count} components"
+                yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
     if None not in [channels_of(config, name) for name in estimate.sensors] and channels < len(estimate.inputs):
         yield Problem(
             "estimate.sensors",

@@ -24,6 +24,16 @@ class MeasuredSensor(Section):
         description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
         "second half of a pair in m and rad is written out: five numbers."
     )
+    bias: NotNegative | tuple[NotNegative, ...] = Field(
+        0.0,
+        description="σ of an unknown constant offset of every component, which is estimated, too [as noise]; 0: none. A "
+        "simulated truth draws it for every seed.",
+    )
+    drift: NotNegative | tuple[NotNegative, ...] = Field(
+        0.0,
+        description="σ of what that offset changes by in a second, as a random walk, √t times that in t [as noise per √s]; 0: it "
+        "stays.",
+    )
     layout: Literal["place", "random"] | None = Field(
         None,
         description="Of a sensor under `place.sensors`: the filter is given the components that are in the layout that was "

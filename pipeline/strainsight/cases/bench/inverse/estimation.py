@@ -38,7 +38,8 @@ from strainsight.records.simulated import Simulated
 class Estimated:
     """What a filter made of a reality.
 
-    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
+    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, then offsets, NaN in diverged runs;
+    xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
     (T + 1, seeds, all channels) of every sensor at the estimate of a seed's first start; smoothed: loads of the first run by all
     samples, of an extended filter; elsewhere: loads of the other bench (T + 1,) by input; rings: what every bearing does, by the
@@ -143,6 +144,9 @@ def estimated(
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
+    if simulated_noise and estimate.measured is None:
+        too_much = trial.offsets.drawn(steps, runs, len(among), config.seed)
+        y += np.repeat(too_much, starts, axis=1)
     y[:, :, ~given] = np.nan
 
     def filtering(share: float) -> None:
@@ -158,7 +162,7 @@ def estimated(
         *undistinguished(config, trial, given, unknowns, found.mean[:, 0]),
         *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
     )
-    reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
+    reading = _expected(config, bench, sensors, unknowns, trial, found, among, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
@@ -187,10 +191,12 @@ def _expected(
     unknowns: Unknowns,
     trial: Trial,
     found: Filtered,
+    among: np.ndarray,
     zeroing: np.ndarray,
 ) -> np.ndarray:
     """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less
-    their zero by the parameters of that instant; NaN where the run diverges."""
+    their zero by the parameters of that instant, those of the filter (`among` all) with their offsets; NaN where the run
+    diverges."""
     model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
     constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
     first = found.mean[:, :: len(unknowns.starts)]
@@ -199,6 +205,7 @@ def _expected(
         if np.isfinite(x := first[at]).all():
             taken_off = constant if zero is None else zero(x[model.xi])[0]
             reading[at] = model.read(sensors.readings, x, at[0])[0] - taken_off
+            reading[at][among[trial.offsets.at]] += x[model.size :]
     return reading
 
 

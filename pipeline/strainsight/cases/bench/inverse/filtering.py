@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.bench.inverse.offsets import Offsets
 from strainsight.cases.bench.inverse.smoothing import SmoothedLoads, keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.unknowns import Unknowns
@@ -26,9 +27,10 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Filtered:
-    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads and
-    parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters of the first run by
-    the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in words."""
+    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k)
+    covariance of loads and parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters
+    of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in
+    words."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -50,11 +52,18 @@ def by_extended(
 ) -> Filtered:
     """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
     keep, notes = keep_for(trial.model, len(y))
+    size = trial.model.size
+
+    def watched(k: int, x: np.ndarray, P: np.ndarray) -> None:
+        assert watch is not None
+        watch(k, x[:, :size], P[:, :size, :size])
+
     found = _filter(
-        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)), watch, keep,
+        method, trial.offsets, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
+        None if watch is None else watched, keep,
         refuse=method.update == "iterated",
     )  # fmt: skip
-    smoothed = smoothed_loads(trial.model, found)
+    smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
     return Filtered(
         found.time,
         found.mean,
@@ -79,7 +88,7 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
     mean = np.stack([own.mean for own in found], axis=1)
     for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
-        states[:] = model.projected(states, k)
+        states[:] = trial.offsets.projected(model)(states, k)
     return Filtered(
         model.h * np.arange(len(y) + 1),
         mean,
@@ -94,6 +103,7 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
 
 def _filter(
     method: Method,
+    offsets: Offsets,
     model: AugmentedStep,
     x: np.ndarray,
     P: np.ndarray,
@@ -104,18 +114,19 @@ def _filter(
     *,
     refuse: bool,
 ) -> FilterRun:
+    """From x (B, size) with P, behind which the offsets are put."""
     one_shot = method.update == "one_shot"
     return filter_runs(
-        model,
-        x,
-        P,
+        offsets.model(model),
+        offsets.start(x),
+        offsets.covariance(P),
         y,
         keep,
         form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
         iterations=1 if one_shot else method.iterations,
         through_step=not one_shot,
         damped=method.update != "undamped",
-        project=model.projected if one_shot or model.corrected else None,
+        project=offsets.projected(model) if one_shot or model.corrected else None,
         progress=progress,
         watch=watch,
         refuse=refuse,
@@ -132,9 +143,16 @@ def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progr
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
         own = np.repeat(samples[:, None], len(x), axis=1)
-        return _filter(method, _of_run(trial.model, run), x, P, own, refuse=False)
+        size = trial.model.size
+        start = x[:, :size], P[:, :size, :size]
+        return _filter(method, trial.offsets, _of_run(trial.model, run), *start, own, refuse=False)
 
-    bank = StepBank(trial.start[run], trial.covariance[run], trial.model.xi, trial.model.position, trial.begin, filters)
+    def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, P = trial.begin(xi)
+        return trial.offsets.start(x), trial.offsets.covariance(P)
+
+    mean, covariance = trial.offsets.start(trial.start[run]), trial.offsets.covariance(trial.covariance[run])
+    bank = StepBank(mean, covariance, trial.model.xi, trial.model.position, begin, filters)
     return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
 
 
@@ -142,7 +160,7 @@ def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, b
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
     at, model = trial.model.xi, _of_run(trial.model, 0)
     try:
-        extended = _filter(method, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
+        extended = _filter(method, trial.offsets, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
         found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
     except NumericalError:
         found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.offsets import Offsets, offsets_of
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
 from strainsight.cases.bench.sensors import Sensors
@@ -37,13 +38,15 @@ STILL = 1e-9
 class Trial:
     """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; begin: parameters
     ξ (b, p) → the start (b, size) and its covariance (b, size, size) given them, NaN where there is none; noise (m,) σ of the
-    readings; notes: what was done to the config's wishes, in words."""
+    readings; offsets of channels, of which model and start know nothing; notes: what was done to the config's wishes, in
+    words."""
 
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
     begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     noise: np.ndarray
+    offsets: Offsets
     notes: tuple[str, ...]
 
 
@@ -81,6 +84,10 @@ def trial_of(
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
     notes = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
+    biased = offsets_of(config, used, h)
+    if first is not None:
+        first = first.copy()
+        first[biased.at] = np.nan  # what it reads too much would be taken for a load
     if first is not None and config.simulate.start == "equilibrium":
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
@@ -97,7 +104,7 @@ def trial_of(
     def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _starts_given(config, bench, model, unknowns, guess, xi)
 
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, notes)
+    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, biased, notes)
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
