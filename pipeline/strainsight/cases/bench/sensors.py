@@ -19,8 +19,9 @@ from strainsight.config.bench.bench import (
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.gauges.bonded import BondedEntry, bonded
+from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.rows import channel_rows
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
 from strainsight.multibody.frames import Frame
@@ -89,10 +90,11 @@ def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     return Sensors(compiled, there, zeroed, {})
 
 
-def _strain(
-    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
-) -> tuple[StrainRows, np.ndarray]:
-    """The gauges of a sensor on the nearest places of the body's surface, and how far (gauges,) [m] each was moved there."""
+def gauges_of(
+    name: str, entry: StrainSensor, mesh: Mesh, placed: BenchPlaced | None
+) -> tuple[Candidates, Facets, np.ndarray]:
+    """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
+    there."""
     key = f"sensors.{name}.gauges"
     if entry.layout is None:
         entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
@@ -104,6 +106,15 @@ def _strain(
     facets = exterior_facets(mesh)
     with blame(key):
         there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
+    return there, facets, moved
+
+
+def _strain(
+    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
+) -> tuple[StrainRows, np.ndarray]:
+    """The rows of its gauges, and how far (gauges,) [m] each was moved."""
+    there, facets, moved = gauges_of(name, entry, mesh, placed)
+    with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
         return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
 
 

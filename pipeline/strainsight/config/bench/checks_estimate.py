@@ -216,6 +216,11 @@ def _bank(estimate: Estimate) -> Iterator[Problem]:
     """A bank is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
+    if estimate.tolerances is not None:
+        what = "a bank has no errors of gauges"
+        yield Problem(
+            "estimate.tolerances", what, "leave it out, or set estimate.method.parameters: extended", at_key=True
+        )
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if not free:

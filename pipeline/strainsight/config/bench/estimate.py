@@ -65,6 +65,17 @@ class UnknownInput(InputNoise):
     )
 
 
+class GaugeTolerances(Section):
+    """σ of how gauges are installed, of all strain sensors of the filter; 0 for what is exact."""
+
+    position: NotNegative = Field(
+        0.002, description="Of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out."
+    )
+    angle: float = Field(2.0, ge=0, le=45, description="Of a gauge's direction [deg].")
+    gain: float = Field(0.01, ge=0, le=0.5, description="Of the factor on a reading: gauge factor and lead wires [-].")
+    transverse: float = Field(0.005, ge=0, le=0.5, description="Of the transverse sensitivity K_t [-].")
+
+
 class EstimatedParameter(Section):
     """A parameter that the filter's model has wrong, and may estimate.
 
@@ -178,6 +189,11 @@ class Estimate(Section):
     increments: Literal["step", "second"] = Field(
         "step",
         description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²).",
+    )
+    tolerances: GaugeTolerances | None = Field(
+        None,
+        description="How gauges are installed: constants of which the filter learns nothing, and which its σ covers, to first "
+        "order; a simulated truth draws them for every seed; {}: σ as a structure has them. null: gauges are exact.",
     )
     disturbance: NotNegative = Field(
         0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."

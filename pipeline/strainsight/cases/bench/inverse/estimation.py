@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.installed import Observed, misread, observed, toleranced
 from strainsight.cases.bench.inverse.other_truth import reality_of
 from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
@@ -84,6 +85,8 @@ def estimated(
     bench = bench_of(config, reduced, meshes, free_properties(estimate))
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     used = some_of(bench, sensors, list(estimate.sensors))
+    errors = toleranced(config, reduced, meshes, placed, used)
+    seen, eta = observed(bench, sensors, errors), dict[str, np.ndarray]()
     h = estimate.time_step or config.simulate.time_step
     steps = round((estimate.duration or config.simulate.duration) / h)
     time = h * np.arange(steps + 1)
@@ -127,18 +130,20 @@ def estimated(
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif truths is not None:
-        reality = reality_of(truths, bench, sensors.readings, sensors.zeroed, h, steps, estimate.runs)
+        reality = reality_of(truths, bench, seen.readings, seen.zeroed, h, steps, estimate.runs)
+        reality, eta = _apart(reality, seen)
     elif estimate.truth.model != "walk":
         substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
         reality = simulated(
-            bench, sensors.readings, sensors.zeroed, config.simulate, loads, drives, h, steps, substeps, progress_of
+            bench, seen.readings, seen.zeroed, config.simulate, loads, drives, h, steps, substeps, progress_of
         )
+        reality, eta = _apart(reality, seen)
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = estimate.runs, len(unknowns.starts)
     largest = np.zeros(len(among))
     if reality is not None:
         largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
-    trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, h)
+    trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, errors, h)
     given = _given(config, used, placed)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
@@ -146,6 +151,8 @@ def estimated(
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
     if simulated_noise and estimate.measured is None:
         too_much = trial.offsets.drawn(steps, runs, len(among), config.seed)
+        if eta:
+            too_much = too_much + misread(config, used, errors, eta, runs)
         y += np.repeat(too_much, starts, axis=1)
     y[:, :, ~given] = np.nan
 
@@ -170,6 +177,12 @@ def estimated(
         found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, done,
         (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
+
+
+def _apart(reality: Reality, seen: Observed) -> tuple[Reality, dict[str, np.ndarray]]:
+    """What sensors read there, and the coordinates of the bodies under gauges that have tolerances, by their sensor."""
+    eta = {name: reality.readings[:, :, columns] for name, columns in seen.eta.items()}
+    return replace(reality, readings=reality.readings[:, :, seen.own]), eta
 
 
 def _given(config: BenchConfig, used: Sensors, placed: BenchPlaced | None) -> np.ndarray:

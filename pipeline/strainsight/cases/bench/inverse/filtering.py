@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.bench.inverse.installed import considered
 from strainsight.cases.bench.inverse.offsets import Offsets
-from strainsight.cases.bench.inverse.smoothing import SmoothedLoads, keep_for, smoothed_loads
+from strainsight.cases.bench.inverse.smoothing import LARGEST, SmoothedLoads, keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.unknowns import Unknowns
 from strainsight.cases.filters_compared import BANK, EXTENDED
 from strainsight.config.bench.estimate import Method
-from strainsight.errors import NumericalError
+from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.estimation.run import Keep
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
@@ -52,6 +53,10 @@ def by_extended(
 ) -> Filtered:
     """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
     keep, notes = keep_for(trial.model, len(y))
+    D, o = trial.installed
+    if errors := D.shape[1]:
+        keep = "all"
+        _refuse_large(trial, y)
     size = trial.model.size
 
     def watched(k: int, x: np.ndarray, P: np.ndarray) -> None:
@@ -64,16 +69,35 @@ def by_extended(
         refuse=method.update == "iterated",
     )  # fmt: skip
     smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
+    std, joint = found.std, found.unknown_covariance
+    if errors:
+        S = considered(found, y, trial.model.R, D, o)
+        std, own = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
+        joint = joint + own @ np.swapaxes(own, 2, 3)
+        # what later samples say does not undo an error that all of them have
+        smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
     return Filtered(
         found.time,
         found.mean,
-        found.std,
-        found.unknown_covariance,
+        std,
+        joint,
         found.nis,
         found.lost,
         smoothed=smoothed,
         notes=notes,
     )
+
+
+def _refuse_large(trial: Trial, y: np.ndarray) -> None:
+    """What errors of gauges leave is found from the covariances of all runs."""
+    steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)
+    needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
+    if needed > LARGEST:
+        raise ConfigError(
+            f"{steps} steps of {runs} runs with {size} states take {needed / 1e9:.3g} GB, at most {LARGEST / 1e9:.3g}",
+            key="estimate.tolerances",
+            remedy="take fewer runs, a shorter estimate.duration, or leave tolerances out",
+        )
 
 
 def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:

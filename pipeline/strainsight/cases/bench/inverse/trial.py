@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.installed import Toleranced, rows_of
 from strainsight.cases.bench.inverse.offsets import Offsets, offsets_of
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
@@ -38,8 +39,8 @@ STILL = 1e-9
 class Trial:
     """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; begin: parameters
     ξ (b, p) → the start (b, size) and its covariance (b, size, size) given them, NaN where there is none; noise (m,) σ of the
-    readings; offsets of channels, of which model and start know nothing; notes: what was done to the config's wishes, in
-    words."""
+    readings; offsets of channels, of which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to
+    the config's wishes, in words."""
 
     model: AugmentedStep
     start: np.ndarray
@@ -47,6 +48,7 @@ class Trial:
     begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     noise: np.ndarray
     offsets: Offsets
+    installed: tuple[np.ndarray, np.ndarray]
     notes: tuple[str, ...]
 
 
@@ -61,13 +63,14 @@ def trial_of(
     heaviest: np.ndarray,
     zeroing: np.ndarray,
     first: np.ndarray | None,
+    errors: tuple[Toleranced, ...],
     h: float,
 ) -> Trial:
     """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
     second (T + 1, nd): p̈ of driven joints;
     largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
     zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
-    start, which guesses that the config leaves open have to explain at rest.
+    start, which guesses that the config leaves open have to explain at rest; errors: of gauges.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
@@ -84,7 +87,10 @@ def trial_of(
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
     notes = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
-    biased = offsets_of(config, used, h)
+    with blame("estimate"):
+        at_zero = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)[0] if errors else None
+    still = np.zeros(bench.system.size) if at_zero is None else at_zero
+    biased, rows = offsets_of(config, used, h), rows_of(bench, used, errors, still)
     if first is not None:
         first = first.copy()
         first[biased.at] = np.nan  # what it reads too much would be taken for a load
@@ -104,7 +110,9 @@ def trial_of(
     def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _starts_given(config, bench, model, unknowns, guess, xi)
 
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, biased, notes)
+    return Trial(
+        model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, biased, rows, notes
+    )
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
