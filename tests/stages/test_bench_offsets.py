@@ -63,7 +63,7 @@ def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claime
 def test_an_offset_for_every_component_or_one_for_all(bench):
     code, said = run(bench, "estimate.sensors={gauges: {noise: 1.0e-6, bias: [1.0e-6, 2.0e-6]}}")
     assert code == 2
-    assert "estimate.sensors.gauges.bias: 2 numbers for 3 components" in said
+    assert "estimate.sensors.gauges.bias: 2 offsets for 3 components" in said
 
 
 def test_offsets_are_drawn_anew_for_every_seed_and_walk_as_stated():

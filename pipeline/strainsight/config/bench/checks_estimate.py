@@ -88,9 +88,10 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
         count = channels_of(config, name)
         channels += count or 0
-        for field, own in (("noise", entry.noise), ("bias", entry.bias), ("drift", entry.drift)):
+        for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
+            own = getattr(entry, field)
             if count is not None and isinstance(own, tuple) and len(own) != count:
-                what = f"{len(own)} numbers for {count} components"
+                what = f"{len(own)} {many} for {count} components"
                 yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
     if None not in [channels_of(config, name) for name in estimate.sensors] and channels < len(estimate.inputs):
         yield Problem(
