@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
-from strainsight.multibody.accelerations import instant, reaction
+from strainsight.multibody.accelerations import instant, measured, reaction
 from strainsight.multibody.equations import balance
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
-from strainsight.multibody.sensors import position_sensor, readings
+from strainsight.multibody.laws.turning import turning_gravity
+from strainsight.multibody.sensors import Accelerometer, position_sensor, readings
+from strainsight.multibody.system import assemble
 
 from .mechanisms import turned
 from .test_drives import ARM, INERTIA, MASS, driven, driven_pendulum, turning  # noqa: F401
@@ -108,3 +110,32 @@ def test_acceleration_of_a_frame_is_the_derivative_of_its_velocity(driven):  # n
     e = 1e-3
     difference = (8 * (velocity(e) - velocity(-e)) - (velocity(2 * e) - velocity(-2 * e))) / (12 * e)
     np.testing.assert_allclose(by_q @ v + by_v @ a, difference, atol=1e-7 * np.abs(difference).max())
+
+
+def test_slopes_of_an_accelerometer_are_its_differences(driven):  # noqa: F811
+    """By state, off the constraints, too; loads, those through a law and the angle of gravity among them; parameters."""
+    system, q, v, u, theta = driven
+    turning_g = turning_gravity("tilt", system.bodies, np.array([1.0, -9.0, 2.0]), np.array([0.0, 0.6, 0.8]))
+    system = assemble(system.bodies, system.joints, [*system.forces, turning_g])
+    u = np.insert(u, len(u) - 6, 0.3)
+    second = np.array([2.0, -1.0, 3.0])
+    frame = next(f.frame for f in system.forces if f.name == "push")
+    rock = Frame("rock", "rock", np.array([0.1, 0.2, 0.3]))
+    plain = Accelerometer("plain", rock, own=False, gravity=False)
+    both = readings(system, [Accelerometer("own", frame), plain, position_sensor("tip", frame)])
+    found = measured(system, both, q, v, u, theta, second)
+    assert both.channels[3:] == ("own 1", "own 2", "own 3", "plain 1", "plain 2", "plain 3")
+    x = np.concatenate([q, v, u, theta])
+    ends = np.cumsum([len(q), len(v), len(u), len(theta)])
+
+    def at(x):
+        return measured(system, both, *np.split(x, ends)[:4], second).y
+
+    slopes = np.hstack([found.by_q, found.by_v, found.by_u, np.zeros((9, 6)), found.by_theta])
+    for k, unit in enumerate(np.eye(len(x))):
+        if ends[2] - 6 <= k < ends[2]:
+            continue  # of p and ṗ, which are known
+        e = 1e-3 * max(1.0, abs(x[k])) * unit
+        difference = (8 * (at(x + e) - at(x - e)) - (at(x + 2 * e) - at(x - 2 * e))) / (12 * e[k])
+        size = max(np.abs(slopes[:, k]).max(), 1e-6 * np.abs(found.y).max() / max(1.0, abs(x[k])))
+        np.testing.assert_allclose(slopes[:, k], difference, rtol=0, atol=1e-7 * size, err_msg=str(k))

@@ -133,6 +133,7 @@ def placed(folder: Path) -> Artefact:
     layouts = {
         layout: BenchLayout(
             candidate=np.arange(4),
+            sensor=("", "", "", ""),
             position=np.arange(12.0).reshape(4, 3),
             direction=np.tile([0.0, 0.6, -0.8], (4, 1)),
             length=np.zeros(4),

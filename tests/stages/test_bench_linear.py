@@ -83,7 +83,7 @@ def kalman(chain, rows, noise, acceleration, steps):
 def test_the_expected_std_is_that_of_a_filter_after_many_steps(chain, noise, acceleration, method):
     chain = replace(chain, method=method)
     rows = np.random.default_rng(0).standard_normal((3, 6))
-    found = expected_std(chain.bench, rows, noise, acceleration)
+    found = expected_std(chain.bench, chain.bench.readings(rows), noise, acceleration)
     np.testing.assert_allclose(found, kalman(chain, rows, noise, acceleration, 1000).astype(float), rtol=1e-9)
 
 
@@ -103,7 +103,9 @@ def test_a_mode_that_nothing_moves_but_rounding_changes_no_std(chain):
         chain.increment,
         np.append(chain.force, 1.0),
     )
-    found, alone = expected_std(more.bench, rows, 1e-4, 0.0), expected_std(chain.bench, rows[:, :6], 1e-4, 0.0)
+    found, alone = (
+        expected_std(own.bench, own.bench.readings(H), 1e-4, 0.0) for own, H in ((more, rows), (chain, rows[:, :6]))
+    )
     np.testing.assert_allclose(found, alone, rtol=1e-11)
 
 
@@ -121,8 +123,8 @@ def test_units_are_in_no_std(chain, length, mass):
         force=mass**2 * chain.force,
     )
     np.testing.assert_allclose(
-        expected_std(other.bench, rows / length, 1e-4, 0.3 * length),
-        force * expected_std(chain.bench, rows, 1e-4, 0.3),
+        expected_std(other.bench, other.bench.readings(rows / length), 1e-4, 0.3 * length),
+        force * expected_std(chain.bench, chain.bench.readings(rows), 1e-4, 0.3),
         rtol=1e-11,
     )
 
@@ -130,8 +132,8 @@ def test_units_are_in_no_std(chain, length, mass):
 def test_a_load_that_does_not_show_has_no_std(chain):
     """One gauge for two loads; two gauges that are redundant."""
     rows = np.random.default_rng(0).standard_normal((1, 6))
-    assert np.all(np.isinf(expected_std(chain.bench, rows, 1e-4, 0.0)))
-    assert np.all(np.isinf(expected_std(chain.bench, np.vstack([rows, 2 * rows]), 1e-4, 0.0)))
+    assert np.all(np.isinf(expected_std(chain.bench, chain.bench.readings(rows), 1e-4, 0.0)))
+    assert np.all(np.isinf(expected_std(chain.bench, chain.bench.readings(np.vstack([rows, 2 * rows])), 1e-4, 0.0)))
 
 
 def test_modes_are_turned_and_signed_by_what_they_do(chain):
@@ -149,7 +151,7 @@ def test_modes_are_turned_and_signed_by_what_they_do(chain):
 def test_the_scenario_moves_as_the_bench_does(chain):
     """Rest under a load, eigenvalues of λ²M + λC + K, and noise as intensities of what happens in a step."""
     rows, bench = np.random.default_rng(1).standard_normal((2, 6)), chain.bench
-    s = scenario_of(bench, rows, 1e-4, 0.5)
+    s = scenario_of(bench, bench.readings(rows), 1e-4, 0.5)
     r = R_STATES
     static = chain.T @ np.linalg.solve(chain.K, chain.B)
     np.testing.assert_allclose(bench.static, static, rtol=1e-9)

@@ -15,12 +15,13 @@ from strainsight.estimation.reduced import Driven
 class Biased:
     """y = h(x) + E b with a constant b for some channels: the `StepModel` of [x, b].
 
-    base: the model without; at (k,): the channels that have an offset. A drift is none: an offset that drifted would
-    take the slow part of the signal for itself.
+    base: the model without; at (k,): the channels that have an offset; walk (k,): variances of what it changes by in a step,
+    None for a constant. An offset that walks takes the slow part of the signal for itself: on a structure none does.
     """
 
     base: StepModel
     at: np.ndarray
+    walk: np.ndarray | None = None
 
     @property
     def size(self) -> int:
@@ -55,7 +56,7 @@ class Biased:
 
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         ahead, A = self.base.step(x[:, : self.base.size], k)
-        return np.hstack([ahead, x[:, self.base.size :]]), _bordered(A, np.eye(len(self.at)))
+        return np.hstack([ahead, x[:, self.base.size :]]), bordered(A, np.eye(len(self.at)))
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         y, J = self.base.measure(x[:, : self.base.size], k)
@@ -66,11 +67,12 @@ class Biased:
         return read, np.concatenate([J, E], axis=-1)
 
     def process(self, k: int) -> np.ndarray:
-        return _bordered(self.base.process(k), np.zeros((len(self.at), len(self.at))))
+        walk = np.zeros(len(self.at)) if self.walk is None else self.walk
+        return bordered(self.base.process(k), np.diag(walk))
 
     def before(self, k: int) -> np.ndarray | None:
         added = self.base.before(k)
-        return None if added is None else _bordered(added, np.zeros((len(self.at), len(self.at))))
+        return None if added is None else bordered(added, np.zeros((len(self.at), len(self.at))))
 
     def noise(self, k: int) -> np.ndarray:
         return self.base.noise(k)
@@ -85,7 +87,7 @@ def driven_with_offsets(model: FilterModel, known: np.ndarray, biased: np.ndarra
     return driven if biased is None or not len(biased) else Biased(driven, biased)
 
 
-def _bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:
+def bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:
     """[[A, 0], [0, corner]] for A (..., n, n)."""
     n, k = A.shape[-1], len(corner)
     whole = np.zeros((*A.shape[:-2], n + k, n + k))

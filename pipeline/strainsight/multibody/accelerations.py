@@ -8,10 +8,14 @@ import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from strainsight.multibody.drives import DrivenRelation
-from strainsight.multibody.equations import balance
+from strainsight.multibody.equations import Balance, balance, input_slopes, parameter_slopes
+from strainsight.multibody.forces import Gravity
 from strainsight.multibody.frames import Carried, Frame
 from strainsight.multibody.joints import Joint
+from strainsight.multibody.laws.turning import TurningGravity
+from strainsight.multibody.products import relation_bends, relation_rows
 from strainsight.multibody.relations import Relation
+from strainsight.multibody.sensors import Felt, Readings
 from strainsight.multibody.system import System
 
 
@@ -35,6 +39,75 @@ def instant(
     q, v (n,) with φ = 0, Bv = −φ_t; u as in `advance`; p_second (nd,) p̈ of the drives. Where constraints become dependent, the
     smallest λ. The force of a drive is −Σ λ φ_p.
     """
+    at, A, s, right = _equations(system, q, v, u, theta, p_second)
+    n, drives = system.size, system.drives
+    z = _solved(A, right)
+    lam, force = z[n:] * s, np.zeros(len(drives.names))
+    if at.driven is not None:
+        np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
+    return Instant(z[:n] / system.metric, lam, force)
+
+
+@dataclass(frozen=True)
+class InstantSlopes:
+    """∂v̇/∂q, ∂v̇/∂v (n, n), ∂v̇/∂u (n, loads), ∂v̇/∂θ (n, nθ) of `instant`."""
+
+    by_q: np.ndarray
+    by_v: np.ndarray
+    by_u: np.ndarray
+    by_theta: np.ndarray
+
+
+def instant_slopes(
+    system: System,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    p_second: np.ndarray,
+    found: Instant,
+) -> InstantSlopes:
+    """Of both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too:
+
+    [M  −Bᵀ] [∂v̇]     [∂(M v̇ + c + f − Bᵀλ)                      ]
+    [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]
+    """
+    n, m, d = system.size, system.constrained, system.metric
+    _, A, s, _ = _equations(system, q, v, u, theta, p_second)
+    a, none = found.acceleration, np.zeros(m)
+    at = balance(system, q, v, a, none, found.lam, u, theta, system.at(theta))
+    by_u, by_theta = input_slopes(system, at, q), parameter_slopes(system, at, q, v)
+    upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
+    lower = np.zeros((m, upper.shape[1]))
+    lower[:, :n], lower[:, n : 2 * n] = _bends(system, at, q, v, a, u, p_second), 2 * at.B_rate
+    z = _solved(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
+    return InstantSlopes(*np.split(z, np.cumsum([n, n, by_u.shape[1]]), axis=1))
+
+
+def _bends(
+    system: System, at: Balance, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray, p_second: np.ndarray
+) -> np.ndarray:
+    """∂φ̈/∂q (m, n); of a driven angle φ̈ = cos p ρ̈ − sin p ρ̈' + 2ṗ φ̇_p + p̈ φ_p − ṗ² φ, with ρ̇ for ρ in φ̇_p."""
+    drives, m = system.drives, system.constrained
+    whole = relation_bends(system.products, q, v, a)
+    found = whole[:m].copy()
+    if at.driven is None:
+        return found
+    rate = relation_rows(system.products, q, v)[2]
+    p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
+    for i, (row, across, k) in enumerate(zip(drives.row, drives.across, drives.which, strict=True)):
+        if across < 0:
+            continue  # neither p nor its square stands beside q
+        c, s = np.cos(p[k]), np.sin(p[k])
+        found[row] = c * whole[row] - s * whole[across] - 2 * p_rate[k] * (s * rate[row] + c * rate[across])
+        found[row] += p_second[k] * at.driven.gradient[i] - p_rate[k] ** 2 * at.B[row]
+    return found
+
+
+def _equations(
+    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, p_second: np.ndarray
+) -> tuple[Balance, np.ndarray, np.ndarray, np.ndarray]:
+    """Balance without accelerations; matrix (n + m square) and right-hand side of `instant` for (D v̇, λ/s), s (m,)."""
     n, m, d, drives = system.size, system.constrained, system.metric, system.drives
     none = np.zeros(m)
     at = balance(system, q, v, np.zeros(n), none, none, u, theta, system.at(theta))
@@ -47,11 +120,7 @@ def instant(
     s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
     B *= s[:, None]
     A = np.block([[at.mass / np.outer(d, d), -B.T], [B, np.zeros((m, m))]])
-    z = _solved(A, -np.concatenate([at.load / d, s * bend]))
-    lam, force = z[n:] * s, np.zeros(len(drives.names))
-    if at.driven is not None:
-        np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
-    return Instant(z[:n] / d, lam, force)
+    return at, A, s, -np.concatenate([at.load / d, s * bend])
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -60,6 +129,60 @@ def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
     if failed == 0 and dgecon(lu, np.abs(A).sum(axis=0).max())[0] > 1e-9:
         return np.asarray(dgetrs(lu, order, b)[0])
     return np.asarray(np.linalg.lstsq(A, b, rcond=1e-12)[0])
+
+
+@dataclass(frozen=True)
+class Measured:
+    """y (k,) of all sensors, ∂y/∂q, ∂y/∂v (k, n), ∂y/∂u (k, loads), ∂y/∂θ (k, nθ)."""
+
+    y: np.ndarray
+    by_q: np.ndarray
+    by_v: np.ndarray
+    by_u: np.ndarray
+    by_theta: np.ndarray
+
+
+def measured(
+    system: System,
+    sensors: Readings,
+    q: np.ndarray,
+    v: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    p_second: np.ndarray,
+) -> Measured:
+    """What sensors read of a state, and all that it depends on: accelerometers feel loads and parameters at once, and not only
+    what these have moved; free of any time step. Arguments as of `instant`."""
+    now = instant(system, q, v, u, theta, p_second)
+    felt = Felt(now.acceleration, gravity_at(system, u))
+    y, by_q, by_v = sensors.read(q, v, felt)
+    by_u, by_theta = np.zeros((len(y), len(system.inputs))), np.zeros((len(y), len(theta)))
+    if sensors.accelerometers:
+        own, slopes = sensors.accelerated, instant_slopes(system, q, v, u, theta, p_second, now)
+        *_, by_a, by_g = sensors.accelerations(q, v, felt)
+        by_q[own] += by_a @ slopes.by_q
+        by_v[own] += by_a @ slopes.by_v
+        by_u[own], by_theta[own] = by_a @ slopes.by_u, by_a @ slopes.by_theta
+        for law, k in _turning(system):
+            by_u[own, k] += by_g @ law.at(u[k])[1]
+    return Measured(y, by_q, by_v, by_u, by_theta)
+
+
+def at_rest(system: System, u: np.ndarray) -> Felt:
+    """What is felt where nothing moves."""
+    return Felt(np.zeros(system.size), gravity_at(system, u))
+
+
+def gravity_at(system: System, u: np.ndarray) -> np.ndarray:
+    """Acceleration of gravity (3,) [m/s²], all of it."""
+    steady = sum((own.acceleration for own in system.forces if isinstance(own, Gravity)), np.zeros(3))
+    return np.asarray(steady + sum((law.at(u[k])[0] for law, k in _turning(system)), np.zeros(3)))
+
+
+def _turning(system: System) -> list[tuple[TurningGravity, int]]:
+    """Gravity that turns, with the place of its angle in u."""
+    laws = [(own.force.law, int(own.inputs[0])) for own in system.elements if len(own.inputs)]
+    return [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 
 
 def reaction(

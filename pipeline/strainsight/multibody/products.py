@@ -183,6 +183,38 @@ def relation_rows(
 
 
 @njit(cache=True)
+def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """∂ρ̈/∂q (nr, n), ρ̈ = ∇ρ a + vᵀ∇²ρ v for coordinates that move with v and a; ∂ρ̈/∂v is 2 vᵀ∇²ρ, ∂ρ̈/∂a is ∇ρ."""
+    b, rate, J, J_rate = carried_vectors(p, q, v)
+    _, second, _, J_second = carried_vectors(p, q, a)
+    for i in range(len(b)):
+        for k in range(p.width[i]):
+            for c in range(3):
+                second[i, c] += J_rate[i, c, k] * v[p.columns[i, k]]
+    found = np.zeros((len(p.value), len(q)))
+    x, x_rate, x_second = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
+    for row in range(len(p.value)):
+        x[:], x_rate[:], x_second[:] = 0.0, 0.0, 0.0
+        for s in range(4):
+            i = p.part[row, s]
+            if i >= 0:
+                x[s // 2] += p.sign[row, s] * b[i]
+                x_rate[s // 2] += p.sign[row, s] * rate[i]
+                x_second[s // 2] += p.sign[row, s] * second[i]
+        for s in range(4):
+            i, other = p.part[row, s], 1 - s // 2
+            if i < 0:
+                continue
+            for k in range(p.width[i]):
+                slope = 0.0
+                for c in range(3):
+                    slope += J_second[i, c, k] * x[other, c] + 2 * J_rate[i, c, k] * x_rate[other, c]
+                    slope += J[i, c, k] * x_second[other, c]
+                found[row, p.columns[i, k]] += p.sign[row, s] * slope
+    return found
+
+
+@njit(cache=True)
 def curvature(p: Products, n: int, weight: np.ndarray, b: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Σ_r weight_kr ∇²ρ_r (2, n, n) for two sets of weights (2, nr), from the b and J of `relation_rows`."""
     H = np.zeros((2, n, n))

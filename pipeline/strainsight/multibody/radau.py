@@ -114,6 +114,8 @@ def _step(
         change = -(across @ np.array([lu_solve(f, r) for f, r in zip(factors, along, strict=True)])).real
         x = x + change
         moved = float(np.linalg.norm(h**2 * system.metric * change[:, :n]))
+        # what starts at zero moves beside where it gets
+        size = max(size, float(np.linalg.norm(system.metric * places, axis=1).max()))
         if not np.isfinite(moved):
             break
         if moved <= DONE * size or (moved < 1e3 * DONE * size and moved > 0.5 * before):

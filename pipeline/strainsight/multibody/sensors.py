@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError
 from strainsight.multibody.bodies import modes, moves
 from strainsight.multibody.frames import Frame, constant
-from strainsight.multibody.products import Products, compile_products, relation_rows
+from strainsight.multibody.products import Products, compile_products, relation_bends, relation_rows
 from strainsight.multibody.relations import Relation, place
 from strainsight.multibody.system import System
 
@@ -44,32 +45,84 @@ def axis_sensor(name: str, frame: Frame, k: int, rate: bool = False) -> Relation
     return RelationSensor(name, tuple(along), rate)
 
 
-Sensor = StrainSensor | RelationSensor
+@dataclass(frozen=True)
+class Accelerometer:
+    """p̈ − g of a frame's origin [m/s²], along its own axes or global ones, with or without the acceleration g of gravity."""
+
+    name: str
+    frame: Frame
+    own: bool = True
+    gravity: bool = True
+
+
+class Felt(NamedTuple):
+    """What an accelerometer feels beside q and v: v̇ (n,), and the acceleration of gravity (3,) [m/s²]."""
+
+    acceleration: np.ndarray
+    gravity: np.ndarray
+
+
+Sensor = StrainSensor | RelationSensor | Accelerometer
 
 
 @dataclass(frozen=True, eq=False)
 class Readings:
-    """Sensors of one system, compiled by `readings`: call `read`. channels: the name of every row."""
+    """Sensors of one system, compiled by `readings`: call `read`. channels: the name of every row; accelerometers: of every one
+    its origin, then its three axes, as relations."""
 
     sensors: tuple[Sensor, ...]
     channels: tuple[str, ...]
     products: Products
     rate: np.ndarray
     strain: np.ndarray
+    accelerometers: tuple[Accelerometer, ...]
+    carried: Products
 
-    def read(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """y (k,), ∂y/∂q, ∂y/∂v (k, n): strains first, then relations, each in the order given."""
-        first, moving = len(self.strain), bool(self.rate.any())
+    @property
+    def accelerated(self) -> slice:
+        """Rows of the accelerometers, the last ones."""
+        return slice(len(self.channels) - 3 * len(self.accelerometers), len(self.channels))
+
+    def read(self, q: np.ndarray, v: np.ndarray, felt: Felt | None = None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """y (k,), ∂y/∂q, ∂y/∂v (k, n): strains first, then relations, then accelerometers, each in the order given. felt: for the
+        last, whose slopes are those with it as it is (`accelerations.measured` has what it depends on, too)."""
+        first, last, moving = len(self.strain), self.accelerated.start, bool(self.rate.any())
         y, slopes = np.empty(len(self.channels)), np.empty((len(self.channels), len(q)))
         rates = np.zeros_like(slopes)
         y[:first], slopes[:first] = self.strain @ q, self.strain
         if len(self.rate):
-            y[first:], slopes[first:], G_rate, *_ = relation_rows(self.products, q, v)
+            y[first:last], slopes[first:last], G_rate, *_ = relation_rows(self.products, q, v)
         if moving:
-            rates[first:][self.rate] = slopes[first:][self.rate]
-            y[first:][self.rate] = rates[first:][self.rate] @ v
-            slopes[first:][self.rate] = G_rate[self.rate]
+            rates[first:last][self.rate] = slopes[first:last][self.rate]
+            y[first:last][self.rate] = rates[first:last][self.rate] @ v
+            slopes[first:last][self.rate] = G_rate[self.rate]
+        if self.accelerometers:
+            assert felt is not None  # whoever reads accelerometers says what they feel
+            y[last:], slopes[last:], rates[last:], *_ = self.accelerations(q, v, felt)
         return y, slopes, rates
+
+    def accelerations(
+        self, q: np.ndarray, v: np.ndarray, felt: Felt
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """y (k,), ∂y/∂q, ∂y/∂v, ∂y/∂v̇ (k, n), ∂y/∂g (k, 3) of the accelerometers, A the axes they read along:
+
+        y = A (∇p v̇ + vᵀ∇²p v − g)
+        """
+        count, n = 3 * len(self.accelerometers), len(q)
+        y, by_g = np.empty(count), np.zeros((count, 3))
+        by_q, by_v, by_a = np.empty((3, count, n))
+        rho, G, G_rate, *_ = relation_rows(self.carried, q, v)
+        bends = relation_bends(self.carried, q, v, felt.acceleration)
+        for i, own in enumerate(self.accelerometers):
+            at, p, axes = slice(3 * i, 3 * i + 3), slice(12 * i, 12 * i + 3), slice(12 * i + 3, 12 * i + 12)
+            A = rho[axes].reshape(3, 3) if own.own else np.eye(3)
+            a = G[p] @ felt.acceleration + G_rate[p] @ v
+            if own.gravity:
+                a, by_g[at] = a - felt.gravity, -A
+            y[at], by_q[at], by_v[at], by_a[at] = A @ a, A @ bends[p], 2 * A @ G_rate[p], A @ G[p]
+            if own.own:
+                by_q[at] += np.einsum("kjn,j->kn", G[axes].reshape(3, 3, n), a)
+        return y, by_q, by_v, by_a, by_g
 
 
 def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
@@ -97,6 +150,13 @@ def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
             relations += sensor.relations
             rate += [sensor.rate] * len(sensor.relations)
             channels += [f"{sensor.name}: {relation.name}" for relation in sensor.relations]
+    accelerometers = tuple(own for own in sensors if isinstance(own, Accelerometer))
+    felt: list[Relation] = []
+    for own in accelerometers:
+        felt += position_sensor(own.name, own.frame).relations
+        for k in range(3):
+            felt += axis_sensor(own.name, own.frame, k).relations
+        channels += [f"{own.name} {k + 1}" for k in range(3)]
     places = {b.name: system.of[b.name].start for b in system.bodies if moves(b)}
     etas = {b.name: system.of[b.name].stop - modes(b) for b in system.bodies}
     return Readings(
@@ -105,4 +165,6 @@ def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
         compile_products(relations, places, etas),
         np.array(rate, dtype=bool),
         np.concatenate(strain) if strain else np.zeros((0, system.size)),
+        accelerometers,
+        compile_products(felt, places, etas),
     )

@@ -45,6 +45,10 @@ class SensorMatch:
         "what it reads, with its noise where the filter was given it",
         default=None,
     )
+    bias: np.ndarray | None = dataset(
+        "/bias", "<unit>", "component", "estimated offset at the end, 0 of a component that has none", default=None
+    )
+    bias_std: np.ndarray | None = dataset("/bias_std", "<unit>", "component", "its claimed σ", default=None)
 
 
 @record

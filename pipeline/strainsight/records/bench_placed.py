@@ -18,7 +18,7 @@ class BenchCandidates:
     element: np.ndarray = dataset("/element", "1", "candidate", "element id in the deck")
     facet: np.ndarray = dataset("/facet", "1", "candidate", "facet number within the element, from 1")
     response: np.ndarray = dataset(
-        "/response", "strain/SI", "candidate × /inputs", "strain per unit of every unknown at rest"
+        "/response", "(strain or m or m/s^2)/SI", "candidate × /inputs", "reading per unit of every unknown at rest"
     )
 
 
@@ -27,6 +27,12 @@ class BenchLayout:
     """One layout, its gauges in its order."""
 
     candidate: np.ndarray = dataset("/candidate", "1", "gauge", "number of every gauge among the candidates")
+    sensor: tuple[str, ...] = dataset(
+        "/sensor",
+        "1",
+        "gauge",
+        "SENSOR.AXIS where it is a component of a sensor of the bench, empty where it is a gauge",
+    )
     position: np.ndarray = dataset("/position", "m", "gauge × 3", "position")
     direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "measuring direction")
     length: np.ndarray = dataset("/length", "m", "gauge", "length of its grid, 0: the strain at its centre")
@@ -41,6 +47,11 @@ class BenchLayout:
         "NaN where that is not solved",
     )
     without: np.ndarray = dataset("/without", "SI", "gauge × /inputs", "that σ without each gauge")
+
+    @property
+    def bonded(self) -> np.ndarray:
+        """Which are gauges on the body (gauges,)."""
+        return np.array([not name for name in self.sensor], dtype=bool)
 
 
 @record

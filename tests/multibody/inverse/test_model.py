@@ -1,5 +1,7 @@
 """The step as a filter's model: its Jacobian, its memory, what fails, and how it is brought back on constraints."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.observed import indistinct
 from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.sensors import StrainSensor, readings
+from strainsight.multibody.sensors import Accelerometer, StrainSensor, readings
 from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import assemble
 
@@ -201,3 +203,28 @@ def test_a_modulus_beside_the_loads_of_a_weightless_bench_at_rest_is_not_separat
     assert lacking(["x"], 5.0, True) == []
     assert lacking(["x", "z"], 0.0, False) == ["x and z together: fix one of them, or make one known"]
     assert len(lacking(["x", "z"], 0.0, True)) == 2
+
+
+def test_readings_of_an_accelerometer_feel_loads_and_parameters_at_once():
+    """Slopes by all of x are their differences, and the load at the end of the step is the one that is felt."""
+    b = bench(["ball_diameter"], modulus=True)
+    tip = Accelerometer("tip", Frame("tip", "blade", np.array([15.0, 0.3, 0.1])))
+    b = replace(b, sensors=readings(b.system, [*b.sensors.sensors, tip]))
+    model = replace(b.model(0.1, 1, free=["E", "b.ball_diameter"], load=1.0), R=np.ones(12), offset=np.zeros(12))
+    x = disturbed(model, b.start(model)[0])
+    y, J = (found[0] for found in model.measure(x[None], 0))
+    pulled = x.copy()
+    pulled[model.u] = 0.0
+    assert np.abs(y - model.measure(pulled[None], 0)[0][0])[-3:].max() > 0.1
+    assert not np.abs(y - model.measure(pulled[None], 0)[0][0])[:-3].any()
+    widths = np.full(model.size, 1e-4)
+    widths[model.c], widths[model.delta], widths[model.w], widths[model.v] = 1e3, 1e3, 1e3, 1e-3
+    widths[model.q] = 1e-7
+    for j, width in enumerate(widths):
+        d = np.zeros(model.size)
+        d[j] = width
+        near, far = (model.measure(np.stack([x + c * d, x - c * d]), 0)[0] for c in (1, 2))
+        difference = (8 * (near[0] - near[1]) - (far[0] - far[1])) / (12 * width)
+        for rows in (slice(0, 9), slice(9, 12)):
+            size = max(np.abs(J[rows, j]).max(), 1e-9 / width)
+            np.testing.assert_allclose(J[rows, j], difference[rows], rtol=0, atol=2e-6 * size, err_msg=str(j))

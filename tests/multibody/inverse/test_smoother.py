@@ -157,7 +157,7 @@ def test_sigma_of_smooth_loads_is_withheld_where_the_step_is_corrected():
         x, P = b.start(model, std_u=1e3)
         y = np.tile(model.measure(x[None], 0)[0], (steps, 1))
         run = filter_runs(model, x, P, y, "first", form="square_root", **ITERATED)
-        found = smoothed_loads(model, run)
+        found = smoothed_loads(model, model, run)
         np.testing.assert_array_equal(np.isnan(found.std), np.broadcast_to([False, corrected, False], found.std.shape))
         assert np.isfinite(found.mean).all()
 

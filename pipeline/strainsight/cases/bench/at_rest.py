@@ -11,7 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.felt import felt
 from strainsight.cases.bench.loads import drives_of, loads_of
 from strainsight.cases.bench.rings import rings_in_time
-from strainsight.cases.bench.sensors import sensors_of
+from strainsight.cases.bench.sensors import instants_of, read_in_time, sensors_of
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig, ReactionSensor
@@ -19,6 +19,7 @@ from strainsight.errors import blame
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
+from strainsight.multibody.accelerations import measured
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
 from strainsight.multibody.frames import Frame
@@ -81,9 +82,10 @@ def at_rest(
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
     moved = drives_of(config, bench, using.files)(still.time)
     moved[:, 1:] = 0.0
-    own, drives = felt(asked, bench, still, lambda time: moved)
+    instants = instants_of(bench.system, still.q, still.v, still.u, bench.theta, moved[:, 2].T)
+    own, drives = felt(asked, bench, still, instants, moved)
     sensors = sensors_of(config, bench, reduced, meshes, placed)
-    read = sensors.readings.read(q, 0 * q)[0]
+    read = read_in_time(bench.system, sensors.readings, still.q, still.v, still.u, instants)[0]
     return AtRest(
         q=q,
         growth=rest.growth,
@@ -104,10 +106,11 @@ def at_rest(
 def coupled(
     rest: Rest, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh], placed: BenchPlaced | None
 ) -> Coupled:
-    """Modes with the motion of every frame in them, and the state space from the loads to the sensors of the state."""
+    """Modes with the motion of every frame in them, and the state space from the loads to the sensors, but for reactions."""
     bench, modes = rest.bench, rest.modes
     sensors = sensors_of(rest.config, bench, reduced, meshes, placed)
-    _, by_q, by_v = sensors.readings.read(rest.q, rest.v)
+    none = np.zeros(len(bench.system.drives.names))
+    read = measured(bench.system, sensors.readings, rest.q, rest.v, rest.u, bench.theta, none)
     nu, Phi = len(bench.system.inputs), modes.shapes
     B = np.vstack([np.zeros_like(modes.B), modes.B])[:, :nu]
     values = modes.eigenvalues
@@ -127,8 +130,8 @@ def coupled(
         system=StateSpace(
             A=modes.A,
             B=B,
-            C=np.hstack([by_q @ Phi, by_v @ Phi]),
-            D=np.zeros((len(by_q), nu)),
+            C=np.hstack([read.by_q @ Phi, read.by_v @ Phi]),
+            D=read.by_u,
             inputs=bench.system.inputs,
             outputs=tuple(outputs),
         ),

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.felt import felt
+from strainsight.cases.bench.felt import feels, felt
 from strainsight.cases.bench.loads import drives_of, loads_of
 from strainsight.cases.bench.rings import rings_in_time
-from strainsight.cases.bench.sensors import Sensors, sensors_of
+from strainsight.cases.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.bench.unsolved import explained
 from strainsight.cases.resources import Resources
@@ -68,9 +68,13 @@ def simulation(
             )
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    accelerated, driven = felt(config, bench, found, drives_of(config, bench, using.files))
+    moved = drives_of(config, bench, using.files)(found.time)
+    instants = (
+        instants_of(bench.system, found.q, found.v, found.u, bench.theta, moved[:, 2].T) if feels(config, bench) else []
+    )
+    carried, driven = felt(config, bench, found, instants, moved) if instants else ({}, {})
     sensors = sensors_of(config, bench, reduced, meshes, placed)
-    measured = np.array([sensors.readings.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+    measured = read_in_time(bench.system, sensors.readings, found.q, found.v, found.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
     _refuse_tilted(bench, found)
     record = Simulated(
@@ -81,7 +85,7 @@ def simulation(
         frequency=frequency,
         coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
         inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
-        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | accelerated,
+        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | carried,
         bearings=rings_in_time(config, bench, found),
         drives=driven,
     )

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from strainsight.cases.layout.zones import zone_of
 from strainsight.config.layout import LayoutSettings
 from strainsight.errors import blame
-from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.zones import inside
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -61,6 +61,7 @@ def layout_limits(
     first = candidates.first[gauge]
     part = candidates.take(first)
     places, zones = part.grids, []
+    apart = (part.facet > 0) | (part.quantity == STRAIN)
     facets = exterior_facets(mesh) if mesh.has_surface and place.at_most else None
     for i, limit in enumerate(place.at_most):
         name = f"place.at_most.{i}"
@@ -74,19 +75,22 @@ def layout_limits(
         size=(pool.gauges >= 0).sum(axis=1),
         price=price if place.budget is not None else None,
         budget=place.budget,
-        near=_near(places.position, part.channel_of_grid, which, place.minimum_spacing),
+        near=_near(places.position, part.channel_of_grid, which, place.minimum_spacing, apart),
         zones=zones,
         key=key,
     )
 
 
-def _near(position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float) -> np.ndarray | None:
+def _near(
+    position: np.ndarray, owner: np.ndarray, which: np.ndarray, spacing: float, apart: np.ndarray
+) -> np.ndarray | None:
     """Pairs of pool rows (q, 2) with gauges nearer to each other than the spacing [m].
 
     position (g, 3) of grids; owner (g,): the gauge of each, whose arms may be as near to one another as they are; which: the
-    pool row of every gauge.
+    pool row of every gauge; apart: of every gauge whether it keeps a spacing, as sensors that are not on the surface do not.
     """
     if spacing <= 0:
         return None
     pairs = owner[cKDTree(position).query_pairs(spacing * (1 - 1e-9), output_type="ndarray")]
+    pairs = pairs[apart[pairs].all(axis=1)]
     return np.unique(np.sort(which[pairs[pairs[:, 0] != pairs[:, 1]]], axis=1), axis=0)

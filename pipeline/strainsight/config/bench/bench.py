@@ -49,7 +49,7 @@ class MotionSensor(Section):
 
 
 class AccelerationSensor(Section):
-    """Acceleration of a frame's origin, as an accelerometer bonded there reads it or in global axes; simulated only."""
+    """Acceleration of a frame's origin, as an accelerometer bonded there reads it, or in global axes."""
 
     type: Literal["acceleration"] = Field(description="Kind of sensor.")
     frame: FrameName = Field(description="Name of the frame.")
@@ -68,10 +68,9 @@ class ReactionSensor(Section):
     joint: JointName = Field(description="Name of the joint.")
 
 
-Simulated = AccelerationSensor | ReactionSensor
-"""Sensors that are simulated and not given to a filter: they feel the accelerations, and not the state alone."""
-
-Sensor = Annotated[StrainSensor | RelativeSensor | MotionSensor | Simulated, Field(discriminator="type")]
+Sensor = Annotated[
+    StrainSensor | RelativeSensor | MotionSensor | AccelerationSensor | ReactionSensor, Field(discriminator="type")
+]
 
 
 class Simulate(Section):

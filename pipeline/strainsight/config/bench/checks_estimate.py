@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from strainsight.config.bench.bearing import RADII
-from strainsight.config.bench.bench import BenchConfig, Simulated
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
 from strainsight.config.bench.checks_truth import truth_problems
 from strainsight.config.bench.connections import Driven, Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
@@ -82,15 +82,23 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield from known(key, name, config.sensors, "sensor")
         if name not in config.sensors:
             return
-        if isinstance(config.sensors[name], Simulated):
+        if isinstance(config.sensors[name], ReactionSensor):
             yield Problem(
                 key, "the filter has no equations for this kind of sensor", "take it out: it is simulated only"
             )
+        if isinstance(config.sensors[name], AccelerationSensor) and estimate.disturbance > 0:
+            yield Problem(
+                "estimate.disturbance",
+                f"{name} would feel the white acceleration, which is no motion between samples",
+                f"set it to 0, and put what the model has wrong into the noise of {name}",
+            )
         count = channels_of(config, name)
         channels += count or 0
-        if count is not None and isinstance(entry.noise, tuple) and len(entry.noise) != count:
-            what = f"{len(entry.noise)} noises for {count} components"
-            yield Problem(f"{key}.noise", what, f"give one number, or {count}")
+        for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
+            own = getattr(entry, field)
+            if count is not None and isinstance(own, tuple) and len(own) != count:
+                what = f"{len(own)} {many} for {count} components"
+                yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
     if None not in [channels_of(config, name) for name in estimate.sensors] and channels < len(estimate.inputs):
         yield Problem(
             "estimate.sensors",
@@ -215,6 +223,11 @@ def _bank(estimate: Estimate) -> Iterator[Problem]:
     """A bank is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
+    if estimate.tolerances is not None:
+        what = "a bank has no errors of gauges"
+        yield Problem(
+            "estimate.tolerances", what, "leave it out, or set estimate.method.parameters: extended", at_key=True
+        )
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if not free:
@@ -257,6 +270,9 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
             what = "the loads under which it was zeroed on the other bench are not known here"
             yield Problem(f"sensors.{name}.zeroed", what, "set zeroed: false, or leave the sensor out of the estimate")
+        if isinstance(sensor, AccelerationSensor) and sensor.gravity and measured.scale != 1:
+            what = "gravity is not scaled with the lengths of the other bench"
+            yield Problem(f"sensors.{name}.gravity", what, "set gravity: false on both, or scale: 1")
     for name in measured.sensors:
         yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
     for name in measured.inputs:

@@ -18,6 +18,11 @@ FEW = 1e-6
 def truth_problems(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
     """What keys of `estimate.truth` ask of each other, of the filter's step and of the joints."""
     truth, key = estimate.truth, "estimate.truth"
+    if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
+        what = "a truth of the filter's own model has exact gauges"
+        yield Problem(
+            "estimate.tolerances", what, "take truth.model: fine or other, or leave tolerances out", at_key=True
+        )
     if truth.model != "other":
         for name in OWN:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:

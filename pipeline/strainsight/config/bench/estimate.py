@@ -21,8 +21,23 @@ class MeasuredSensor(Section):
     """A sensor that the filter is given."""
 
     noise: NotNegative | tuple[NotNegative, ...] = Field(
-        description="σ of a sample [strain, m, rad], one for all components or one each; of a relative motion the second half of "
-        "a pair in m and rad is written out: five numbers."
+        description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
+        "second half of a pair in m and rad is written out: five numbers."
+    )
+    bias: NotNegative | tuple[NotNegative, ...] = Field(
+        0.0,
+        description="σ of an unknown constant offset of every component, which is estimated, too [as noise]; 0: none. A "
+        "simulated truth draws it for every seed.",
+    )
+    drift: NotNegative | tuple[NotNegative, ...] = Field(
+        0.0,
+        description="σ of what that offset changes by in a second, as a random walk, √t times that in t [as noise per √s]; 0: it "
+        "stays.",
+    )
+    layout: Literal["place", "random"] | None = Field(
+        None,
+        description="Of a sensor under `place.sensors`: the filter is given the components that are in the layout that was "
+        "placed, or in the first one drawn at random; null: all.",
     )
 
 
@@ -48,6 +63,17 @@ class UnknownInput(InputNoise):
     amplitude: Positive | None = Field(
         None, description="Typical amplitude of the load [N or N m]; null: that of the sine that its history is."
     )
+
+
+class GaugeTolerances(Section):
+    """σ of how gauges are installed, of all strain sensors of the filter; 0 for what is exact."""
+
+    position: NotNegative = Field(
+        0.002, description="Of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out."
+    )
+    angle: float = Field(2.0, ge=0, le=45, description="Of a gauge's direction [deg].")
+    gain: float = Field(0.01, ge=0, le=0.5, description="Of the factor on a reading: gauge factor and lead wires [-].")
+    transverse: float = Field(0.005, ge=0, le=0.5, description="Of the transverse sensitivity K_t [-].")
 
 
 class EstimatedParameter(Section):
@@ -170,6 +196,11 @@ class Estimate(Section):
     increments: Literal["step", "second"] = Field(
         "step",
         description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²).",
+    )
+    tolerances: GaugeTolerances | None = Field(
+        None,
+        description="How gauges are installed: constants of which the filter learns nothing, and which its σ covers, to first "
+        "order; a simulated truth draws them for every seed; {}: σ as a structure has them. null: gauges are exact.",
     )
     disturbance: NotNegative = Field(
         0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."

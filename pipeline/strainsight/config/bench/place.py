@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive
+from strainsight.config.base import Name, NotNegative, Positive, Section
 from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, PrincipalDirection
 from strainsight.config.layout import Keep, LayoutSettings
 from strainsight.config.names import FlexibleName
@@ -15,11 +15,25 @@ Layout = Literal["place", "random"]
 """Which layout a strain sensor takes from the placement."""
 
 
+class CandidateSensor(Section):
+    """A sensor of the bench among the candidates, each of its three components one."""
+
+    noise: Positive | tuple[Positive, Positive, Positive] = Field(
+        description="σ of a sample [m or m/s²], one for all three components or one each."
+    )
+    price: NotNegative = Field(1.0, description="Price of a component, in the unit of place.budget.")
+
+
 class BenchPlace(GaugeSites, LayoutSettings):
     """Gauges of a flexible body, placed for the unknown inputs and the parameters that `estimate` estimates."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
     fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
+    sensors: dict[Name, CandidateSensor] = Field(
+        {},
+        description="Displacement sensors and accelerometers that may stand beside gauges, by their names under `sensors`: "
+        "motion (position), relative (its displacements, without the tilts) or acceleration. They keep no spacing.",
+    )
     keep: Keep = 4
     noise: Positive = Field(description="Noise standard deviation of a sample of every gauge [strain].")
     direction: Direction = Field(

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import NumericalError, UserError
+from strainsight.multibody.accelerations import measured
 from strainsight.multibody.advance import Advance, Method, advance, slopes
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.inverse.begun import Begun, begun
@@ -39,7 +40,7 @@ class AugmentedStep:
     """x = (q, v, w, δ, c, ξ) under one step of the system, a `StepModel` of the filter core:
 
         θ = θ(ξ),   (q', v') = advance(q, v, u → u', h, θ, w) + e,   w' = 0,   δ' = 0,   c' = exp(Ah) c + δ,   ξ' = ξ
-        y = sensors(q', v') − offset,   before = diag(0, 0, Q_w, Q_δ, 0, Q_ξ),   process = diag(Q_e, 0, …),   noise = R
+        y = sensors(q', v', u', θ) − offset,   before = diag(0, 0, Q_w, Q_δ, 0, Q_ξ),   process = diag(Q_e, 0, …),   noise = R
 
     c (k,) are the unknown inputs u (nu,) and, of smooth ones, their rates (`LoadProcess`), δ (k,) what is drawn of them in the
     step; w (n,) is a white generalised force, there where Q_w is not zero. The step sets δ and w to zero and `before` draws them
@@ -53,6 +54,7 @@ class AugmentedStep:
     move, and the step h [s]; coordinates: of the unknown parameters;
     Q_w (n,): variances a step, Q_xi (p,) or (p, p) covariance [unit²]; R (m,): variances of the readings [unit²];
     zero: ξ → a further offset (m,) and its slopes (m, p), of channels zeroed under load (`zero_at_rest`).
+    second (T + 1, nd): p̈ of driven joints at kh, which accelerometers feel, None without any;
     rest: whether step 0 begins in the equilibrium under u and ξ: then q of x is only where that is sought from, v is zero, and
     q = q₀(u, ξ) with ∂q₀ of `static_response`. A q that follows u and ξ to first order alone would swing about it.
     printed: the noise as (1.45) and (1.57) have it, in diagonal blocks that are added after the step: δ and w are zero, and
@@ -78,6 +80,7 @@ class AugmentedStep:
     rest: bool = False
     corrected: bool = False
     printed: bool = False
+    second: np.ndarray | None = None
     _last: dict[int, Advance] = field(default_factory=dict, init=False, repr=False)
     _taken: dict[int, tuple[_Taken, ...]] = field(default_factory=dict, init=False, repr=False)
     _begun: dict[int, Begun] = field(default_factory=dict, init=False, repr=False)
@@ -171,15 +174,36 @@ class AugmentedStep:
         """Readings (B, m) and their slopes (B, m, size)."""
         y, J = np.empty((len(x), self.channels)), np.zeros((len(x), self.channels, self.size))
         for run, own in enumerate(x):
-            y[run], J[run, :, self.q], J[run, :, self.v] = self.sensors.read(own[self.q], own[self.v])
-            if self.zero is not None and np.isfinite(own.sum()):
-                try:
-                    taken_off, slopes = self.zero(own[self.xi])
-                except (NumericalError, UserError):
-                    taken_off, slopes = np.full(self.channels, np.nan), np.zeros((self.channels, self.coordinates.size))
-                y[run] -= taken_off
-                J[run, :, self.xi] -= slopes
+            y[run], J[run] = self.measured_at(own, k + 1)
         return y - self.offset, J
+
+    def measured_at(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Readings (m,) at kh of x (size,), zeroed but for `offset`, and their slopes (m, size)."""
+        y, J = self.read(self.sensors, x, k)
+        if self.zero is not None and np.isfinite(x.sum()):
+            try:
+                taken_off, slopes = self.zero(x[self.xi])
+            except (NumericalError, UserError):
+                taken_off, slopes = np.full(self.channels, np.nan), np.zeros((self.channels, self.coordinates.size))
+            y -= taken_off
+            J[:, self.xi] -= slopes
+        return y, J
+
+    def read(self, sensors: Readings, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """What sensors of the system read at kh of x (size,), and its slopes (m, size); NaN of accelerometers of no finite x."""
+        J = np.zeros((len(sensors.channels), self.size))
+        if not sensors.accelerometers:
+            y, J[:, self.q], J[:, self.v] = sensors.read(x[self.q], x[self.v])
+            return y, J
+        if not np.isfinite(x.sum()):
+            return np.full(len(J), np.nan), J
+        u, (theta, by_xi) = np.array(self.known[k], dtype=float), self.coordinates.theta(x[self.xi])
+        u[self.inputs] = x[self.u]
+        second = np.zeros(len(self.system.drives.names)) if self.second is None else self.second[k]
+        found = measured(self.system, sensors, x[self.q], x[self.v], u, theta, second)
+        J[:, self.q], J[:, self.v], J[:, self.u] = found.by_q, found.by_v, found.by_u[:, self.inputs]
+        J[:, self.xi] = found.by_theta @ by_xi
+        return found.y, J
 
     def process(self, k: int) -> np.ndarray:
         """Of every run where it began step k (B, size, size), or one for all where nothing is corrected."""

@@ -40,8 +40,8 @@ def indistinct(model: AugmentedStep, x: np.ndarray, k: int, names: Sequence[str]
     F = np.zeros((2 * r + nu + p,) * 2)
     F[:r, r : 2 * r] = np.eye(r)
     F[r : 2 * r] = np.linalg.solve(at.project(at.at.mass), pushed)
-    J = model.measure(x[None], k)[1][0] / np.sqrt(model.R)[:, None]
-    H = np.hstack([J[:, model.q] @ T, J[:, model.v] @ T, np.zeros((len(J), nu)), J[:, model.xi]])
+    J = model.measured_at(x, k)[1] / np.sqrt(model.R)[:, None]
+    H = np.hstack([J[:, model.q] @ T, J[:, model.v] @ T, J[:, model.u], J[:, model.xi]])
     lost = undetectable_directions(F, H)
     share = np.abs(lost[2 * r :]).max(axis=0, initial=0.0) / np.abs(lost).max(axis=0, initial=1e-300)
     return [direction_in_words(column, names) for column in lost[:, share > UNKNOWN].T]

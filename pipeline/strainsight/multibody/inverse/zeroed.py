@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from strainsight.multibody.accelerations import at_rest
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.inverse.start import static_response
 from strainsight.multibody.sensors import Readings
@@ -37,7 +38,7 @@ def zero_at_rest(
     def at(xi: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
         theta, slopes = coordinates.theta(np.array(xi))
         rest, _ = static_equilibrium(system, q, u, theta, near=True)
-        y, H, _ = sensors.read(rest, still)
+        y, H, _ = sensors.read(rest, still, at_rest(system, u))
         by_theta = static_response(system, rest, u, theta)[1]
         return np.where(zeroed, y, 0.0), np.where(zeroed[:, None], H @ by_theta @ slopes, 0.0)
 

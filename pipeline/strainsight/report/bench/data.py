@@ -133,7 +133,7 @@ class BenchPlacement:
     """Gauges that were placed: position and direction (g, 3), expected: input → its expected σ [unit] with the layout, and
     random: input → the same with every random layout (r,), inf where it is lost; numbers: the summary of place; units: input →
     N or N m; trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; loss (g,): the metric
-    when each gauge fails, without: input → σ (g,) [unit] without each; advice: sentences."""
+    when each gauge fails, without: input → σ (g,) [unit] without each; advice: sentences; labels (g,)."""
 
     position: FloatArray
     direction: FloatArray
@@ -147,6 +147,7 @@ class BenchPlacement:
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     advice: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -192,7 +192,7 @@ def placement_table(placement: BenchPlacement) -> str:
     places, symbol = decimals(placement.position), escape(placement.trend.metric.symbol)
     gauges = [
         [
-            f"G{i + 1}",
+            escape(placement.labels[i]) if placement.labels else f"G{i + 1}",
             *axes(placement.position[i], places),
             f'<span class="whole">{" ".join(axes(placement.direction[i], 3))}</span>',
             plain(float(placement.loss[i]), 4),

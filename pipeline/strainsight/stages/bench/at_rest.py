@@ -135,4 +135,4 @@ def _arrays(found: Coupled) -> bytes:
 
 READS = ("bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate")
 STATICS = Stage("statics", version=3, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=statics)
-MODES = Stage("modes", version=2, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=modes)
+MODES = Stage("modes", version=3, reads=READS, upstream=("import", "reduce"), files=HISTORIES, run=modes)

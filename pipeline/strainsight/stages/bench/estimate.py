@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
@@ -63,12 +65,14 @@ def run(context: Context[BenchConfig]) -> Output:
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
     warnings = [*own.notes, *warned, *_disagreements(estimate, own)]
+    units = dataset_units(config, load_units(config, found.inputs))
     tables = [_table(own, result, isinstance(estimate.measured, FromFile))]
+    if offsets := _offsets(found, units):
+        tables.append(offsets)
     if own.done:
         tables.append(Table("measurements", ("",), tuple((text,) for text in own.done)))
     if warnings:
         tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
-    units = dataset_units(config, load_units(config, found.inputs))
     of = {name: "Pa" if estimate.parameters[name].bearing is None else "m" for name in free}
     units |= {f"parameter {name}": unit for name, unit in of.items()} | of
     if own.compared is not None:
@@ -106,7 +110,8 @@ def _there(context: Context[object]) -> Simulated | None:
 
 def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, Scalar]:
     nis, late = own.nis[:, 0], own.nis[len(own.nis) // 2 :]
-    m, nu = len(own.trial.noise), len(own.unknowns.inputs)
+    given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.unknowns.inputs)
+    m = max(int(given.sum()), 1)
     return {
         "steps": len(nis),
         "step": float(own.trial.model.h),
@@ -158,6 +163,18 @@ def _table(own: Estimated, result: Compared, in_test: bool) -> Table:
     return Table(title, ("unknown", *[""] * (width - 1)), filled)
 
 
+def _offsets(found: BenchEstimated, units: Mapping[str, str]) -> Table | None:
+    """Of every component that has an offset: what it reads too much at the end."""
+    rows = [
+        (name, str(k + 1), f"{own.bias[k]:.4g}", f"{std:.3g}", units[f"sensor {name}"])
+        for name, own in found.sensors.items()
+        if own.bias is not None and own.bias_std is not None
+        for k, std in enumerate(own.bias_std)
+        if std > 0
+    ]
+    return Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)) if rows else None
+
+
 def _command_history(found: BenchEstimated) -> bytes:
     """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m], smoothed where it was.
 
@@ -172,7 +189,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=10,
+    version=13,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

@@ -64,12 +64,14 @@ def _place(config: Mapping[str, Any]) -> Stage:
     from strainsight.stages.bench.place import place_stage
 
     parameters = (config.get("estimate") or {}).get("parameters") or {}
-    return place_stage(any(own.get("std") is not None for own in parameters.values()))
+    sensors = (config.get("place") or {}).get("sensors")
+    return place_stage(any(own.get("std") is not None for own in parameters.values()), bool(sensors))
 
 
 def _takes_over(config: Mapping[str, Any]) -> bool:
-    """Whether a sensor takes its gauges from the placement."""
-    return any(sensor.get("layout") for sensor in config["sensors"].values())
+    """Whether a sensor takes its gauges, or a filter its components, from the placement."""
+    given = (config.get("estimate") or {}).get("sensors") or {}
+    return any(sensor.get("layout") for sensor in (*config["sensors"].values(), *given.values()))
 
 
 def _after(stage: Stage, name: str) -> Stage:

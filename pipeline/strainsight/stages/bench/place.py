@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=17,
+    version=18,
     reads=(
         "seed",
         "bodies",
@@ -62,6 +62,11 @@ BESIDE_PARAMETERS = ("estimate.duration", "estimate.sensors", "simulate.duration
 """What it reads, too, where parameters are estimated: σ of a constant depends on how long it is watched, and by which gauges."""
 
 
-def place_stage(parameters: bool) -> Stage:
-    """The stage, of a bench that has parameters to estimate or not."""
-    return replace(PLACE, reads=(*PLACE.reads, *BESIDE_PARAMETERS)) if parameters else PLACE
+OF_MOTION = ("sensors",)
+"""What it reads, too, where sensors of the bench are among its candidates."""
+
+
+def place_stage(parameters: bool, sensors: bool) -> Stage:
+    """The stage, of a bench that has parameters to estimate or not, with its sensors among the candidates or without."""
+    more = BESIDE_PARAMETERS if parameters else OF_MOTION if sensors else ()
+    return replace(PLACE, reads=(*PLACE.reads, *more))

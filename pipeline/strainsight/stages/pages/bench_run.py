@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.cases.layout.names import layout_labels
 from strainsight.config.bench.bench import SurfaceField
 from strainsight.records.bench_estimated import BenchEstimated, RingEstimate, SensorMatch
 from strainsight.records.bench_placed import PLACED, BenchPlaced
@@ -114,6 +115,7 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
         metrics=metrics_of(artefact),
         criteria=criteria_of(list(own.inputs), artefact),
         advice=own.advice,
+        labels=layout_labels(best.sensor, np.arange(len(best.sensor))),
     )
 
 

@@ -111,7 +111,7 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
 
 
 def _gauges_of(layout: BenchLayout) -> list[tuple[np.ndarray, np.ndarray]]:
-    return list(zip(layout.position, layout.direction, strict=True))
+    return list(zip(layout.position[layout.bonded], layout.direction[layout.bonded], strict=True))
 
 
 def _unit(direction: Sequence[float]) -> np.ndarray:

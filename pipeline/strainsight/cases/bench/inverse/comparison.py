@@ -190,7 +190,20 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
     used, part = name in own.used.channels, own.sensors.channels[name]
     measured = own.measured[:, 0, own.used.channels[name]] if used else own.reality.readings[:, 0, part]
     there = bool(np.isfinite(measured).any())
-    return SensorMatch(used=used, expected=own.reading[1:, 0, part], measured=measured if there else None)
+    bias = bias_std = None
+    offset, given = own.trial.offsets.at, own.used.channels.get(name, slice(0, 0))
+    which = np.flatnonzero((offset >= given.start) & (offset < given.stop))
+    if len(which):
+        bias, bias_std = np.zeros((2, part.stop - part.start))
+        at, size = offset[which] - given.start, own.trial.model.size
+        bias[at], bias_std[at] = own.mean[-1, 0, size + which], own.std[-1, 0, size + which]
+    return SensorMatch(
+        used=used,
+        expected=own.reading[1:, 0, part],
+        measured=measured if there else None,
+        bias=bias,
+        bias_std=bias_std,
+    )
 
 
 def _violation(own: Estimated, k: int) -> float:

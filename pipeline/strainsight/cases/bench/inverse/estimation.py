@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.installed import Observed, misread, observed, toleranced
 from strainsight.cases.bench.inverse.other_truth import reality_of
 from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.cases.bench.inverse.rest import free_zero, zero_of
@@ -18,7 +19,7 @@ from strainsight.cases.bench.inverse.smoothing import SmoothedLoads
 from strainsight.cases.bench.inverse.trial import Trial, trial_of
 from strainsight.cases.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
-from strainsight.cases.bench.loads import load_units, loads_of
+from strainsight.cases.bench.loads import drives_of, load_units, loads_of
 from strainsight.cases.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.cases.bench.simulation import refuse_spun
 from strainsight.cases.resources import Resources
@@ -38,7 +39,8 @@ from strainsight.records.simulated import Simulated
 class Estimated:
     """What a filter made of a reality.
 
-    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; xi_covariance (T + 1, b, p, p);
+    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, then offsets, NaN in diverged runs;
+    xi_covariance (T + 1, b, p, p);
     nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
     (T + 1, seeds, all channels) of every sensor at the estimate of a seed's first start; smoothed: loads of the first run by all
     samples, of an extended filter; elsewhere: loads of the other bench (T + 1,) by input; rings: what every bearing does, by the
@@ -83,12 +85,15 @@ def estimated(
     bench = bench_of(config, reduced, meshes, free_properties(estimate))
     sensors = sensors_of(config, bench, reduced, meshes, placed)
     used = some_of(bench, sensors, list(estimate.sensors))
+    errors = toleranced(config, reduced, meshes, placed, used)
+    seen, eta = observed(bench, sensors, errors), dict[str, np.ndarray]()
     h = estimate.time_step or config.simulate.time_step
     steps = round((estimate.duration or config.simulate.duration) / h)
     time = h * np.arange(steps + 1)
     unknowns = unknowns_of(config, bench, h)
     loads = loads_of(config, bench, using.files)
-    known = loads(time)
+    drives = drives_of(config, bench, using.files)
+    known, second = loads(time), drives(time)[:, 2].T
     refuse_spun(config, bench, known, "estimate")
     zeroing = known[0].copy()
     heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
@@ -121,25 +126,35 @@ def estimated(
         for name, values in read.items():
             readings[:, 0, sensors.channels[name]] = values[1:]
         first = np.concatenate([read[name][0] for name in used.channels])
+        first[~_given(config, used, placed)] = np.nan
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif truths is not None:
-        reality = reality_of(truths, bench, sensors.readings, sensors.zeroed, h, steps, estimate.runs)
+        reality = reality_of(truths, bench, seen.readings, seen.zeroed, h, steps, estimate.runs)
+        reality, eta = _apart(reality, seen)
     elif estimate.truth.model != "walk":
         substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
         reality = simulated(
-            bench, sensors.readings, sensors.zeroed, config.simulate, loads, h, steps, substeps, progress_of
+            bench, seen.readings, seen.zeroed, config.simulate, loads, drives, h, steps, substeps, progress_of
         )
+        reality, eta = _apart(reality, seen)
     among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
     runs, starts = estimate.runs, len(unknowns.starts)
     largest = np.zeros(len(among))
     if reality is not None:
         largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
-    trial = trial_of(config, bench, used, unknowns, known, largest, heaviest, zeroing, first, h)
+    trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, errors, h)
+    given = _given(config, used, placed)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
     y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
+    if simulated_noise and estimate.measured is None:
+        too_much = trial.offsets.drawn(steps, runs, len(among), config.seed)
+        if eta:
+            too_much = too_much + misread(config, used, errors, eta, runs)
+        y += np.repeat(too_much, starts, axis=1)
+    y[:, :, ~given] = np.nan
 
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * share)
@@ -151,10 +166,10 @@ def estimated(
         else by_extended(estimate.method, trial, y, filtering, watch)
     )
     doubts = (
-        *undistinguished(config, trial, unknowns, found.mean[:, 0]),
+        *undistinguished(config, trial, given, unknowns, found.mean[:, 0]),
         *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
     )
-    reading = _expected(config, bench, sensors, unknowns, trial, found, zeroing)
+    reading = _expected(config, bench, sensors, unknowns, trial, found, among, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
@@ -164,6 +179,24 @@ def estimated(
     )  # fmt: skip
 
 
+def _apart(reality: Reality, seen: Observed) -> tuple[Reality, dict[str, np.ndarray]]:
+    """What sensors read there, and the coordinates of the bodies under gauges that have tolerances, by their sensor."""
+    eta = {name: reality.readings[:, :, columns] for name, columns in seen.eta.items()}
+    return replace(reality, readings=reality.readings[:, :, seen.own]), eta
+
+
+def _given(config: BenchConfig, used: Sensors, placed: BenchPlaced | None) -> np.ndarray:
+    """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
+    found = np.ones(len(used.zeroed), dtype=bool)
+    for name, entry in asked(config).sensors.items():
+        if entry.layout is not None:
+            assert placed is not None
+            there, own = placed.layout(entry.layout).sensor, used.channels[name]
+            found[own] = False
+            found[own.start : own.start + 3] = [f"{name}.{axis}" in there for axis in "xyz"]
+    return found
+
+
 def _expected(
     config: BenchConfig,
     bench: Bench,
@@ -171,10 +204,12 @@ def _expected(
     unknowns: Unknowns,
     trial: Trial,
     found: Filtered,
+    among: np.ndarray,
     zeroing: np.ndarray,
 ) -> np.ndarray:
     """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less
-    their zero by the parameters of that instant; NaN where the run diverges."""
+    their zero by the parameters of that instant, those of the filter (`among` all) with their offsets; NaN where the run
+    diverges."""
     model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
     constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
     first = found.mean[:, :: len(unknowns.starts)]
@@ -182,7 +217,8 @@ def _expected(
     for at in np.ndindex(first.shape[:2]):
         if np.isfinite(x := first[at]).all():
             taken_off = constant if zero is None else zero(x[model.xi])[0]
-            reading[at] = sensors.readings.read(x[model.q], x[model.v])[0] - taken_off
+            reading[at] = model.read(sensors.readings, x, at[0])[0] - taken_off
+            reading[at][among[trial.offsets.at]] += x[model.size :]
     return reading
 
 

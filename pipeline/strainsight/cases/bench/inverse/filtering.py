@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.bench.inverse.smoothing import SmoothedLoads, keep_for, smoothed_loads
+from strainsight.cases.bench.inverse.installed import considered
+from strainsight.cases.bench.inverse.offsets import Offsets
+from strainsight.cases.bench.inverse.smoothing import LARGEST, SmoothedLoads, keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.unknowns import Unknowns
 from strainsight.cases.filters_compared import BANK, EXTENDED
 from strainsight.config.bench.estimate import Method
-from strainsight.errors import NumericalError
+from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.estimation.run import Keep
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
@@ -26,9 +28,10 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Filtered:
-    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads and
-    parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters of the first run by
-    the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in words."""
+    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k)
+    covariance of loads and parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters
+    of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in
+    words."""
 
     time: np.ndarray
     mean: np.ndarray
@@ -50,21 +53,51 @@ def by_extended(
 ) -> Filtered:
     """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
     keep, notes = keep_for(trial.model, len(y))
+    D, o = trial.installed
+    if errors := D.shape[1]:
+        keep = "all"
+        _refuse_large(trial, y)
+    size = trial.model.size
+
+    def watched(k: int, x: np.ndarray, P: np.ndarray) -> None:
+        assert watch is not None
+        watch(k, x[:, :size], P[:, :size, :size])
+
     found = _filter(
-        method, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)), watch, keep,
+        method, trial.offsets, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
+        None if watch is None else watched, keep,
         refuse=method.update == "iterated",
     )  # fmt: skip
-    smoothed = smoothed_loads(trial.model, found)
+    smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
+    std, joint = found.std, found.unknown_covariance
+    if errors:
+        S = considered(found, y, trial.model.R, D, o)
+        std, own = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
+        joint = joint + own @ np.swapaxes(own, 2, 3)
+        # what later samples say does not undo an error that all of them have
+        smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
     return Filtered(
         found.time,
         found.mean,
-        found.std,
-        found.unknown_covariance,
+        std,
+        joint,
         found.nis,
         found.lost,
         smoothed=smoothed,
         notes=notes,
     )
+
+
+def _refuse_large(trial: Trial, y: np.ndarray) -> None:
+    """What errors of gauges leave is found from the covariances of all runs."""
+    steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)
+    needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
+    if needed > LARGEST:
+        raise ConfigError(
+            f"{steps} steps of {runs} runs with {size} states take {needed / 1e9:.3g} GB, at most {LARGEST / 1e9:.3g}",
+            key="estimate.tolerances",
+            remedy="take fewer runs, a shorter estimate.duration, or leave tolerances out",
+        )
 
 
 def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:
@@ -79,7 +112,7 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
     mean = np.stack([own.mean for own in found], axis=1)
     for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
-        states[:] = model.projected(states, k)
+        states[:] = trial.offsets.projected(model)(states, k)
     return Filtered(
         model.h * np.arange(len(y) + 1),
         mean,
@@ -94,6 +127,7 @@ def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, pro
 
 def _filter(
     method: Method,
+    offsets: Offsets,
     model: AugmentedStep,
     x: np.ndarray,
     P: np.ndarray,
@@ -104,19 +138,20 @@ def _filter(
     *,
     refuse: bool,
 ) -> FilterRun:
+    """From x (B, size) with P, behind which the offsets are put."""
     once = method.update in ("one_shot", "as_printed")
     stays = method.update == "as_printed"
     return filter_runs(
-        model,
-        x,
-        P,
+        offsets.model(model),
+        offsets.start(x),
+        offsets.covariance(P),
         y,
         keep,
         form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
         iterations=1 if once else method.iterations,
         through_step=not once,
         damped=method.update != "undamped",
-        project=model.projected if not stays and (once or model.corrected) else None,
+        project=offsets.projected(model) if not stays and (once or model.corrected) else None,
         progress=progress,
         watch=watch,
         refuse=refuse,
@@ -133,9 +168,16 @@ def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progr
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
         own = np.repeat(samples[:, None], len(x), axis=1)
-        return _filter(method, _of_run(trial.model, run), x, P, own, refuse=False)
+        size = trial.model.size
+        start = x[:, :size], P[:, :size, :size]
+        return _filter(method, trial.offsets, _of_run(trial.model, run), *start, own, refuse=False)
 
-    bank = StepBank(trial.start[run], trial.covariance[run], trial.model.xi, trial.model.position, trial.begin, filters)
+    def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, P = trial.begin(xi)
+        return trial.offsets.start(x), trial.offsets.covariance(P)
+
+    mean, covariance = trial.offsets.start(trial.start[run]), trial.offsets.covariance(trial.covariance[run])
+    bank = StepBank(mean, covariance, trial.model.xi, trial.model.position, begin, filters)
     return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
 
 
@@ -143,7 +185,7 @@ def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, b
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
     at, model = trial.model.xi, _of_run(trial.model, 0)
     try:
-        extended = _filter(method, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
+        extended = _filter(method, trial.offsets, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
         found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
     except NumericalError:
         found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]

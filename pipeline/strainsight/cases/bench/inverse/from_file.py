@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.recorded_channels import signals_of
-from strainsight.config.bench.bench import MotionSensor, RelativeSensor, Sensor
+from strainsight.config.bench.bench import AccelerationSensor, MotionSensor, RelativeSensor, Sensor
 from strainsight.config.bench.estimate import FromFile
 from strainsight.config.estimate import Channel
 from strainsight.errors import ConfigError
@@ -63,4 +63,6 @@ def _quantity(sensor: Sensor, component: int) -> str:
     """What a component is."""
     if isinstance(sensor, RelativeSensor):
         return "displacement" if component < 3 else "angle"
+    if isinstance(sensor, AccelerationSensor):
+        return "acceleration"
     return QUANTITY.get(sensor.quantity, "ratio") if isinstance(sensor, MotionSensor) else "strain"

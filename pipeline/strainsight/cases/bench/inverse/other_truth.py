@@ -7,6 +7,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.truth import Reality
 from strainsight.cases.bench.loads import loads_of
+from strainsight.cases.bench.sensors import instants_of, read_in_time
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
@@ -65,7 +66,12 @@ def reality_of(
     every = round(h / (there.time[1] - there.time[0]))
     rows, count = slice(0, every * steps + 1, every), min(there.q.shape[1], runs)
     q, v = there.q[rows, :count], there.v[rows, :count]
-    read = np.array([[sensors.read(*own)[0] for own in zip(*now, strict=True)] for now in zip(q, v, strict=True)])
-    read = read - np.where(zeroed, read[0], 0.0)
     inputs = np.stack([there.inputs[name][rows, :count] for name in bench.system.inputs], axis=2)
+    second, runs_read = np.zeros((len(q), 0)), []  # no joint is driven
+    for r in range(count):
+        at = q[:, r], v[:, r], inputs[:, r]
+        instants = instants_of(bench.system, *at, bench.theta, second) if sensors.accelerometers else []
+        runs_read.append(read_in_time(bench.system, sensors, *at, instants))
+    read = np.stack(runs_read, axis=1)
+    read = read - np.where(zeroed, read[0], 0.0)
     return Reality(inputs, np.tile(bench.theta, (count, 1)), read[1:])

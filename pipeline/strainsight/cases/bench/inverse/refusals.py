@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,15 +25,18 @@ TURN = 0.1
 """[rad] that a body may turn in a step which is linearised half-way."""
 
 
-def undistinguished(config: BenchConfig, trial: Trial, unknowns: Unknowns, mean: np.ndarray) -> Iterator[str]:
-    """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
-    ConfigError, where the config does not allow for them."""
+def undistinguished(
+    config: BenchConfig, trial: Trial, given: np.ndarray, unknowns: Unknowns, mean: np.ndarray
+) -> Iterator[str]:
+    """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size), by the
+    channels that are given (m,); raises ConfigError, where the config does not allow for them."""
+    model = replace(trial.model, R=np.where(given, trial.model.R, np.inf))
     names = (*asked(config).inputs, *unknowns.free)
     there = np.flatnonzero(np.isfinite(mean).all(axis=1))
     found: list[list[str]] = []
     for k in np.unique(there[np.linspace(0, len(there) - 1, INSTANTS).round().astype(int)]) if len(there) else []:
         try:
-            found.append(indistinct(trial.model, mean[k], min(k, len(trial.model.known) - 1), names))
+            found.append(indistinct(model, mean[k], min(k, len(model.known) - 1), names))
         except NumericalError:
             return  # nothing separates what decays from what does not: no statement
         if not found[-1]:

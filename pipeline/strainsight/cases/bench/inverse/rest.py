@@ -12,6 +12,7 @@ from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import NumericalError, UserError, blame
+from strainsight.multibody.accelerations import at_rest
 from strainsight.multibody.inverse.start import static_response
 from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
 from strainsight.multibody.sensors import Readings
@@ -30,7 +31,7 @@ def zero_of(
         return np.zeros(len(sensors.zeroed))
     with blame("estimate"):
         q, v = start_of(replace(bench, theta=theta), config.simulate, zeroing)
-    return np.where(sensors.zeroed, sensors.readings.read(q, v)[0], 0.0)
+    return np.where(sensors.zeroed, sensors.readings.read(q, v, at_rest(bench.system, zeroing))[0], 0.0)
 
 
 def free_zero(
@@ -66,7 +67,7 @@ def loads_at_rest(
         """What is to be explained by a change of the loads, and its slopes."""
         q, v = start_of(replace(bench, theta=theta), config.simulate, u)
         by_u, _ = static_response(bench.system, q, u, theta)
-        read, H, _ = channels.read(q, v)
+        read, H, _ = channels.read(q, v, at_rest(bench.system, u))
         r = np.concatenate([((first - read) / noise)[there], (guess - u)[columns] / unknowns.std_u[free]])
         slopes = np.concatenate([((H @ by_u[:, columns]) / noise[:, None])[there], np.diag(1 / unknowns.std_u[free])])
         return r, slopes
@@ -122,5 +123,5 @@ def moved_at_rest(
             unsolved = error if isinstance(error, NumericalError) else unsolved
             continue  # loads that rest cannot carry say nothing
         response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
-        most = np.maximum(most, np.abs(channels.read(q, v)[1] @ response) * std)
+        most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
     return most, unsolved

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import FilterRun
 from strainsight.estimation.orthogonal_smoother import smooth_first
 from strainsight.estimation.run import Keep
@@ -37,8 +38,8 @@ def keep_for(model: AugmentedStep, steps: int) -> tuple[Keep, tuple[str, ...]]:
     )
 
 
-def smoothed_loads(model: AugmentedStep, run: FilterRun) -> SmoothedLoads | None:
-    """None where nothing was kept, or the first run diverged.
+def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> SmoothedLoads | None:
+    """None where nothing was kept, or the first run diverged; whole: the model of the run, with offsets behind its states.
 
     σ is withheld of loads that are smooth where the filter allows for what its step leaves out: of that it takes every step's
     share for new, and the smoother of a smooth load averages what comes again and again as if it went out. Against another
@@ -48,7 +49,7 @@ def smoothed_loads(model: AugmentedStep, run: FilterRun) -> SmoothedLoads | None
         return None
     if not (np.isfinite(run.covariance).all() and np.isfinite(run.jacobian).all()):
         return None
-    found = smooth_first(model, run)
+    found = smooth_first(whole, run)
     std = found.std[:, 0, model.u]
     if model.corrected:
         std[:, has_rates(model)] = np.nan

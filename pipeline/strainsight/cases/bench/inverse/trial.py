@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
+from strainsight.cases.bench.inverse.installed import Toleranced, rows_of
+from strainsight.cases.bench.inverse.offsets import Offsets, offsets_of
 from strainsight.cases.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
 from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
 from strainsight.cases.bench.sensors import Sensors
 from strainsight.cases.bench.start import start_of
-from strainsight.config.bench.bench import BenchConfig, MotionSensor
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor
 from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.multibody.inverse.model import AugmentedStep
@@ -37,13 +39,16 @@ STILL = 1e-9
 class Trial:
     """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; begin: parameters
     ξ (b, p) → the start (b, size) and its covariance (b, size, size) given them, NaN where there is none; noise (m,) σ of the
-    readings; notes: what was done to the config's wishes, in words."""
+    readings; offsets of channels, of which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to
+    the config's wishes, in words."""
 
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
     begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
     noise: np.ndarray
+    offsets: Offsets
+    installed: tuple[np.ndarray, np.ndarray]
     notes: tuple[str, ...]
 
 
@@ -53,16 +58,19 @@ def trial_of(
     used: Sensors,
     unknowns: Unknowns,
     known: np.ndarray,
+    second: np.ndarray,
     largest: np.ndarray,
     heaviest: np.ndarray,
     zeroing: np.ndarray,
     first: np.ndarray | None,
+    errors: tuple[Toleranced, ...],
     h: float,
 ) -> Trial:
     """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
+    second (T + 1, nd): p̈ of driven joints;
     largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
     zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
-    start, which guesses that the config leaves open have to explain at rest.
+    start, which guesses that the config leaves open have to explain at rest; errors: of gauges.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
@@ -73,13 +81,20 @@ def trial_of(
         known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
         rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config),
-        printed=asked(config).method.noise == "as_printed",
+        printed=asked(config).method.noise == "as_printed", second=second,
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
     notes = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
+    with blame("estimate"):
+        at_zero = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)[0] if errors else None
+    still = np.zeros(bench.system.size) if at_zero is None else at_zero
+    biased, rows = offsets_of(config, used, h), rows_of(bench, used, errors, still)
+    if first is not None:
+        first = first.copy()
+        first[biased.at] = np.nan  # what it reads too much would be taken for a load
     if first is not None and config.simulate.start == "equilibrium":
         guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
     states, covariances, offsets = [], [], []
@@ -96,7 +111,9 @@ def trial_of(
     def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return _starts_given(config, bench, model, unknowns, guess, xi)
 
-    return Trial(model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, notes)
+    return Trial(
+        model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, biased, rows, notes
+    )
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
@@ -198,11 +215,15 @@ def _felt(
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
     unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
 
-    Where the start is no equilibrium, a sensor measures a velocity, or drives or gravity take the bench to other poses, rest says
-    nothing: `undistinguished` asks along the run.
+    Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
+    other poses, rest says nothing: `undistinguished` asks along the run.
     """
-    quantities = [sensor.quantity for name in used.channels if isinstance(sensor := config.sensors[name], MotionSensor)]
-    if config.simulate.start != "equilibrium" or "velocity" in quantities or has_other_poses(config):
+    given = [config.sensors[name] for name in used.channels]
+    moving = any(
+        isinstance(own, AccelerationSensor) or (isinstance(own, MotionSensor) and own.quantity == "velocity")
+        for own in given
+    )
+    if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
         return ()
     names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
@@ -218,5 +239,5 @@ def _felt(
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
         for name, own in used.channels.items()
-        if moved[own].max() < FELT
+        if moved[own].max(initial=0.0) < FELT and own.stop > own.start
     )

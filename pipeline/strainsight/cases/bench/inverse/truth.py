@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.cases.bench.bench import Bench
-from strainsight.cases.bench.sensors import MOTION_UNITS, unit_of
+from strainsight.cases.bench.sensors import MOTION_UNITS, instants_of, read_in_time, unit_of
 from strainsight.cases.bench.start import start_of
-from strainsight.config.bench.bench import MotionSensor, RelativeSensor, Sensor, Simulate
+from strainsight.config.bench.bench import AccelerationSensor, MotionSensor, RelativeSensor, Sensor, Simulate
 from strainsight.config.bench.estimate import FromRun
 from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
 from strainsight.estimation.update import covariance_factor, square_factor
@@ -44,12 +44,14 @@ def simulated(
     zeroed: np.ndarray,
     settings: Simulate,
     loads: Callable[[np.ndarray], np.ndarray],
+    drives: Callable[[np.ndarray], np.ndarray],
     h: float,
     steps: int,
     substeps: int,
     progress: Callable[[float], None],
 ) -> Reality:
-    """The bench with its own parameters, integrated with h/substeps; loads: time (k,) → (k, nu); zeroed (channels,)."""
+    """The bench with its own parameters, integrated with h/substeps; loads: time (k,) → (k, nu);
+    drives: → p, ṗ, p̈ (nd, 3, k); zeroed (channels,)."""
     fine = h / substeps * np.arange(steps * substeps + 1)
     u = loads(fine)
     count = len(fine) - 1
@@ -59,7 +61,10 @@ def simulated(
             bench.system, q0, v0, u, h / substeps, bench.theta, settings.method,
             lambda k: progress(k / count) if k % 50 == 0 else None,
         )  # fmt: skip
-    read = np.array([sensors.read(q, v)[0] for q, v in zip(found.q[::substeps], found.v[::substeps], strict=True)])
+    at = found.q[::substeps], found.v[::substeps], u[::substeps]
+    second = drives(fine[::substeps])[:, 2].T
+    instants = instants_of(bench.system, *at, bench.theta, second) if sensors.accelerometers else []
+    read = read_in_time(bench.system, sensors, *at, instants)
     read = read - np.where(zeroed, read[0], 0.0)
     return Reality(u[::substeps, None], bench.theta[None], read[1:, None])
 
@@ -127,8 +132,8 @@ def from_run(
     """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names.
 
     own: sensors of the filter with their number of channels; units: of the unknown loads. Lengths are multiplied by
-    `scale`: the displacements of a relative motion and positions, not tilts, strains or axes. Raises ConfigError for a
-    sensor or an instant that it lacks, and for one of another kind.
+    `scale`: the displacements of a relative motion, positions, velocities and accelerations, not tilts, strains or axes.
+    Raises ConfigError for a sensor or an instant that it lacks, and for one of another kind.
     """
     key, clock = "estimate.measured.from", there.time
     pace = clock[1] - clock[0]
@@ -158,7 +163,7 @@ def from_run(
                 remedy="name a sensor of the same kind and size under estimate.measured.sensors",
             )
         placed = isinstance(entry, MotionSensor) and entry.quantity in MOTION_UNITS
-        lengths = slice(3) if isinstance(entry, RelativeSensor) or placed else slice(0)
+        lengths = slice(3) if isinstance(entry, RelativeSensor | AccelerationSensor) or placed else slice(0)
         read[name] = np.array(values[rows], dtype=float)
         read[name][:, lengths] *= settings.scale
     loads = {}

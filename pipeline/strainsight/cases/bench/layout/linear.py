@@ -16,26 +16,28 @@ that nothing damps have no steady covariance."""
 
 
 def scenario_of(
-    bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float, zero: np.ndarray | None = None
+    bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float, white: np.ndarray | float = 0.0
 ) -> Scenario:
     """The bench in time with readings of intensity σ²h, without weights.
 
-    rows (k, n): strain per coordinate of the system; noise σ [strain] of a sample every h; acceleration [m/s²] of the white
-    force, `DISTURBED` at least; zero (k, unknowns): what is taken off the reading per unit of every unknown.
+    H (k, n*): readings of (η, η̇, unknowns); noise (k,) or one for all: σ of a sample every h; acceleration [m/s²] of the white
+    force, `DISTURBED` at least; white (k,): variance of a reading by it for 1 m/s², which is taken as noise of its own.
     """
-    F, Q = in_time(bench, max(acceleration, DISTURBED))
-    return Scenario(F, Q, _readings(bench, rows, zero), np.full(len(rows), noise**2 * bench.h), np.zeros(len(F)))
+    acceleration = max(acceleration, DISTURBED)
+    F, Q = in_time(bench, acceleration)
+    variance = np.broadcast_to(np.asarray(noise) ** 2 + acceleration**2 * np.asarray(white), len(H))
+    return Scenario(F, Q, H, variance * bench.h, np.zeros(len(F)))
 
 
-def expected_std(bench: LinearBench, rows: np.ndarray, noise: float, acceleration: float) -> np.ndarray:
+def expected_std(bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float) -> np.ndarray:
     """σ (nu,) [N, N m] of the inputs after an update, that the filter with these gauges comes to claim,
     where the samples begin long ago.
 
-    rows (k, n), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.
+    H (k, n*), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.
     Raises InfeasibleError and NumericalError as `steady_factor`.
     """
     A, N, scale = in_steps(bench, acceleration)
-    L = steady_factor(A, bench.readings(rows) * scale / noise, N)
+    L = steady_factor(A, H * scale / _column(noise), N)
     unknown = slice(len(A) - len(bench.increment), len(A))
     if L is None:
         return np.full(len(bench.increment), np.inf)
@@ -44,13 +46,12 @@ def expected_std(bench: LinearBench, rows: np.ndarray, noise: float, acceleratio
 
 def factors_along(
     benches: Sequence[LinearBench],
-    rows: np.ndarray,
-    noise: float,
+    readings: Sequence[np.ndarray],
+    noise: np.ndarray | float,
     acceleration: float,
     drawn: np.ndarray,
     start: np.ndarray,
     steps: Sequence[int],
-    zero: np.ndarray,
 ) -> list[np.ndarray]:
     """Factors L (unknowns, any) of the covariance of the unknowns c at the end of each pose of a run that stays in each of the
     benches for so many steps, after it began at rest with a covariance of c of the factor start (unknowns, any):
@@ -58,7 +59,8 @@ def factors_along(
         L₀ = (S; 0; 1) start,     η = S c at rest,     from pose to pose   η ← S' c + Π (η − S c),   η̇ ← Π η̇
 
     Π takes a motion of the bodies from the modes of one pose to those of the next, so that the change of pose moves nothing by
-    itself. drawn (unknowns,): σ of their changes in a step, 0 of a constant; the others as of `scenario_of`.
+    itself. drawn (unknowns,): σ of their changes in a step, 0 of a constant; readings: H of each;
+    the others as of `scenario_of`.
     """
     found: list[np.ndarray] = []
     L = np.zeros((0, 0))
@@ -73,14 +75,11 @@ def factors_along(
             swung = eta - before.B / before.stiffness[:, None] @ c
             L = np.vstack([rest @ c + over @ swung, over @ rate, c])
         A, N, scale = in_steps(bench, acceleration, drawn)
-        H = _readings(bench, rows, zero) * scale / noise
+        H = readings[k] * scale / _column(noise)
         L = scale[:, None] * factor_after(A, H, N, L / scale[:, None], count)
         found.append(L[2 * r :])
     return found
 
 
-def _readings(bench: LinearBench, rows: np.ndarray, zero: np.ndarray | None) -> np.ndarray:
-    H = bench.readings(rows)
-    if zero is not None:
-        H[:, 2 * len(bench.stiffness) :] -= zero
-    return H
+def _column(noise: np.ndarray | float) -> np.ndarray:
+    return np.atleast_1d(np.asarray(noise, dtype=float))[:, None]

@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.cases.bench.layout.placement import BenchPlacement
 from strainsight.cases.layout.output import layout_output, layout_record
+from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.model import Mesh
 from strainsight.records.bench_placed import PLACED, BenchCandidates, BenchPlaced
 from strainsight.workflow.output import Output, Scalar, Table
@@ -49,5 +50,8 @@ def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
         numbers |= {f"best_pose.{name}": float(x) for name, x in zip(inputs, found.std.min(axis=0), strict=True)}
         numbers |= {f"worst_pose.{name}": float(x) for name, x in zip(inputs, worst, strict=True)}
         numbers["poses"] = len(found.time)
-    output = layout_output(found, record, mesh, length_unit, numbers, {}, tables)
+    kinds = np.unique(candidates.quantity).tolist()
+    output = layout_output(
+        found, record, mesh, length_unit, numbers, {}, tables, " or ".join(UNITS[kind] for kind in kinds)
+    )
     return replace(output, message=f"{len(candidates)} → {output.message}")

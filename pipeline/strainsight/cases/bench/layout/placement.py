@@ -11,9 +11,10 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.unknowns import Unknowns as BenchUnknowns
 from strainsight.cases.bench.inverse.unknowns import asked, corrects_in_a_test, free_properties, unknowns_of
 from strainsight.cases.bench.layout.known import known_of, parameter_units, zeroed
+from strainsight.cases.bench.layout.motion import MotionCandidates, motion_candidates
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
 from strainsight.cases.bench.layout.scales import refuse_sizes
-from strainsight.cases.bench.layout.strained import Strained
+from strainsight.cases.bench.layout.strained import Known, Strained
 from strainsight.cases.bench.loads import load_units, loads_of
 from strainsight.cases.bench.start import start_of
 from strainsight.cases.layout.expectation import Expectation
@@ -25,6 +26,7 @@ from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.place import BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
+from strainsight.gauges.candidates import concatenate
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.multibody.static import static_equilibrium
@@ -79,14 +81,12 @@ def placement_of(
         first = _linear(config, bench, *at_zero, loads, unknowns, increment, h)
         taken_off[:, len(loads) :] = first.static[modal, len(loads) :]
     on = gauge_pool(meshes[place.body], reduced[place.body].basis, static - taken_off, inputs, place)
-    noise = float(place.noise)
     for linear in benches:
-        refuse_sizes(linear, np.abs(on.response).max(axis=0)[:, : len(loads)], noise, loads)
-    rows = np.zeros((len(on.rows), bench.system.size))
-    rows[:, modal] = on.rows
-    disturbance = float(asked(config).disturbance)
-    strained = Strained(benches, rows, on.rows @ taken_off, noise, disturbance, place.aggregate, known)
+        refuse_sizes(linear, np.abs(on.response).max(axis=0)[:, : len(loads)], float(place.noise), loads)
     peak = np.max([np.abs(on.rows @ q[modal]) for q, _ in poses], axis=0)
+    motion = motion_candidates(config, bench, place, poses, benches, *_unknown_columns(bench, loads, unknowns))
+    strained = _strained(config, place, bench, on, benches, taken_off, motion, known)
+    on, peak = _with_motion(on, motion, benches), np.concatenate([peak, motion.peak])
     every = _every(place, meshes[place.body], on, inputs, strained) if place.search == "all" else None
 
     def task(kept: np.ndarray) -> Task:
@@ -95,14 +95,12 @@ def placement_of(
     found = placed(
         [task(on.kept)],
         lambda gauges: _expectation(strained, gauges, inputs),
-        lambda gauges: gauge_list(
-            on.candidates, [""] * on.candidates.gauges, gauges, ("gauges",), peak, np.full(len(peak), np.inf)
-        ),
+        lambda gauges: gauge_list(on.candidates, on.names, gauges, ("gauges",), peak, np.full(len(peak), np.inf)),
         using.progress,
         pooled=task,
     )
     units = (*load_units(config, loads).values(), *parameter_units(config, unknowns.free))
-    layouts, std = _layouts(found, place, strained), strained.in_poses(found.gauges)
+    layouts, std = _layouts(found, place, strained, on.names), strained.in_poses(found.gauges)
     if len(untold := strained.untold(np.array(list(found.expected.std.values())))):
         names = " and ".join(unknowns.free[i] for i in untold)
         sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
@@ -141,10 +139,53 @@ def _linear(
     increment: np.ndarray,
     h: float,
 ) -> LinearBench:
-    places = [bench.system.inputs.index(name) for name in loads]
-    by_xi = unknowns.coordinates.theta(unknowns.coordinates.xi(bench.theta))[1]
+    places, by_xi = _unknown_columns(bench, loads, unknowns)
     corrected, method = corrects_in_a_test(config), config.simulate.method
     return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected, by_xi)
+
+
+def _unknown_columns(bench: Bench, loads: tuple[str, ...], unknowns: BenchUnknowns) -> tuple[list[int], np.ndarray]:
+    """Places of the loads in the system's inputs, and ∂θ/∂ξ (nθ, p)."""
+    by_xi = unknowns.coordinates.theta(unknowns.coordinates.xi(bench.theta))[1]
+    return [bench.system.inputs.index(name) for name in loads], by_xi
+
+
+def _strained(
+    config: BenchConfig,
+    place: BenchPlace,
+    bench: Bench,
+    on: GaugePool,
+    benches: tuple[LinearBench, ...],
+    taken_off: np.ndarray,
+    motion: MotionCandidates,
+    known: Known | None,
+) -> Strained:
+    """Gauges, then sensors of motion; taken_off (r, unknowns): coordinates of the body that zeroed gauges do not tell."""
+    rows = np.zeros((len(on.rows), bench.system.size))
+    rows[:, bench.system.modal(place.body)] = on.rows
+    readings = []
+    for linear, moved in zip(benches, motion.rows, strict=True):
+        H = linear.readings(rows)
+        H[:, 2 * len(linear.stiffness) :] -= on.rows @ taken_off
+        readings.append(np.vstack([H, moved]))
+    noise = np.concatenate([np.full(len(rows), float(place.noise)), motion.noise])
+    white = np.hstack([np.zeros((len(benches), len(rows))), motion.white])
+    disturbance = float(asked(config).disturbance)
+    return Strained(benches, tuple(readings), noise, white, disturbance, place.aggregate, known)
+
+
+def _with_motion(on: GaugePool, motion: MotionCandidates, benches: Sequence[LinearBench]) -> GaugePool:
+    """All sensors of motion behind the gauges, every one in the pool."""
+    first, count = len(on.candidates), len(motion.names)
+    response = [still @ linear.static for still, linear in zip(motion.still, benches, strict=True)]
+    return replace(
+        on,
+        candidates=concatenate([on.candidates, motion.candidates]) if count else on.candidates,
+        response=np.concatenate([on.response, np.array(response)], axis=1),
+        kept=np.concatenate([on.kept, first + np.arange(count)]),
+        names=(*on.names, *motion.names),
+        price=np.concatenate([on.price, motion.price]),
+    )
 
 
 def _every(
@@ -152,14 +193,13 @@ def _every(
 ) -> tuple[tuple[Pool, ...], Limits]:
     """Every pose with all candidates, and the limits of a layout of them but for its spacing: that has as many as there are pairs
     of neighbours, and a bound without it is one with it."""
-    numbers = np.arange(len(on.rows))
-    price = np.where(on.candidates.bonded, 0.0, float(place.price))
+    numbers = np.arange(len(on.candidates))
     apart = place.model_copy(update={"minimum_spacing": 0.0})
     with blame("place.keep"):
         units = strained.benches[0].increment
         solved = tuple(solve_pool(scenario, inputs, units) for scenario in strained.scenarios(numbers))
         pool = PoolRows(numbers[:, None], numbers[:, None])
-        return solved, layout_limits(apart, pool, mesh, on.candidates, price, "place.fixed")
+        return solved, layout_limits(apart, pool, mesh, on.candidates, on.price, "place.fixed")
 
 
 def _task(
@@ -174,7 +214,7 @@ def _task(
     """The pool as a linear problem: every unknown counts in its increments, every gauge is a pool row."""
     linear, kept = strained.benches[0], on.kept
     pool = PoolRows(kept[:, None], kept[:, None])
-    price = np.where(on.candidates.bonded[kept], 0.0, float(place.price))
+    price = on.price[kept]
     scenarios = strained.scenarios(kept)
     with blame("place.keep"):
         limits = layout_limits(place, pool, mesh, on.candidates, price, "place.fixed")
@@ -190,11 +230,11 @@ def _task(
         limits,
         place,
         # rules that look at readings alone take the first pose
-        Readings(scenarios[0].H[:, None, :modes], np.full((len(kept), 1), strained.noise**2), moved @ moved.T),
+        Readings(scenarios[0].H[:, None, :modes], strained.noise[kept, None] ** 2, moved @ moved.T),
         seed,
         aggregate=strained.aggregate,
         relative=False,
-        whole=Whole(*every, kept) if every is not None and len(kept) < len(on.rows) else None,
+        whole=Whole(*every, kept) if every is not None and len(kept) < len(on.candidates) else None,
     )
 
 
@@ -213,14 +253,15 @@ def _expectation(strained: Strained, gauges: np.ndarray, inputs: tuple[str, ...]
     return Expectation(dict(zip(inputs, std.tolist(), strict=True)), dict(zip(inputs, without.T, strict=True)))
 
 
-def _layouts(found: Placed, place: BenchPlace, strained: Strained) -> dict[str, BenchLayout]:
+def _layouts(found: Placed, place: BenchPlace, strained: Strained, names: Sequence[str]) -> dict[str, BenchLayout]:
     """The placed layout, and as many gauges drawn from all candidates, those that are bonded already among them."""
     expected, candidates = found.expected, found.task.candidates
     metric = found.task.metrics[found.task.criterion.name][0]
 
     def layout(gauges: np.ndarray, cost: float, std: np.ndarray, without: np.ndarray) -> BenchLayout:
         where = {key: getattr(candidates, key)[gauges] for key in ("position", "direction", "length")}
-        return BenchLayout(candidate=gauges, **where, metric=cost, std=std, without=without)
+        sensors = tuple(names[gauge] for gauge in gauges)
+        return BenchLayout(candidate=gauges, sensor=sensors, **where, metric=cost, std=std, without=without)
 
     own = np.array(list(expected.std.values())), np.column_stack(list(expected.without.values()))
     layouts = {PLACED: layout(found.gauges, found.layout.cost, *own)}

@@ -27,12 +27,15 @@ UNFELT = 1e-12
 @dataclass(frozen=True)
 class GaugePool:
     """candidates, m of them, a gauge each, those that are bonded already first; rows (m, r) strain per coordinate of the body;
-    response (poses, m, nu) strain per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination."""
+    response (poses, m, nu) reading per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination;
+    names (m,): of sensors of the bench that stand behind the gauges, which have none; price (m,)."""
 
     candidates: Candidates
     rows: np.ndarray
     response: np.ndarray
     kept: np.ndarray
+    names: tuple[str, ...]
+    price: np.ndarray
 
 
 def gauge_pool(
@@ -66,7 +69,8 @@ def gauge_pool(
         ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in columns]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
     kept = [*there.tolist(), *list(in_turn)[: int(place.pool)]]
-    return GaugePool(pool, rows, response, np.array(sorted(kept)))
+    price = np.where(pool.bonded, 0.0, float(place.price))
+    return GaugePool(pool, rows, response, np.array(sorted(kept)), ("",) * len(pool), price)
 
 
 def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:

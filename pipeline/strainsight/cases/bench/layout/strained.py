@@ -29,14 +29,14 @@ class Known:
 
 @dataclass(frozen=True)
 class Strained:
-    """benches, linear in every pose; rows (m, n) of its candidates on all coordinates; zero (m, unknowns): what zeroed gauges are
-    less, per unit of an unknown; noise σ [strain] of a sample; acceleration [m/s²] of the white force of the filter; aggregate of
-    the metric over poses; known: None where loads alone are unknown."""
+    """benches, linear in every pose; readings: of every pose (m, n*) what candidates read of (η, η̇, unknowns); noise (m,) σ of a
+    sample; white (poses, m): its variance by the white force, as of `scenario_of`; acceleration [m/s²] of that of the filter;
+    aggregate of the metric over poses; known: None where loads alone are unknown."""
 
     benches: tuple[LinearBench, ...]
-    rows: np.ndarray
-    zero: np.ndarray
-    noise: float
+    readings: tuple[np.ndarray, ...]
+    noise: np.ndarray
+    white: np.ndarray
     acceleration: float
     aggregate: Aggregate
     known: Known | None = None
@@ -52,12 +52,11 @@ class Strained:
     def in_poses(self, gauges: np.ndarray) -> np.ndarray:
         """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
         lost; beside parameters at the end of each pose of the run."""
-        rows, known = self.rows[gauges], self.known
+        rows, noise, known = [own[gauges] for own in self.readings], self.noise[gauges], self.known
         if known is None:
-            return np.array([expected_std(bench, rows, self.noise, self.acceleration) for bench in self.benches])
-        factors = factors_along(
-            self.benches, rows, self.noise, self.acceleration, known.drawn, known.start, known.steps, self.zero[gauges]
-        )
+            pairs = zip(self.benches, rows, strict=True)
+            return np.array([expected_std(bench, H, noise, self.acceleration) for bench, H in pairs])
+        factors = factors_along(self.benches, rows, noise, self.acceleration, known.drawn, known.start, known.steps)
         loads = len(known.drawn) - len(known.slopes)
         own = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
         return np.array([np.linalg.norm(L, axis=1) for L in own])
@@ -92,8 +91,8 @@ class Strained:
     def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
         """Every pose with these gauges as a pool."""
         return [
-            scenario_of(bench, self.rows[gauges], self.noise, self.acceleration, self.zero[gauges])
-            for bench in self.benches
+            scenario_of(bench, own[gauges], self.noise[gauges], self.acceleration, white[gauges])
+            for bench, own, white in zip(self.benches, self.readings, self.white, strict=True)
         ]
 
     def metric(self, gauges: np.ndarray, metric: Metric) -> float:
