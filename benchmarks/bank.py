@@ -1,4 +1,4 @@
-"""Cost of the bank: `python benchmarks/bank.py [--quick]`.
+"""Cost of the bank: `python -m benchmarks.bank [--quick]`.
 
 The cantilever of `filter.py`, 11 modes with four strain gauges and an unknown tip load, 23 states, and three unknown moduli,
 those of its thirds. 10 000 samples of the model itself, moduli from a prior of 5 %. Prints the time on one core and on two, how
@@ -13,7 +13,7 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
+from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.bank import filter_bank

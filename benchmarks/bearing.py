@@ -1,4 +1,4 @@
-"""Cost of the bearing: `python benchmarks/bearing.py [--quick]`.
+"""Cost of the bearing: `python -m benchmarks.bearing [--quick]`.
 
 A pitch bearing of 128 balls of 60 mm on 2.3 m: load, tangent and slopes in the six parameters at one displacement, beside
 the same equilibrium written in plain numpy, vectorised over the balls, in the same process on the same numbers, both held
@@ -12,6 +12,7 @@ import argparse
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -95,9 +96,9 @@ def main() -> None:
     bearing_load(states["loaded and tilted"], q)
     print(f"first call, compiled or read from the cache: {time.perf_counter() - start:.2f} s")
     for name, bearing in states.items():
-        tangent = microseconds(lambda bearing=bearing: bearing_load(bearing, q, slopes=False), repeat)
-        slopes = microseconds(lambda bearing=bearing: bearing_load(bearing, q), repeat)
-        plain = microseconds(lambda bearing=bearing: plain_numpy(bearing, q), max(repeat // 20, 5))
+        tangent = microseconds(partial(bearing_load, bearing, q, slopes=False), repeat)
+        slopes = microseconds(partial(bearing_load, bearing, q), repeat)
+        plain = microseconds(partial(plain_numpy, bearing, q), max(repeat // 20, 5))
         load, (force, stiff) = bearing_load(bearing, q), plain_numpy(bearing, q)
         apart = max(
             np.abs(force - load.force).max() / np.abs(force).max(),
@@ -112,7 +113,7 @@ def main() -> None:
     random = [10 ** rng.uniform(-9, -1.5) * rng.standard_normal(5) for _ in range(repeat)]
     for preload in (2e-5, -1e-3):
         there = pitch_bearing(preload=preload)
-        took = [microseconds(lambda x=x, there=there: bearing_load(there, x), 3)[0] for x in random]
+        took = [microseconds(partial(bearing_load, there, x), 3)[0] for x in random]
         print(
             f"{repeat} random displacements, preload {1e6 * preload:.0f} µm: median {np.median(took):.0f} µs,"
             f" longest {max(took):.0f} µs"

@@ -1,4 +1,4 @@
-"""Cost of a filter step on a bench beside that of its simulation: `python benchmarks/bench_filter.py [--quick]`.
+"""Cost of a filter step on a bench beside that of its simulation: `python -m benchmarks.bench_filter [--quick]`.
 
 The bench of configs/bench-full.yaml through the stages `import` and `reduce` (a bearing of 112 balls), from its equilibrium
 under the loads of its file: once simulated, then filtered from readings of its four gauges and of the five displacements of its
@@ -18,36 +18,22 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import cProfile
 import pstats
-import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.full_bench import full_bench, loads_of_file
 
-from strainsight.cases.bench.bench import bench_of
-from strainsight.cases.bench.sensors import sensors_of
-from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.initial import project_position, state
 from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
-from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.static import static_equilibrium
-from strainsight.records.bodies import ReducedBodies
-from strainsight.records.mesh import mesh_from
-from strainsight.records.record import read
-from strainsight.stages.bench.import_bodies import IMPORT
-from strainsight.stages.bench.reduce import REDUCE
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
-CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 NOISE = 1e-11
 
 
@@ -63,30 +49,14 @@ def in_turns(work: dict[str, Callable[[], Any]], repeat: int) -> tuple[dict[str,
     return times, found
 
 
-def prepared(free: tuple[str, ...]) -> tuple[Any, Any]:
-    """The bench with these parameters of its bearing free, and its sensors."""
-    loaded = load_config(CONFIG)
-    with tempfile.TemporaryDirectory() as folder:
-        job = Job(loaded.data, CONFIG.parent, Path(folder), model=loaded.model)
-        made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
-        mesh = mesh_from(made["import"], "/bodies/hub")
-        reduced = read(ReducedBodies, made["reduce"]).bodies["hub"]
-        config = loaded.model
-        bench = bench_of(config, {"hub": reduced}, {"hub": mesh}, {"pitch-bearing": free} if free else None)
-        every = sensors_of(config, bench, {"hub": reduced}, {"hub": mesh}).readings.sensors
-        gauges = next(own for own in every if own.name == "gauges")
-    element = bench.system.elements[0].force
-    return bench, readings(bench.system, [gauges, RelationSensor("relative", element.relations)])
-
-
 def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
-    bench, sensors = prepared(free)
+    full = full_bench(free={"pitch-bearing": free} if free else None)
+    bench, sensors = full.bench, full.sensors
     system, theta, n = bench.system, bench.theta, bench.system.size
-    table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)
-    instants = np.minimum(h * np.arange(steps + 1), table["time"][-1])
-    u = np.column_stack([np.interp(instants, table["time"], table[name]) for name in system.inputs])
-    q = project_position(system, state(system, bench.poses)[0])
-    q, _ = static_equilibrium(system, q, u[0], theta)
+    time, stated = loads_of_file(system.inputs)
+    instants = np.minimum(h * np.arange(steps + 1), time[-1])
+    u = np.column_stack([np.interp(instants, time, own) for own in stated.T])
+    q = full.at_rest(u[0])
     v = np.zeros(n)
     truth = simulate(system, q, v, u, h, theta)
     y = np.array([sensors.read(*now)[0] for now in zip(truth.q[1:], truth.v[1:], strict=True)])
@@ -121,6 +91,7 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
     print(f"  {'simulation':10s} {1e6 * times['simulation'] / steps:6.0f} µs a step")
     for way in ways:
         mean = found[way].mean[:, 0]
+        worst = max(model.violation(own[None], k)[0] for k, own in enumerate(mean))
         if free:
             last = coordinates.theta(mean[-1, model.xi])[0]
             told = f"error {abs(last[0] / theta[0] - 1):.1e} after {steps} steps"
@@ -129,7 +100,7 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
             told = "errors " + ", ".join(f"{worst:.1e}" for worst in off.max(axis=0))
         print(
             f"  {way:10s} {1e6 * times[way] / steps:6.0f} µs a step, {times[way] / times['simulation']:5.1f} times the"
-            f" simulation; {told}; off the constraints by {model.violation(mean).max():.0e}",
+            f" simulation; {told}; off the constraints by {worst:.0e}",
             flush=True,
         )
         if profile:

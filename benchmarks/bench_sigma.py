@@ -1,4 +1,4 @@
-"""Does σ of loads and of a modulus hold on a bench that another integrator moved? bench_sigma.py [full] [seeds] [kind …]
+"""Does σ hold on a bench that another integrator moved? `python -m benchmarks.bench_sigma [full] [seeds] [kind …]`
 
 The small bench of the tests, 20 drawn truths of 1 s each: loads that are random walks or Matérn processes, drawn every
 millisecond, or sums of 24 sines below 0.6 Hz; motion by the explicit method of eighth order of Dormand and Prince with a step of
@@ -13,38 +13,22 @@ loads at 15 m on the blade; its quick modes want an implicit method, Radau's of 
 from __future__ import annotations
 
 import sys
-import tempfile
 import time
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from benchmarks.full_bench import full_bench as full_bench_of
 from scipy.integrate._ivp.rk import DOP853, rk_step
 from scipy.linalg import expm
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from tests.multibody.inverse.benches import Bench, bench
 
 from strainsight.augmentation.input_models import InputModel, Matern, RandomWalk, input_intensity, rate_matrix
-from strainsight.cases.bench.bench import bench_of
-from strainsight.cases.bench.sensors import sensors_of
-from strainsight.config.load import load_config
 from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.equations import balance
-from strainsight.multibody.initial import project_position, state
 from strainsight.multibody.inverse.loads import load_process
 from strainsight.multibody.radau import simulate_radau
-from strainsight.multibody.sensors import RelationSensor, readings
-from strainsight.multibody.static import static_equilibrium
-from strainsight.records.bodies import ReducedBodies
-from strainsight.records.mesh import Meshes
-from strainsight.records.record import read
-from strainsight.stages.bench.import_bodies import IMPORT
-from strainsight.stages.bench.reduce import REDUCE
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 FINE, DURATION = 1e-3, 1.0
 SIZE = np.array([2e4, 1e4, 1.5e4])
@@ -62,19 +46,9 @@ FULL = Path(__file__).parents[1] / "configs" / "bench" / "modulus.yaml"
 
 def full_bench() -> Bench:
     """As that of the tests: four gauges, five displacements, three loads."""
-    loaded = load_config(FULL)
-    with tempfile.TemporaryDirectory() as folder:
-        job = Job(loaded.data, FULL.parent, Path(folder), model=loaded.model)
-        made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
-        meshes, reduced = read(Meshes, made["import"]).bodies, read(ReducedBodies, made["reduce"]).bodies
-        own = bench_of(loaded.model, reduced, meshes)
-        every = sensors_of(loaded.model, own, reduced, meshes, None).readings.sensors
-    gauges = next(sensor for sensor in every if sensor.name == "gauges")
-    element = own.system.elements[0].force
-    sensors = readings(own.system, [gauges, RelationSensor("relative", element.relations)])
-    q = project_position(own.system, state(own.system, own.poses)[0])
-    q, _ = static_equilibrium(own.system, q, np.zeros(3), own.theta)
-    return Bench(own.system, sensors, own.bearings["pitch-bearing"], q, own.theta)
+    full = full_bench_of(FULL)
+    own = full.bench
+    return Bench(own.system, full.sensors, own.bearings["pitch-bearing"], full.at_rest(np.zeros(3)), own.theta)
 
 
 def quick_motion(b: Bench, u: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Does σ of smoothed loads hold on a bench? bench_smoother.py [seeds] [own|other …]
+"""Does σ of smoothed loads hold on a bench? `python -m benchmarks.bench_smoother [seeds] [own|other …]`
 
 The small bench of the tests. own: truths of 40 steps drawn from the filter's own model, loads known to 10 kN at the start; all
 instants but the start count. other: those of `bench_sigma.py`, motion by an explicit method of eighth order, loads drawn every
@@ -9,16 +9,12 @@ largest of the seeds, the same of the filter, and the RMS error over that of the
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 from benchmarks.bench_sigma import FINE, SIZE, SMOOTH, drawn, motion
 from tests.multibody.inverse.benches import bench
 
-from strainsight.augmentation.input_models import InputModel, RandomWalk
+from strainsight.augmentation.input_models import InputModel, Matern, RandomWalk
 from strainsight.cases.bench.inverse.truth import drawn as drawn_truth
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.orthogonal_smoother import smooth_first
@@ -41,7 +37,7 @@ def errors(
     return np.stack(whole)[:, late:]
 
 
-def own(noise: float, h: float, corrected: bool, load: InputModel | None, modulus: bool, seeds: int) -> np.ndarray:
+def own(noise: float, h: float, corrected: bool, load: Matern | None, modulus: bool, seeds: int) -> np.ndarray:
     """(seeds, 4, T, 3) of drawn truths; load None: a walk of 3 kN a step."""
     b, rows = bench(modulus=modulus, preload=2e-4 if modulus else 1e-5), []
     for seed in range(seeds):
@@ -66,7 +62,8 @@ def other(u: np.ndarray, y: np.ndarray, every: int, noise: float, load: InputMod
     for seed in range(u.shape[1]):
         model = b.model(h, len(y), loads=moving, noise=(noise, noise), white=0.0, corrected=True)
         true = np.concatenate([np.zeros((1, 3)), u[:, seed]])
-        rows.append(errors(model, *b.start(model, std_u=1e-3), noisy[:, seed], true, 1 + len(y) // 4))
+        x, P = b.start(model, std_u=1e-3)
+        rows.append(errors(model, x, P, noisy[:, seed], true, 1 + len(y) // 4))
     return np.array(rows)
 
 
@@ -85,18 +82,21 @@ def main() -> None:
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     kinds = sys.argv[2:] or ["own", "other"]
     if "own" in kinds:
-        for noise, h, corrected, load, modulus in (
+        for noise, h, corrected, smooth, modulus in (
             (1e-8, 0.02, False, None, False), (1e-8, 0.02, True, None, False), (1e-7, 0.05, False, None, False),
             (1e-7, 0.05, True, None, False), (1e-10, 0.02, True, None, False), (1e-8, 0.02, True, SMOOTH, False),
             (1e-8, 0.02, True, None, True), (1e-8, 0.02, False, None, True),
         ):  # fmt: skip
-            stated = "Matérn" if load else "walk"
+            stated = "Matérn" if smooth else "walk"
             step = "corrected" if corrected else "own step"
             name = f"{stated}{', E' * modulus}, {step}, {noise:g}, {1e3 * h:g} ms"
-            show(name, own(noise, h, corrected, load, modulus, seeds))
+            show(name, own(noise, h, corrected, smooth, modulus, seeds))
     if "other" in kinds:
         b = bench()
-        for kind, loads in (("walk", [RandomWalk()]), ("matern", [SMOOTH]), ("sines", [RandomWalk(), SMOOTH])):
+        kinds_of_loads: tuple[tuple[str, list[InputModel]], ...] = (
+            ("walk", [RandomWalk()]), ("matern", [SMOOTH]), ("sines", [RandomWalk(), SMOOTH]),
+        )  # fmt: skip
+        for kind, loads in kinds_of_loads:
             u = np.array([drawn(kind, seed) for seed in range(seeds)])
             y = np.array([motion(b, own) for own in u])
             for load in loads:

@@ -1,4 +1,4 @@
-"""Time and memory of the main job on the cantilever: `python benchmarks/cantilever.py`.
+"""Time and memory of the main job on the cantilever: `python -m benchmarks.cantilever`.
 
 Prints the wall time of a first and of a second `run` of every configs/cantilever-*.yaml, the elimination alone, the
 start-up of the command line, and the peak memory of the largest process. Machines differ and are shared: read the numbers

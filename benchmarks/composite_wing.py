@@ -1,4 +1,4 @@
-"""A composite wing of 20 160 quadrangles from its deck to its page: `python benchmarks/composite_wing.py [--elements C S H] …`.
+"""A composite wing of 20 160 quadrangles from its deck to its page: `python -m benchmarks.composite_wing [--elements C S H] …`.
 
 Three unknown loads at the tip, E1 of all plies free, a known shaker at half span; eight gauges, none in the last bay, where
 loads enter. Every stage by the command line in a process of its own: processor seconds, those on the clock, peak memory.
@@ -22,7 +22,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-from scaling import STAGES, spent
+from benchmarks.scaling import STAGES, spent
 
 from strainsight.workflow.artefact import Artefact
 
@@ -129,8 +129,8 @@ def estimated(folder: Path, config: str, ccx: str, seeds: int) -> None:
             said.append(
                 f"{name} {scale * _rms(error):.2f} % off, σ {scale * _rms(std):.2f} %, {100 * share:.0f} % within 2σ"
             )
-        value, std = (float(found[f"/{what}/E1"][-1]) for what in ("estimate", "std"))
-        said.append(f"E1 {100 * (value / E1 - 1):.3f} % off, σ {100 * std / E1:.3f} %")
+        value, sigma = (float(found[f"/{what}/E1"][-1]) for what in ("estimate", "std"))
+        said.append(f"E1 {100 * (value / E1 - 1):.3f} % off, σ {100 * sigma / E1:.3f} %")
         print(f"seed {seed}: {'; '.join(said)}; {spent_on['seconds']:.0f} s of processor", flush=True)
 
 

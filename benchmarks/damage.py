@@ -1,4 +1,4 @@
-"""Does the interval of damage hold? `python benchmarks/damage.py [records] [case …] [--draws=N] [--key=value …]`.
+"""Does the interval of damage hold? `python -m benchmarks.damage [records] [case …] [--draws=N] [--key=value …]`.
 
 Every record has a truth of its own. `own`: the filter's own model, its start, loads and parameters drawn as the filter takes
 them to be, no tolerances. `rich`: a sine, and installation of the gauges, loads and damping drawn from the tolerances. A table
@@ -30,7 +30,7 @@ from strainsight.cases.structure.tolerated_loads import field_beyond
 from strainsight.cases.structure.trial import sample_noise, trial_of
 from strainsight.cases.structure.truth import ModalMotion, truth_of
 from strainsight.cases.structure.walks import may_walk_otherwise, walking, walks
-from strainsight.config.damage import DamageSettings, SNCurve
+from strainsight.config.damage import DamageSettings
 from strainsight.damage.intervals import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_paths import bank_paths
@@ -95,7 +95,7 @@ class Record:
 
 
 def settings(slope: float, draws: int = 200) -> DamageSettings:
-    return DamageSettings(curve=SNCurve(slope=slope, stress=1e8), draws=draws)
+    return DamageSettings.model_validate({"curve": {"slope": slope, "stress": 1e8}, "draws": draws})
 
 
 def filtering(
@@ -142,9 +142,9 @@ def filtering(
     loading = loading_of(problem.settle, list(problem.signals.values()), trial.h, len(trial.known))
     again = truth.again
     assert again is not None
-    field = again(1, gauges).field
-    assert field is not None
-    shapes = field()
+    true_field = again(1, gauges).field
+    assert true_field is not None
+    shapes = true_field()
     real = asked_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), (), case.config.gauges).surface
     assert real is not None
     at = real.take(which)
@@ -164,7 +164,7 @@ def spread(places: Places, problem: Problem) -> np.ndarray:
 
 def coordinates_of(places: Places, q: np.ndarray) -> Places:
     """By the coordinates q (T + 1, n) alone."""
-    return replace(places, rows=places.rows[..., : q.shape[1]])
+    return replace(places, rows=places.rows.of_all(lambda X: X[..., : q.shape[1]]))
 
 
 def true_damage(places: Places, q: np.ndarray, theta: dict[str, float]) -> np.ndarray:
@@ -195,7 +195,7 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
 
     def filtered(problem: Problem, P: np.ndarray) -> tuple[Bank, BankRun]:
         model = filter_model(problem, channels, shared.h)
-        nuisances = nuisances_of(shared.tolerances, model, channels, beyond=True)
+        nuisances = nuisances_of(shared.tolerances, model, channels, behind=True)
         args = (model, np.zeros(model.size), P, shared.known, y, nuisances)
         return args, filter_bank(*args, settled=shared.settled)
 
@@ -210,8 +210,10 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     (args, bank), model = walked.best, walked.best[0][0]
     q = slice(0, model.model.size)
     later = smooth_bank(*stated[0], stated[1], settled=shared.settled).mean[:, 0]
-    states = Displaced(shared.places.rows[0], model.model.size).states(later)
-    mean = true_damage(shared.places, later[:, states], theta_at(model, later[-1, stated[0][0].parameter_states]))
+    theta = theta_at(model, later[-1, stated[0][0].parameter_states])
+    width = np.shape(shared.places.rows.at(theta))[-1]
+    states = Displaced(np.zeros((0, width)), model.model.size).states(later)
+    mean = true_damage(shared.places, later[:, states], theta)
     drawn = [
         true_damage(shared.places, own, theta_at(model, p))
         for part in bank_paths(*args, bank, shared.draws, 1_000_000 + record.number, settled=shared.settled, states=q)

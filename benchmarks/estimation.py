@@ -1,4 +1,4 @@
-"""What the filter reaches on the cantilever: `python benchmarks/estimation.py [inputs|cases|sets]`, all three by default.
+"""What the filter reaches on the cantilever: `python -m benchmarks.estimation [inputs|cases|sets]`, all three by default.
 
 inputs  every model of an unknown load, 20 Hz force, 1 % noise: filtered and smoothed error beside the claimed σ
 cases   single unknowns and joint ones that can be distinguished, three truths, three noise levels: error beside σ

@@ -1,4 +1,4 @@
-"""Which faults of channels does `estimate` name rightly? `python benchmarks/faults.py [records] [case …] [--seed N]`.
+"""Which faults of channels does `estimate` name rightly? `python -m benchmarks.faults [records] [case …] [--seed N]`.
 
 Every record has a truth `rich` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
 noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
@@ -20,6 +20,7 @@ from unittest.mock import patch
 import numpy as np
 
 from strainsight import api
+from strainsight.cases.structure import drawn as drawn_installations
 from strainsight.cases.structure import truth as truths
 from strainsight.cases.structure.filtered_test import Filtering
 from strainsight.cases.structure.measured import Measured
@@ -110,7 +111,7 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study
     truth = truths.truth_of(case.config, mesh, None, reduced, training, problem, case)
     tolerances = tolerated(case.config, mesh, reduced, training, problem.channels.of(gauges))
     trial = trial_of(case.config, problem, truth, tolerances, gauges)
-    again, drawn = trial.again, truths.installation_of
+    again, drawn = trial.again, drawn_installations.installation_of
     assert again is not None
 
     def reading(realisation: int, channel: int, degrees: float) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Cost of the finite elements against size: `python benchmarks/fem.py [--most UNKNOWNS] [DECK …]`.
+"""Cost of the finite elements against size: `python -m benchmarks.fem [--most UNKNOWNS] [DECK …]`.
 
 Import of a deck, K and M, factorisation, 20 modes: seconds each, size of the factor and peak memory, every size in its own
 process. The sizes are thick spherical shells of curved tet10, from 10 000 unknowns to --most (1 000 000 unless told), beside

@@ -1,4 +1,4 @@
-"""Cost of the filter: `python benchmarks/filter.py [--quick]`.
+"""Cost of the filter: `python -m benchmarks.filter [--quick]`.
 
 A steel cantilever of 11 modes with four strain gauges and an unknown tip load, 23 states. 100 runs of 10 000 steps in one
 batch, beside the loop that a user of filterpy writes (predict and update run by run, step by step) in the same process, on

@@ -1,6 +1,6 @@
 """Bank, sigma-point and extended filter where a parameter is hardly seen.
 
-`python benchmarks/filters.py [draws [draws of the bank]]`
+`python -m benchmarks.filters [draws [draws of the bank]]`
 
 The coarse hub under 10 kN along x, 20 Hz, ramped up in 0.2 s; four placed gauges, 1 % noise, 0.5 s. Every draw has E and ρ of its
 own from a prior of 10 %, and its motion and samples from the filter's own model, so that nothing but the filter can be wrong. A

@@ -1,4 +1,4 @@
-"""Do layouts that avoid errors of installation know more? `python benchmarks/installation.py [draws] [case …]`.
+"""Do layouts that avoid errors of installation know more? `python -m benchmarks.installation [draws] [case …]`.
 
 The layout for exact gauges (`place.installation: ignore`) beside the one that avoids errors of installation (`avoid`), both
 without a clearance, beside that of a real gauge with its clearance and spacing (`gauges.type: 3/350`), and beside the layout
@@ -17,7 +17,7 @@ from multiprocessing import Pool
 from time import perf_counter
 
 import numpy as np
-from sigma import CASES, ROOT, Drawn, none, one
+from benchmarks.sigma import CASES, ROOT, Drawn, none, one
 
 from strainsight import api
 from strainsight.cases.structure.nuisances import tolerated

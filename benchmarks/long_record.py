@@ -1,4 +1,4 @@
-"""A long record of a test: `python benchmarks/long_record.py [samples]`, 10⁶ of eight gauges at 1 kHz where no number is given.
+"""A long record of a test: `python -m benchmarks.long_record [samples]`, 10⁶ of eight gauges at 1 kHz where no number is given.
 
 The tip force of the cantilever, unknown, by eight gauges with the default tolerances: the training run again and again, with
 noise. The record is a CSV file in a temporary folder, and `strainsight estimate` a process of its own. Prints the size of the
@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-import yaml
+from ruamel.yaml import YAML
 
 from strainsight.workflow.artefact import Artefact
 
@@ -28,7 +28,7 @@ STEP = 1e-3
 
 def config(folder: Path) -> Path:
     """cantilever-input.yaml without a parameter, with eight gauges and a test."""
-    own = yaml.safe_load((ROOT / "configs" / "cantilever-input.yaml").read_text(encoding="utf-8"))
+    own = YAML(typ="safe").load(ROOT / "configs" / "cantilever-input.yaml")
     own |= {"name": "long", "parameters": {}, "train": {"duration": 1.0, "time_step": STEP}}
     own["mesh"]["file"] = str(ROOT / "meshes" / "cantilever.bdf")
     own["place"] |= {"keep": len(GAUGES), "certificate": False}
@@ -41,7 +41,7 @@ def config(folder: Path) -> Path:
         "channels": channels,
     }
     path = folder / "long.yaml"
-    path.write_text(yaml.safe_dump(own), encoding="utf-8")
+    YAML(typ="safe").dump(own, path)
     return path
 
 

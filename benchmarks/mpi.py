@@ -1,4 +1,4 @@
-"""Modes and static responses of the hub by PARDISO and over MPI: `python benchmarks/mpi.py [MESH] [--processes 1 2]`.
+"""Modes and static responses of the hub by PARDISO and over MPI: `python -m benchmarks.mpi [MESH] [--processes 1 2]`.
 
 Each in a process of its own with one thread: seconds on the clock of the factor, of ten modes from it and of ten static
 responses; most memory of this process and of the processes of MPI together [GiB]; largest difference of a frequency from

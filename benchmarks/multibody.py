@@ -1,4 +1,4 @@
-"""Cost of a time step: `python benchmarks/multibody.py [--quick]`.
+"""Cost of a time step: `python -m benchmarks.multibody [--quick]`.
 
 The same bodies here and in Exudyn, side by side in one process: a heavy top on a spherical joint, and a lattice mast of 15
 lumped masses on a hinge, its floating frame reduced to some modes. This package takes steps of second order with exact
@@ -19,13 +19,14 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from benchmarks.full_bench import full_bench as full_bench_of_config
+from benchmarks.full_bench import loads_of_file
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 
@@ -35,15 +36,14 @@ from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import FlexibleBody, RigidBody
 from strainsight.multibody.forces import Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import Pose, project_position, state
+from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import Joint, revolute, spherical
 from strainsight.multibody.relations import bearing_displacements, dot
+from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import System, assemble
 from strainsight.rom.inertia import InertiaInvariants
 
-CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 DURATION, DAMPING = 0.5, 5e-3
 GRAVITY = np.array([1.0, -9.0, -3.0])
 CENTRE, PIVOT = np.array([0.3, -0.1, 0.2]), np.array([-0.2, 0.1, 0.05])
@@ -221,29 +221,10 @@ def side_by_side(steps: int) -> None:
 
 def full_bench(steps: int) -> None:
     """The bench under its loads, from its equilibrium."""
-    from strainsight.cases.bench.bench import bench_of
-    from strainsight.config.load import load_config
-    from strainsight.multibody.sensors import RelationSensor, readings
-    from strainsight.records.bodies import ReducedBodies
-    from strainsight.records.mesh import mesh_from
-    from strainsight.records.record import read
-    from strainsight.stages.bench.import_bodies import IMPORT
-    from strainsight.stages.bench.reduce import REDUCE
-    from strainsight.workflow.plan import Job
-    from strainsight.workflow.runner import run
-
-    loaded = load_config(CONFIG)
-    data = loaded.data
-    with tempfile.TemporaryDirectory() as folder:
-        job = Job(data, CONFIG.parent, Path(folder), model=loaded.model)
-        made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
-        reduced = read(ReducedBodies, made["reduce"]).bodies
-        bench = bench_of(loaded.model, reduced, {"hub": mesh_from(made["import"], "/bodies/hub")})
-    system, theta, h = bench.system, bench.theta, float(data["simulate"]["time_step"])
-    table = np.genfromtxt(CONFIG.parent / "bench-load.csv", delimiter=",", names=True)
-    u = np.column_stack([table[name] for name in system.inputs])[: steps + 1]
-    q = project_position(system, state(system, bench.poses)[0])
-    q, _ = static_equilibrium(system, q, u[0], theta)
+    full = full_bench_of_config()
+    system, theta, h = full.bench.system, full.bench.theta, float(full.config.simulate.time_step)
+    u = loads_of_file(system.inputs)[1][: steps + 1]
+    q = full.at_rest(u[0])
     v = np.zeros_like(q)
     whole = shortest(lambda: simulate(system, q, v, u, h, theta)) / steps
     last, iterations = None, 0
@@ -254,12 +235,12 @@ def full_bench(steps: int) -> None:
     assert last is not None
     end = last
     derivatives = shortest(lambda: [slopes(system, end) for _ in range(50)]) / 50
-    element = system.elements[0].force
-    rho = readings(system, [RelationSensor("bearing", element.relations)]).read(end.q, end.v)[0]
-    bearing = shortest(lambda: [element.law.load(rho, np.zeros(5), np.zeros(0)) for _ in range(50)]) / 50
+    rho = readings(system, [RelationSensor("bearing", full.bearing.relations)]).read(end.q, end.v)[0]
+    law = full.bearing.law
+    bearing = shortest(lambda: [law.load(rho, np.zeros(5), np.zeros(0)) for _ in range(50)]) / 50
     each = iterations / steps
     print(
-        f"\n{data['name']}: {system.size} coordinates, {system.constrained} constraints, {steps} steps of {1e3 * h:g} ms\n"
+        f"\n{full.config.name}: {system.size} coordinates, {system.constrained} constraints, {steps} steps of {1e3 * h:g} ms\n"
         f"  a step            {1e6 * whole:6.0f} µs, {each:.2f} Newton iterations; {h / whole:.0f} times real time\n"
         f"  of it, bearing    {1e6 * bearing * each:6.0f} µs, {1e6 * bearing:.0f} µs a call\n"
         f"  its derivatives   {1e6 * derivatives:6.0f} µs, {derivatives / whole:.1f} times the step itself"
@@ -286,18 +267,23 @@ def ring(balls: int) -> Case:
     return Case(f"{balls} balls", system, *state(system, {}), lambda mbs: None)
 
 
+def _twenty_times(work: Callable[[], object]) -> None:
+    for _ in range(20):
+        work()
+
+
 def growth(steps: int) -> None:
     h, none = DURATION / 500, np.zeros(0)
     print(f"\n{'':18s} {'µs a step':>11s} {'iterations':>11s} {'derivatives':>12s}")
     for case in (*map(chain, (1, 2, 5, 10, 20)), *map(rotor, (4, 8, 16, 32)), *map(ring, (28, 56, 112, 224))):
         last, iterations = None, 0
-        seconds = shortest(lambda c=case: simulate(c.system, c.q, c.v, np.zeros((steps + 1, 0)), h, none)) / steps
+        seconds = shortest(partial(simulate, case.system, case.q, case.v, np.zeros((steps + 1, 0)), h, none)) / steps
         for _ in range(20):
             at = (case.q, case.v) if last is None else (last.q, last.v)
             last = advance(case.system, *at, (none, none), h, none, "second_order", last=last)
             iterations += sum(stage.iterations for stage in last.stages)
         assert last is not None
-        by = shortest(lambda c=case, end=last: [slopes(c.system, end) for _ in range(20)]) / 20
+        by = shortest(partial(_twenty_times, partial(slopes, case.system, last))) / 20
         print(f"{case.name:18s} {1e6 * seconds:11.0f} {iterations / 20:11.2f} {1e6 * by:12.0f}", flush=True)
 
 

@@ -1,4 +1,4 @@
-"""How long report pages take to open: `python benchmarks/page.py results/NAME/report.html [more pages]`.
+"""How long report pages take to open: `python -m benchmarks.page results/NAME/report.html [more pages]`.
 
 Prints of every page its size, the times from the start of navigation to the first paint, to the end of loading and to the 3D
 view's first picture: medians of five fresh openings in Debian's chromium, headless, with WebGL drawn in software on the

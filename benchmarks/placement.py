@@ -1,4 +1,4 @@
-"""Cost of the elimination: `python benchmarks/placement.py [--quick]`.
+"""Cost of the elimination: `python -m benchmarks.placement [--quick]`.
 
 Side by side on the same pools: algorithm 2 to the letter (SciPy's Riccati solver with one column a gauge, every candidate
 at every step), the same with the gauges compressed to as many rows as states, and this package. Then the package alone

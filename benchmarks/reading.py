@@ -1,4 +1,4 @@
-"""Reading a long record: `python benchmarks/reading.py [samples]`, 10⁶ of 8 channels where no number is given.
+"""Reading a long record: `python -m benchmarks.reading [samples]`, 10⁶ of 8 channels where no number is given.
 
 One record in every format that `estimate` reads, each read in a process of its own. Prints the size of the file, the processor
 time and, on Linux, what memory it took beside the empty process, and what the reader's own process took. The files are
@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -74,8 +75,8 @@ def mat(path: Path, t: np.ndarray, values: np.ndarray) -> None:
 
 WRITERS: dict[str, tuple[str, Callable[[Path, np.ndarray, np.ndarray], None]]] = {
     "CSV": ("a.csv", text),
-    "CSV, decimal commas": ("de.csv", lambda *record: text(*record, mark=";", decimal=",")),
-    "CSV, cells in quotes": ("quoted.csv", lambda *record: text(*record, quote='"')),
+    "CSV, decimal commas": ("de.csv", partial(text, mark=";", decimal=",")),
+    "CSV, cells in quotes": ("quoted.csv", partial(text, quote='"')),
     "HDF5": ("a.h5", hdf5),
     "MDF4": ("a.mf4", mdf),
     "TDMS": ("a.tdms", tdms),

@@ -1,4 +1,4 @@
-"""Cost of results of another program: `python benchmarks/results.py [--unknowns N] [--modes M]`.
+"""Cost of results of another program: `python -m benchmarks.results [--unknowns N] [--modes M]`.
 
 A bar of linear hexahedra along x with its exact modes and static response, as a text file of CalculiX (.frd) of N unknowns, 10⁶
 unless told, and what is done with it, each in its own process: its mesh, its modes and response one after the other, and the

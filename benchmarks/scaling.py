@@ -1,4 +1,4 @@
-"""What a run costs against its size: `python benchmarks/scaling.py unknowns|gauges [--sizes N …] [--memory GIB] …`.
+"""What a run costs against its size: `python -m benchmarks.scaling unknowns|gauges [--sizes N …] [--memory GIB] …`.
 
 `unknowns`: a structure of hex20 as a Nastran deck, every stage by the command line in a process of its own. Two shapes,
 because the factor of a thin one fills much less: "plate" (1 m × 0.5 m × 10 mm, one element through the wall) and "block" (a
@@ -21,13 +21,13 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.placement import make_scenarios
 from scipy.optimize import nnls
-
-from placement import make_scenarios
 
 SHAPES = {"plate": ((1.0, 0.5, 0.01), (2, 1, 0)), "block": ((0.5, 0.5, 0.5), (1, 1, 1))}
 """Sides [m], and elements along each for one along the shortest way; 0: one only."""
@@ -78,7 +78,8 @@ validate:
 def elements_of(shape: str, unknowns: int) -> tuple[int, int, int]:
     """Elements along each side, for about so many unknowns."""
     ratio = SHAPES[shape][1]
-    counts = [tuple(max(1, r * k) for r in ratio) for k in range(1, 400)]
+    a, b, c = ratio
+    counts = [(max(1, a * k), max(1, b * k), max(1, c * k)) for k in range(1, 400)]
     return min(counts, key=lambda c: abs(np.log(3 * nodes_of(c) / unknowns)))
 
 
@@ -196,13 +197,11 @@ def gauges(job: Mapping[str, Any]) -> dict[str, float]:
 
     timed("screening", lambda: screen(level, np.full(pool, 0.01), position, pool // 2, 1e-3))
     first = scenarios[0]
-    units = {
-        "frequency": np.ones(modes),
-        "state_amplitude": 1.0,
-        "largest_strain": 1.0,
-        "raw_scale": np.ones(len(names)),
-    }
-    timed("observability", lambda: observability(first.F, first.H, names=names, **units))
+    seen = partial(
+        observability, first.F, first.H, names=names, frequency=np.ones(modes),
+        state_amplitude=1.0, largest_strain=1.0, raw_scale=np.ones(len(names)),
+    )  # fmt: skip
+    timed("observability", seen)
     timed("solve", lambda: [solve_pool(scenario) for scenario in scenarios])
     result = timed("elimination", lambda: eliminate(scenarios, KEEP))
     swapped = timed("exchange", lambda: exchange(result.pools, result.kept))

@@ -1,4 +1,4 @@
-"""K and M of shells: `python benchmarks/shells.py [UNKNOWNS]` (315 000 unless told).
+"""K and M of shells: `python -m benchmarks.shells [UNKNOWNS]` (315 000 unless told).
 
 A plate of square shells, and a plate of quadratic hexahedra with about as many unknowns as a peer; each in one run, processor
 seconds of `build_model` without supports, and their ratio an unknown. Machines differ and are shared: the ratio says more.
@@ -19,8 +19,8 @@ CORNERS = ((0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2,
 SIDES = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
 
 
-def steel() -> dict[str, object]:
-    return {"regions": {1: Region(1, "plate", 1)}, "materials": {1: Material(1, 2.1e11, 0.3, 7850.0)}}
+PLATE = {1: Region(1, "plate", 1)}
+STEEL = {1: Material(1, 2.1e11, 0.3, 7850.0)}
 
 
 def shells(unknowns: int) -> Mesh:
@@ -33,7 +33,8 @@ def shells(unknowns: int) -> Mesh:
     e = len(nodes)
     block = ShellBlock("quad4", 1 + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
     none = np.zeros((0, 2), dtype=int)
-    return Mesh(1 + np.arange(grid.size), position, (), fixed=none, shells=(block,), sections={1: ShellSection(0.002)}, **steel())
+    ids, sections = 1 + np.arange(grid.size), {1: ShellSection(0.002)}
+    return Mesh(ids, position, (), PLATE, STEEL, fixed=none, shells=(block,), sections=sections)
 
 
 def solids(unknowns: int) -> Mesh:
@@ -47,7 +48,7 @@ def solids(unknowns: int) -> Mesh:
     used, nodes = np.unique(key, return_inverse=True)
     position = 0.005 * np.column_stack([used // 3 // (half[1] + 1), used // 3 % (half[1] + 1), used % 3])
     block = CellBlock("hex20", 1 + np.arange(len(key)), nodes.reshape(key.shape), np.ones(len(key), int))
-    return Mesh(1 + np.arange(len(used)), position, (block,), fixed=np.zeros((0, 2), dtype=int), **steel())
+    return Mesh(1 + np.arange(len(used)), position, (block,), PLATE, STEEL, fixed=np.zeros((0, 2), dtype=int))
 
 
 def main(words: list[str]) -> None:

@@ -1,4 +1,4 @@
-"""Does σ hold where gauges are not where they are meant to be? `python benchmarks/sigma.py [draws] [case …] [--key=value …]`.
+"""Does σ hold where gauges are not where they are meant to be? `python -m benchmarks.sigma [draws] [case …] [--key=value …]`.
 
 Every draw has a truth `rich` of its own: installation of the gauges, gains and damping drawn from the tolerances, and other
 noise. A table says, for every unknown, how often the truth lies within 2σ, and the RMS of error over that of σ. Draws of one
@@ -19,8 +19,9 @@ import numpy as np
 from strainsight import api
 from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
+from strainsight.cases.structure.start import Loading
 from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
-from strainsight.cases.structure.truth import truth_of
+from strainsight.cases.structure.truth import Motion, truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
@@ -124,7 +125,7 @@ def table(case: str, noise: float, draws: int, settings: tuple[str, ...], pool: 
     return lines
 
 
-def none(*_: object) -> object:
+def none(_: Loading) -> Motion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 

@@ -1,4 +1,4 @@
-"""What more processes and a Dask cluster of this machine bring: `python benchmarks/sweeps.py [times]`.
+"""What more processes and a Dask cluster of this machine bring: `python -m benchmarks.sweeps [times]`.
 
 A bar of bricks in two materials (25 000 unknowns): `rom` with eleven points of the parameters (eight to build from, three to
 check), and `validate` with 322 runs of the filter in six batches; times: so many times the points to build from, and the
@@ -123,7 +123,7 @@ def timed(stage: str, folder: Path, workers: list[psutil.Process], *options: str
     words = [stage, str(folder / "beam.yaml"), "--results", str(folder / "results"), "--force", *options]
     code = "from strainsight_cli.main import main; main()"
     before = {worker: spent(worker) for worker in workers}
-    own, others = 0.0, {}
+    own, others = 0.0, dict[psutil.Process, float]()
     with (folder / "says").open("w+") as says:
         process = psutil.Popen([sys.executable, "-c", code, *words], stdout=says, stderr=says, env=os.environ | SINGLE)
         while process.poll() is None:

@@ -9,6 +9,8 @@ from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
 CONVERGED = 1e-12
+ROUNDING = 1e-8
+"""A correction below this that no longer shrinks is rounding."""
 NEAR = 1e-11
 """Shift of the first step beside the stiffness where q is nearly there: Newton's own."""
 FIRMEST = 1e6
@@ -35,7 +37,7 @@ def static_equilibrium(
     elastic = system.at(theta)
     zero, lam = np.zeros(n), np.zeros(m)
     at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
-    K, B, s = _scaled(at, d)
+    K, B, s = in_the_metric(at, d)
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
     stiffness = float(np.linalg.norm(K, 2)) or 1.0
@@ -51,7 +53,7 @@ def static_equilibrium(
             q, lam = good
             continue
         good = q, lam
-        K, B, s = _scaled(at, d)
+        K, B, s = in_the_metric(at, d)
         A = np.block([[K + shift * np.eye(n), -B.T], [B, np.zeros((m, m))]])
         right = -np.concatenate([at.load / d, s * at.phi])
         try:
@@ -66,10 +68,10 @@ def static_equilibrium(
         if m and size > 0.3 * whole:
             x *= 0.3 * whole / size
         q, lam = q + x / d, z[n:] * s
-        if shift < 1e-10 * stiffness and (size <= CONVERGED * whole or (size < 1e-8 * whole and size > 0.3 * before)):
+        if shift < 1e-10 * stiffness and (size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)):
             _refuse_free(system, q, lam, u, theta, elastic)
             return q, lam
-        shift *= 0.2 if size < before or size < 1e-8 * whole else 2.0
+        shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
         before = size
     raise NumericalError(
         f"no static equilibrium was found in {iterations} iterations (last change {before:.2g} of {whole:.2g})",
@@ -77,7 +79,8 @@ def static_equilibrium(
     )
 
 
-def _scaled(at: Balance, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def in_the_metric(at: Balance, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """D⁻¹K D⁻¹ (n, n), S B D⁻¹ (m, n) of unit rows, and S (m,), by which λ = S λ'."""
     B = at.B / d
     s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
     return at.stiffness / np.outer(d, d), s[:, None] * B, s
@@ -93,7 +96,7 @@ def _refuse_free(
 ) -> None:
     zero = np.zeros(system.size)
     at = balance(system, q, zero, zero, np.zeros(system.constrained), lam, u, theta, elastic)
-    K, B, _ = _scaled(at, system.metric)
+    K, B, _ = in_the_metric(at, system.metric)
     null = np.linalg.svd(B)[2][len(B) :].T if len(B) else np.eye(system.size)
     if not null.shape[1]:
         return

@@ -112,9 +112,8 @@ def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False, d
     mass = np.diag([3e3, 3e3, 3e3, 2e3, 2e3, 2e3, 1.0, 1.0, 1.0])
     K = np.diag([2e9, 1.5e9, 1.2e9, 3e9, 2e9, 1.6e9, *(2 * np.pi * np.array([55.0, 70.0, 90.0])) ** 2])
     C = 2e-5 * K
-    if modulus:
-        K = AffineOperator(np.zeros((n, n)), {"E": K / MODULUS})
-    hub = FlexibleBody("hub", True, K, mass, C, inertia_of(mass, 9e3))
+    stiffness = AffineOperator(np.zeros((n, n)), {"E": K / MODULUS}) if modulus else K
+    hub = FlexibleBody("hub", True, stiffness, mass, C, inertia_of(mass, 9e3))
     blade = RigidBody(
         "blade", 1.4e4, np.array([17.0, 0, 0]), np.diag([1.5e4, 2.8e6 + 1.4e4 * 17**2, 2.8e6 + 1.4e4 * 17**2])
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.multibody.compiled.arrays import Arrays, arrays
 from strainsight.multibody.compiled.call import InPython
-from strainsight.multibody.forces import CompiledLaw
+from strainsight.multibody.forces import CompiledLaw, ForceLaw
 from strainsight.multibody.system import System
 
 REMEMBERED = 4
@@ -36,6 +36,7 @@ class Compiled:
         self.arrays: Arrays = arrays(system, kept)
         self.memory = sum(kept)
         self._prepared: dict[bytes, Prepared] = {}
+        self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
 
     def at(self, system: System, theta: np.ndarray) -> Prepared:
         """What the step needs of θ (nθ,). Raises the errors of a law that cannot have these parameters."""
@@ -49,12 +50,9 @@ class Compiled:
 
     def _prepare(self, system: System, theta: np.ndarray) -> Prepared:
         address, begin, numbers, count = [], [], [np.zeros(0)], 0
-        for element, back in zip(system.elements, self.in_python, strict=True):
+        for e, (element, back) in enumerate(zip(system.elements, self.in_python, strict=True)):
             law = element.force.law
-            own = np.zeros(0)
-            if back is None:
-                assert isinstance(law, CompiledLaw)
-                own = np.asarray(law.numbers(theta[element.parameters]), dtype=float)
+            own = self._numbers_of(e, law, theta[element.parameters]) if back is None else np.zeros(0)
             address.append(back.address if back is not None else law.address)  # type: ignore[attr-defined]
             begin.append(count)
             numbers.append(own)
@@ -67,3 +65,11 @@ class Compiled:
             np.array(begin, dtype=np.int64),
             np.concatenate(numbers),
         )
+
+    def _numbers_of(self, e: int, law: ForceLaw, own: np.ndarray) -> np.ndarray:
+        """Those of element e, once for parameters that have not changed."""
+        last = self._numbers[e]
+        if last is None or last[0] != own.tobytes():
+            assert isinstance(law, CompiledLaw)
+            last = self._numbers[e] = own.tobytes(), np.asarray(law.numbers(own), dtype=float)
+        return last[1]

@@ -110,7 +110,7 @@ def step_responses(
 
 
 def load_process(
-    models: Sequence[InputModel], amplitude: Sequence[float], increment: Sequence[float], h: float
+    models: Sequence[InputModel], amplitude: np.ndarray, increment: np.ndarray, h: float
 ) -> LoadProcess:
     """Of loads (nu,) by their models; amplitude (nu,) [unit] of all but random walks, increment (nu,) [unit]: σ of the change of
     a random walk in a step of h [s]; of the others not read."""
@@ -130,8 +130,8 @@ def load_process(
 
 def walks(increment: np.ndarray, h: float) -> LoadProcess:
     """Random walks with σ of their changes in a step, increment (nu,) [unit]."""
-    changes = np.asarray(increment, dtype=float).tolist()
-    return load_process([RandomWalk()] * len(changes), [1.0] * len(changes), changes, h)
+    changes = np.asarray(increment, dtype=float)
+    return load_process([RandomWalk()] * len(changes), np.ones(len(changes)), changes, h)
 
 
 def _spread(model: InputModel, k: int) -> np.ndarray:

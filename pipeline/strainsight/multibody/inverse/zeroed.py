@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 
 from strainsight.multibody.accelerations import at_rest
+from strainsight.multibody.inverse.followed import Rest, followed, rest_at
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
-from strainsight.multibody.inverse.start import static_response
 from strainsight.multibody.sensors import Readings
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import System
 
 Zero = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+REMEMBERED = 64
+TINY = float(np.finfo(float).tiny)
 
 
 def zero_at_rest(
@@ -30,16 +31,25 @@ def zero_at_rest(
         f(q₀, 0, u, θ(ξ)) = Bᵀλ,   φ(q₀) = 0,   from q (n,), under the loads u (all inputs,) at which they were zeroed.
 
     A sensor that was zeroed at rest tells nothing of what deformed the bench then, whatever its stiffness. The last answers
-    are remembered.
+    are remembered, and every equilibrium is followed from the nearest.
     """
     still = np.zeros(system.size)
+    answers: OrderedDict[bytes, tuple[Rest, np.ndarray, np.ndarray]] = OrderedDict()
 
-    @lru_cache(maxsize=256)
-    def at(xi: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        theta, slopes = coordinates.theta(np.array(xi))
-        rest, _ = static_equilibrium(system, q, u, theta, near=True)
-        y, H, _ = sensors.read(rest, still, at_rest(system, u))
-        by_theta = static_response(system, rest, u, theta)[1]
-        return np.where(zeroed, y, 0.0), np.where(zeroed[:, None], H @ by_theta @ slopes, 0.0)
+    def at(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        key = xi.tobytes()
+        if key not in answers:
+            theta, by_xi = coordinates.theta(xi)
+            if answers:
+                known = [own for own, _, _ in answers.values()]
+                away = [float(np.max(np.abs(own.theta - theta) / (np.abs(theta) + TINY), initial=0.0)) for own in known]
+                rest = followed(system, known[int(np.argmin(away))], u, theta)
+            else:
+                rest = rest_at(system, q, u, theta)
+            y, H, _ = sensors.read(rest.q, still, at_rest(system, u))
+            answers[key] = rest, np.where(zeroed, y, 0.0), np.where(zeroed[:, None], H @ rest.by_theta @ by_xi, 0.0)
+            if len(answers) > REMEMBERED:
+                answers.popitem(last=False)
+        return answers[key][1:]
 
-    return lambda xi: at(tuple(xi.tolist()))
+    return at

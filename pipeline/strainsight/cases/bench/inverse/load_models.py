@@ -20,7 +20,7 @@ def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
         frequency, amplitude = (1.0, 1.0) if walks else typical_of(config, name)
         models.append(input_model(entry.model, frequency, entry.kappa, entry.smoothness, entry.damping))
         amplitudes.append(amplitude)
-    return load_process(models, amplitudes, increments_of(config, h).tolist(), h)
+    return load_process(models, np.array(amplitudes), increments_of(config, h), h)
 
 
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
