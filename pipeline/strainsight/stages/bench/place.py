@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=17,
+    version=18,
     reads=(
         "seed",
         "bodies",
