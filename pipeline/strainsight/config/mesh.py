@@ -119,8 +119,8 @@ class Tie(Section):
     on which they lie (surface)."""
 
     type: Literal["rigid", "averaging", "surface"] = Field(
-        description="rigid: the nodes follow the reference; averaging: it follows their mean motion; surface: the nodes "
-        "follow the facets of solids that they lie on, by the shape functions of these, as where a fine mesh lies on a coarse one."
+        description="rigid: nodes follow the reference; averaging: it follows their mean motion; surface: the nodes "
+        "follow the facets of solids that they lie on, by the shape functions of these: a fine mesh on a coarse one."
     )
     reference: NodeId | None = Field(
         None, description="Id of the reference node; a new one where `at` is given. Not of a surface."
