@@ -44,7 +44,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import sanity_warnings, without_loose_masses
+from strainsight.mesh.sanity import ignored_structure, sanity_warnings, without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.surface_ties import with_surface_tie
 from strainsight.mesh.suspension import face_springs, node_springs
@@ -136,8 +136,10 @@ def checked(
 
 
 def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
-    """What is more likely a mistake than meant, what is not joined first; see `sanity_warnings`."""
-    return (*connectivity_warnings(mesh), *hinge_warnings(mesh), *sanity_warnings(mesh, length_unit, mass_unit, free))
+    """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, and the
+    rest of `sanity_warnings`."""
+    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(ignored_structure(mesh))
+    return (*sane[:first], *connectivity_warnings(mesh), *hinge_warnings(mesh), *sane[first:])
 
 
 def _with_material(mesh: Mesh, own: Material, name: str) -> Mesh:

@@ -24,7 +24,9 @@ def out_of_range_in_words(config: PlacementConfig, each: Sequence[Filtering], fo
             value = float(values[name][0][-1])
             if name != given.problem.model.damping.parameter and not low <= value <= high:
                 unit = "" if units[name] == "1" else f" {units[name]}"
-                beyond[name] = f"{name} came out at {value:.4g}{unit}, and rom made the model for {low:.4g} to {high:.4g}"
+                beyond[name] = (
+                    f"{name} came out at {value:.4g}{unit}, and rom made the model for {low:.4g} to {high:.4g}"
+                )
     if not beyond:
         return ""
     keys = " and ".join(f"parameters.{name}.range" for name in beyond)
