@@ -281,6 +281,8 @@ def _write_header(file: h5py.File, header: Header, message: str) -> None:
         attributes["seed"] = header.seed
     if header.seconds is not None:
         attributes["seconds"] = header.seconds
+    if header.code:
+        attributes["code"] = header.code
     for name in ("config", "upstream", "files", "found", "beside"):
         attributes[name] = canonical(getattr(header, name))
     attributes["message"] = message

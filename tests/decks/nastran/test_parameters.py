@@ -31,7 +31,7 @@ def test_what_counts_here_and_what_states_the_usual_is_not_listed(read, tetrahed
     assert read(f"{tetrahedron}{line}\nENDDATA\n").ignored == {}
 
 
-def test_supports_that_no_line_of_the_case_control_selects_are_said(read, tetrahedron):
+def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):
     for control, count in (
         ("", 0),
         ("SOL 103\nCEND\nDISP = ALL\nBEGIN BULK\n", 1),

@@ -73,7 +73,7 @@ UNSUPPORTED = re.compile(
     r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
     r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|SPCD|TEMP|(FORCE|MOM|PRES)AX$"
 )
-"""Elements, ties, glue, contact, preloaded bolts and static loads: what a model is not the same without."""
+"""Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
 CONTROL = re.compile(
     r"PARAM$|BGPARM|BCTPARM|BCPARA|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
     r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
