@@ -25,7 +25,7 @@ def stage_line(event: Event, verbose: bool = False) -> str:
     if event.artefact is None:
         return f"{event.stage:<9} runs: {event.reason}"
     if event.status != "done":
-        return f"{event.stage:<9} {event.status}"
+        return f"{event.stage:<9} {event.status}{f', {event.reason}' if event.reason else ''}"
     why = f"  ({event.reason})" if verbose else ""
     return f"{event.stage:<9} done {event.seconds:>6.1f} s   {event.artefact.message}{why}"
 

@@ -8,7 +8,9 @@ from strainsight.decks.abaqus import deck as abaqus
 from strainsight.decks.effects import effects
 from strainsight.decks.nastran import deck as nastran
 from strainsight.decks.reader import read_mesh
+from strainsight.mesh.sanity import sanity_warnings
 
+from ..stages.test_bad_deck import ABAQUS
 from .conftest import TETRAHEDRON
 
 
@@ -33,5 +35,18 @@ def test_the_reader_of_a_deck_says_it(tmp_path):
     path = tmp_path / "a.bdf"
     path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
     mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD": 1, "PARAM": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD": "structure", "PARAM": "none", "PLOAD1": "none", "RSPLINE": "structure"}
+    assert mesh.ignored == {"CQUAD": 1, "PARAM POST": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
+    assert mesh.effect == {"CQUAD": "structure", "PARAM POST": "none", "PLOAD1": "none", "RSPLINE": "structure"}
+
+
+@pytest.mark.parametrize(
+    ("step", "count"), [("*STEP, NLGEOM", 1), ("*STEP, NLGEOM=YES", 1), ("*STEP, NLGEOM=NO", 0), ("*STEP", 0)]
+)
+def test_a_preload_that_stiffens_leads_the_warnings(tmp_path, step, count):
+    path = tmp_path / "a.inp"
+    path.write_text(f"{ABAQUS}{step}\n*STATIC\n*CLOAD\n4, 3, 100.\n*END STEP\n")
+    mesh = read_mesh(path)
+    assert mesh.ignored.get("*STEP, NLGEOM", 0) == count
+    said = sanity_warnings(mesh)
+    assert len(said) == count
+    assert all("not that under the preload of this step" in text for text in said)

@@ -98,10 +98,18 @@ def test_what_is_not_used_and_what_may_be_missing_are_warnings():
     assert list(mesh.node_ids[unused_nodes(mesh)]) == [9]
     assert empty_regions(mesh) == (2,)
     assert sanity_warnings(mesh) == (
+        "3 × shells ignored: the stiffness, mass or tie it may add is missing",
         "1 node belongs to nothing and is left out of the model: 9",
         "region 2 (lid) has no elements",
-        "3 × shells ignored: the stiffness, mass or tie it may add is missing",
     )
+
+
+@pytest.mark.parametrize(("nu", "says"), [(0.4999999, "0.4999999: elements of displ"), (-0.5, "-0.5: it widens")])
+def test_a_ratio_that_locks_and_one_of_a_wrong_shear_modulus_are_named(nu, says):
+    (said,) = sanity_warnings(with_material(tetrahedron(), None, 2.1e11, nu, 7850.0, "steel"))
+    assert said.startswith(f"steel: Poisson's ratio is {says}")
+    for sound in (0.0, 0.33, 0.49):
+        assert sanity_warnings(with_material(tetrahedron(), None, 2.1e11, sound, 7850.0, "steel")) == ()
 
 
 def test_a_structure_without_supports_is_a_warning():

@@ -70,6 +70,12 @@ def test_the_file_of_the_day_of_bonding_stands_for_the_layout(project):
     np.testing.assert_array_equal(result(project)["/smoothed/E"], as_placed)
 
 
+def test_the_file_that_every_placement_writes_anew_says_of_no_gauge_where_it_was_bonded(project):
+    code, said = run(project, BEFORE, f"estimate.gauges_file={project / 'results' / 'test' / 'gauges.csv'}")
+    assert code == 2
+    assert "gauges.csv of results is written anew with every layout" in " ".join(said.split())
+
+
 def test_a_layout_that_is_ranked_anew_is_refused_and_says_where_the_gauge_was(project, tmp_path):
     """The file of the day of bonding has the places of G1 and G2 the other way round."""
     rows = lines(project / "bonded.csv")

@@ -224,6 +224,25 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
         np.testing.assert_array_equal(withheld[path], given[path])
 
 
+def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_with_that(project, plain):
+    """2.1e11 Pa is the truth."""
+    file = project / "results" / "test" / "measured.csv"
+    narrow = "parameters.E.range=[1.6e+11, 2.0e+11]", "validate.truth.parameters.E=1.9e+11"
+    code, said = estimated(project, file, *narrow, "name=beyond")
+    assert code == 0, said
+    words = " ".join(said.split())
+    assert re.search(
+        r"σ is withheld: E came out at 2\.\d+e\+11 Pa, and rom made the model for 1\.6e\+11 to 2e\+11: widen parameters\.E\.",
+        words,
+    )
+    own = Artefact(project / "results" / "beyond" / "estimate.h5")
+    assert own["/smoothed/E"][-1] == pytest.approx(2.1e11, rel=0.03)
+    for path in ("/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"):
+        assert np.isnan(own[path]).all()
+    assert own.message.startswith("σ is withheld: E came out at 2.")
+    assert not any(name.startswith("std.") for name in own.summary)
+
+
 def test_a_finer_step_of_the_filter_changes_little(project, plain):
     file = project / "results" / "test" / "measured.csv"
     code, said = estimated(project, file, "estimate.time_step=2.5e-4")

@@ -80,6 +80,17 @@ def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp
     assert sorted(own.name for own in tmp_path.glob("*.csv")) == ["b.csv", "c.csv", "d.csv"]
 
 
+def test_a_record_that_another_takes_the_place_of_stays_beside_it(tmp_path):
+    """What gauges.csv said may have been bonded."""
+    for content in (b"one", b"one", b"two", b"one"):
+        made = output(files={"gauges.csv": content}, records=("gauges.csv",))
+        write_artefact(tmp_path / "place.h5", made, HEADER)
+        assert (tmp_path / "gauges.csv").read_bytes() == content
+    kept = {path.read_bytes() for path in tmp_path.glob("gauges-*.csv")}
+    assert kept == {b"one", b"two"}
+    assert len([*tmp_path.glob("gauges-*.csv")]) == 2
+
+
 def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     with h5py.File(path) as file:

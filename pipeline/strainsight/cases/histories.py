@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from strainsight.cases.recorded import LOADS, recorded
@@ -23,7 +23,7 @@ def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], sectio
     return signal_at(f"{section}.{name}.signal", config, files)
 
 
-def signal_at(key: str, config: StatedSignal, files: Mapping[str, Path], of: Collection[str] = LOADS) -> Signal:
+def signal_at(key: str, config: StatedSignal, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
     """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
     if config.type == "constant":
         return Constant(config.value)

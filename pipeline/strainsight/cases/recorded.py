@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
@@ -13,13 +13,24 @@ from strainsight.errors import ConfigError, UserError, blame
 from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.records import Recording
-from strainsight.measurements.units import known_unit
+from strainsight.measurements.units import meant_by, required_unit
 from strainsight.signals.histories import FromSamples
 
 LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")
 
+QUANTITY = {
+    "N": "force",
+    "N m": "moment",
+    "Pa": "pressure",
+    "1": "ratio",
+    "m/s²": "acceleration",
+    "rad²/s²": "angular velocity squared",
+}
+"""Unit of a load → what a file may hold of it."""
+NO_UNIT = ("-", "–")
 
-def recorded(key: str, config: Recorded, path: Path, of: Collection[str] = LOADS) -> FromSamples:
+
+def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal; of: the
     quantities that it may be of.
 
@@ -65,14 +76,34 @@ def _read(path: Path, time: str, column: str) -> Recording:
     raise first
 
 
-def _factor(column: str, found: Recording, path: Path, of: Collection[str]) -> float:
-    """SI units in one of the unit that the file states, 1 where it states none."""
-    if (unit := known_unit(found.units[column])) is None:
+def _factor(column: str, found: Recording, path: Path, of: Sequence[str]) -> float:
+    """SI units in one of the unit that the file states, 1 where it states none. Raises ConfigError for one that is not known, or
+    of another quantity."""
+    stated = found.units[column] or _in_round_brackets(column)
+    if stated is None or stated in NO_UNIT:
         return 1.0
-    if unit.quantity not in of:
-        what = "a load" if of is LOADS else " or ".join(of)
+    try:
+        unit = required_unit(stated, of)
+    except UserError as error:
         raise ConfigError(
-            f"{column!r} is in {found.units[column]}, {path.name} says: no unit of {what}",
-            remedy=f"name the column of {'the load' if of is LOADS else 'what the history is of'}",
+            f"{column!r} is in {stated}, {path.name} says: no unit that is known", remedy=error.remedy
+        ) from None
+    if unit.quantity not in of:
+        what = (
+            "a load"
+            if set(of) == set(LOADS)
+            else f"a load that is a {of[0]}"
+            if set(of) <= set(LOADS)
+            else " or ".join(of)
+        )
+        raise ConfigError(
+            f"{column!r} is in {stated}, {path.name} says: no unit of {what}",
+            remedy=f"name the column of {'the load' if set(of) <= set(LOADS) else 'what the history is of'}",
         )
     return unit.factor
+
+
+def _in_round_brackets(column: str) -> str | None:
+    """What stands behind a name, as in "F (KN)", where it is almost a unit: a known one was taken off by the reader."""
+    inside = column.rstrip().removesuffix(")").rpartition("(")[2].strip() if column.rstrip().endswith(")") else ""
+    return inside if inside and meant_by(inside) else None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector, with_defaults
 
@@ -115,17 +115,37 @@ class Face(Section):
 
 
 class Tie(Section):
-    """A reference node that leads (rigid, RBE2) or follows (averaging, RBE3) the nodes of a set."""
+    """A reference node that leads (rigid, RBE2) or follows (averaging, RBE3) the nodes of a set; or nodes that follow the surface
+    on which they lie (surface)."""
 
-    type: Literal["rigid", "averaging"] = Field(
-        description="rigid: the nodes follow the reference; averaging: it follows their mean motion."
+    type: Literal["rigid", "averaging", "surface"] = Field(
+        description="rigid: nodes follow the reference; averaging: it follows their mean motion; surface: the nodes "
+        "follow the facets of solids that they lie on, by the shape functions of these: a fine mesh on a coarse one."
     )
-    reference: NodeId = Field(description="Id of the reference node; a new one where `at` is given.")
+    reference: NodeId | None = Field(
+        None, description="Id of the reference node; a new one where `at` is given. Not of a surface."
+    )
     at: Vector | None = Field(None, description="Position of a new reference node [m].")
-    set: Text = Field(description="Name of the node set or face.")
+    set: Text = Field(description="Name of the node set or face; of a surface the finer side.")
+    to: Text | None = Field(
+        None, description="surface: name of the node set or face that they follow, the coarser side."
+    )
+    within: Positive = Field(1e-4, description="surface: how far the nodes may lie from it [m].")
     components: Components | None = Field(
         None, description="rigid: of the nodes, default [1, 2, 3]; averaging: of the reference, default all six."
     )
+
+    @model_validator(mode="after")
+    def _of_its_type(self) -> Tie:
+        if self.type == "surface" and self.to is None:
+            raise ValueError("a surface needs `to`, the face that the nodes of `set` follow")
+        if self.type == "surface" and (self.reference, self.at, self.components) != (None, None, None):
+            raise ValueError(
+                "a surface has no reference node and no components: remove `reference`, `at` and `components`"
+            )
+        if self.type != "surface" and self.reference is None:
+            raise ValueError(f"{self.type} needs `reference`, the id of the reference node")
+        return self
 
 
 class MatrixTerm(Section):
@@ -258,6 +278,11 @@ class MeshFile(Section):
         (),
         description="Folders from which a deck may include files (INCLUDE, *INCLUDE, INPUT=) beside its own folder and those "
         "below it; paths start from the config's folder. Links are followed before it is decided where a file lies.",
+    )
+    merge: Positive | None = Field(
+        None,
+        description="Nodes of elements that are this near to each other [m] become one, that of the lowest id; 1e-6 of meshes "
+        "whose parts share places and no nodes. Nodes that a tie or spring joins in their place stay. Null: none.",
     )
     faces: dict[Name, Face] = Field(
         {},

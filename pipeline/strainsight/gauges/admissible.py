@@ -10,6 +10,7 @@ from strainsight.errors import InfeasibleError, blame
 from strainsight.gauges.surface import facet_centres
 from strainsight.gauges.zones import Zone, inside, on_surface
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.lying_on import covered
 from strainsight.mesh.model import Mesh
 
 
@@ -25,9 +26,10 @@ def admissible(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Indices (k,) of the facets that may carry gauges; centre (f, 3) [m] and outward normal (f, 3) of all facets.
 
-    surface "all" or the name of a face, an element or node set (a facet belongs to a node set with all its nodes); facets
-    that touch an SPC, RBE2 or RBE3 node are left out unless on_constraints; include: in at least one of these zones, none:
-    everywhere; exclude: in none of these. key: the section of the config that asks, to name what leaves no facet.
+    surface "all" or the name of a face, an element or node set (a facet belongs to a node set with all its nodes); facets on
+    which another element lies that does not have their nodes are left out, and unless on_constraints those that touch an SPC,
+    RBE2 or RBE3 node; include: in at least one of these zones, none: everywhere; exclude: in none of these. key: the section of
+    the config that asks, to name what leaves no facet.
     Raises UserError for a set that is not there, InfeasibleError where no facet is left.
     """
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
@@ -40,6 +42,8 @@ def admissible(
             chosen = every if surface == "all" else on_surface(mesh, facets, surface)
         yield f"{key}.surface", f"on the surface {surface!r}", chosen
         yield f"{key}.surface", "with an area", np.any(normal != 0, axis=1)
+        if (lies := covered(mesh, facets)).any():
+            yield "mesh.file", "that nothing lies on", ~lies
         if not on_constraints:
             yield f"{key}.surface", "away from constrained nodes", ~_on_constraints(mesh, facets)
         if include:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from strainsight.errors import UserError, did_you_mean
@@ -89,6 +89,20 @@ TIME: Mapping[str, float] = {
 RATES: Mapping[str, float] = {"Hz": 1.0, "kHz": 1e3, "1/s": 1.0}
 """[1/s]."""
 
+OTHER_NAMES: Mapping[str, str] = {
+    **dict.fromkeys(("knewton", "knewtons", "kilonewton", "kilonewtons"), "kN"),
+    **dict.fromkeys(("kp", "kilopond", "kg", "kgforce"), "kgf"),
+    **dict.fromkeys(("mp", "tf", "tonf", "t", "ton"), "kN (1 tf is 9.80665 kN)"),
+    **dict.fromkeys(("lb", "lbs", "pound", "pounds", "pound-force"), "lbf"),
+    **dict.fromkeys(("klbf", "klb", "kips"), "kip"),
+    **dict.fromkeys(("newtonmeter", "newtonmetre", "newton-metre", "newton-meter", "n-m"), "N m"),
+    **dict.fromkeys(("lb-ft", "ft-lb", "lbft", "ftlb", "ftlbf"), "lbf ft"),
+    **dict.fromkeys(("lb-in", "in-lb", "lbin", "inlb", "inlbf"), "lbf in"),
+    **dict.fromkeys(("n/mm2", "n/mm²", "mpascal"), "MPa"),
+    "n/m2": "Pa",
+}
+"""Names in small letters that a unit has elsewhere → how it is written here: asked about and not taken, as t may be a mass."""
+
 
 def spelling(unit: str) -> str:
     """One spelling: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; brackets around it dropped."""
@@ -102,14 +116,24 @@ def known_unit(unit: str | None) -> Unit | None:
     return UNITS.get(spelling(unit)) if unit else None
 
 
-def required_unit(unit: str) -> Unit:
-    """The unit; UserError where it is not known."""
+def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
+    """The unit; UserError where it is not known, with what it may mean or the units of the quantities in `of`; none: of all."""
     if (found := known_unit(unit)) is None:
-        raise UserError(
-            f"unknown unit {unit!r}",
-            remedy=did_you_mean(spelling(unit), UNITS, f"known units: {', '.join(UNITS)}"),
-        )
+        known = [name for name, own in UNITS.items() if not of or own.quantity in of]
+        remedy = f"known units: {', '.join(known)}"
+        if meant := meant_by(unit):
+            remedy = f"did you mean {meant}?"
+        elif not of:
+            remedy = did_you_mean(spelling(unit), known, remedy)
+        raise UserError(f"unknown unit {unit!r}", remedy=remedy)
     return found
+
+
+def meant_by(unit: str) -> str | None:
+    """How a unit is to be written that is spelt in other letters, or has another name; None where nothing says so."""
+    spelt = spelling(unit)
+    alike = [name for name in UNITS if name.lower() == spelt.lower()]
+    return OTHER_NAMES.get(spelt.lower()) or (" or ".join(alike) or None)
 
 
 def seconds_in(unit: str) -> float | None:

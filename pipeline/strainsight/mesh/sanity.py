@@ -22,6 +22,8 @@ EXTENT = (1e-3, 100.0)
 """[m], from a crystal to a rotor blade: what is tested with strain gauges."""
 WAVE_SPEED = (10.0, 2.5e4)
 """√(E/ρ) [m/s], from soft rubber to beyond diamond: whatever the material, a modulus and a density that fit each other."""
+LOCKING = 0.495
+"""Poisson's ratio of solids above which elements without pressure of their own are much too stiff; rubber is taken at 0.49."""
 SHEAR_EXCESS = 2.0
 """How many times too stiff in shear across its layers a composite solid may be without a warning."""
 LIKELY_MODULUS = (1e9, 6e11)
@@ -82,8 +84,9 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense; free: nothing
     has to hold it.
     """
-    found = []
+    found = [f"{count} × {card} ignored: {_lost(card)}" for card, count in ignored_structure(mesh).items()]
     for material in mesh.materials.values():
+        found += _ratio_warnings(mesh, material)
         found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
     for lamina in mesh.laminae.values():
         found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit)
@@ -108,12 +111,41 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
         found.append(
             "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
         )
-    found += [
-        f"{count} × {card} ignored: the stiffness, mass or tie it may add is missing"
-        for card, count in mesh.ignored.items()
-        if mesh.effect.get(card) == "structure"
-    ]
     return tuple(found)
+
+
+def ignored_structure(mesh: Mesh) -> dict[str, int]:
+    """Cards that may add stiffness, mass or a tie and are not used, with their count."""
+    return {card: count for card, count in mesh.ignored.items() if mesh.effect.get(card) == "structure"}
+
+
+def _lost(card: str) -> str:
+    """What a model lacks without a card."""
+    if card.endswith(("NLGEOM", "LGDISP")):
+        return "the stiffness is that of the part without load, and not that under the preload of this step"
+    if card.endswith("INREL"):
+        return "inertia relief is asked for with mesh.free: true"
+    return "the stiffness, mass or tie it may add is missing"
+
+
+def _ratio_warnings(mesh: Mesh, material: Material) -> list[str]:
+    """Of a Poisson's ratio that locks solids, or is negative, as one of a wrong shear modulus is."""
+    nu = material.poisson_ratio
+    if nu < 0:
+        return [
+            f"{material}: Poisson's ratio is {nu:.4g}: it widens where it is pulled. If E and G state it, ν = E/2G − 1, G is "
+            "not that of the material: a metal has G of 0.38 to 0.4 E"
+        ]
+    if nu > LOCKING and any(
+        material in (mesh.material_of(int(region)), *mesh.layer_materials(int(region)))
+        for block in mesh.blocks
+        for region in np.unique(block.region)
+    ):
+        return [
+            f"{material}: Poisson's ratio is {nu:.10g}: elements of displacements alone lock where a solid hardly changes its "
+            f"volume (K/G is {2 * (1 + nu) / (3 * (1 - 2 * nu)):.3g}); give at most {LOCKING:g}"
+        ]
+    return []
 
 
 def _stiff_cores(mesh: Mesh) -> list[str]:

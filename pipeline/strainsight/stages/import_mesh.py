@@ -10,14 +10,13 @@ import numpy as np
 
 from strainsight.cases.structure.contact import contact_warnings
 from strainsight.cases.structure.early import check_files
-from strainsight.cases.structure.mesh import checked, mesh_of
+from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.cases.structure.references import READS, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.faces import FoundFaces, Imported
 from strainsight.records.grids import vtkhdf_datasets
@@ -68,7 +67,7 @@ def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
     """Sentences for a warning; with ready matrices or results the materials and the unused nodes of the file mean nothing."""
     if config.matrices is not None or config.results is not None:
         return ()
-    return sanity_warnings(mesh, config.length_unit, config.mass_unit, config.free)
+    return model_warnings(mesh, config.length_unit, config.mass_unit, config.free)
 
 
 def _grid(mesh: Mesh) -> VtkHdf:
@@ -84,5 +83,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=12, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=13, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

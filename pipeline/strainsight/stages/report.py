@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=23,
+    version=24,
     reads=(
         "name",
         "seed",

@@ -49,6 +49,7 @@ class Header:
     found     input files found while running (path relative to the config's folder → digest)
     beside    file written beside the artefact → sha256
     seconds   how long the stage took when it was computed [s]; neither part of the key nor of the digest
+    code      digest of the code of the stage (`workflow.code`), "" where none is recorded; no part of them either
     """
 
     stage: str
@@ -61,6 +62,7 @@ class Header:
     found: Mapping[str, str] | None = None
     beside: Mapping[str, str] | None = None
     seconds: float | None = None
+    code: str = ""
 
 
 class Artefact:
@@ -274,6 +276,7 @@ def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
         found=json.loads(attributes["found"]),
         beside=json.loads(attributes["beside"]),
         seconds=float(attributes["seconds"]) if "seconds" in attributes else None,
+        code=str(attributes.get("code", "")),
     )
     return header, str(attributes["digest"]), str(attributes["message"])
 

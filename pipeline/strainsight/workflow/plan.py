@@ -12,6 +12,7 @@ from pydantic import BaseModel
 
 from strainsight.errors import ArtefactError, ConfigError, StrainsightError
 from strainsight.workflow.artefact import Artefact, digest_or_none, file_digest
+from strainsight.workflow.code import code_of
 from strainsight.workflow.slices import canonical, differences, expand, look_up, prune
 from strainsight.workflow.stage import Stage
 
@@ -19,6 +20,8 @@ ESTIMATED, MEASURED = "validate", "simulate"
 """Stages whose artefacts another run starts from: `guess: {from: NAME}`, but for its `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
+OTHER_CODE = "by other code of the same stage version: --force computes it anew"
+"""Of what is up to date by its version, and was not made by the code that is here."""
 
 Locate = Callable[[str], str | None]
 
@@ -47,7 +50,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Status:
-    """Whether a stage is up to date, and if not, every reason."""
+    """Whether a stage is up to date, and if not, every reason; of one that is, that other code of its version made it."""
 
     stage: str
     status: str
@@ -125,7 +128,8 @@ def judge(
     reasons += [f"{_shown(file)} is missing" for key, file in inputs.files.items() if key not in inputs.digests]
     if artefact is None or reasons:
         return Status(stage.name, WILL_RUN, tuple(reasons), path), None
-    return Status(stage.name, UP_TO_DATE, (), path), artefact
+    other = () if artefact.header.code == code_of(stage.run) else (OTHER_CODE,)
+    return Status(stage.name, UP_TO_DATE, other, path), artefact
 
 
 def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finished: Mapping[str, Artefact]) -> list[str]:

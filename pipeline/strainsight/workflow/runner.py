@@ -13,6 +13,7 @@ from pathlib import Path
 from strainsight.errors import StrainsightError
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact, Header, file_digest
+from strainsight.workflow.code import code_of
 from strainsight.workflow.lock import computing, locked
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
 from strainsight.workflow.reuse import reused
@@ -74,7 +75,7 @@ def run(
             status, artefact = judge(stage, job, inputs[stage.name], finished, forced=stage.name in forced)
             if artefact is not None:
                 finished[stage.name] = artefact
-                yield Event(stage.name, UP_TO_DATE, artefact=artefact)
+                yield Event(stage.name, UP_TO_DATE, status.reason, artefact=artefact)
                 continue
             if not checked:
                 checked = True
@@ -138,6 +139,7 @@ def _execute(
         seed=inputs.config.get("seed"),
         found={os.path.relpath(path, job.base): file_digest(Path(path)) for path in output.inputs},
         seconds=seconds,
+        code=code_of(stage.run),
     )
     return write_artefact(job.folder / f"{stage.name}.h5", output, header)
 

@@ -75,6 +75,8 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
         parts.append((_temporary(path, write), path))
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
+            if name in output.records:
+                parts += _former(path.parent / name, content)
             parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
     written.path = path
     for name, digest in gone.items():
@@ -82,6 +84,13 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
             if digest_or_none(path.parent / name) == digest:
                 (path.parent / name).unlink()
     return written
+
+
+def _former(path: Path, content: bytes) -> list[tuple[Path, Path]]:
+    """A copy of a file that other content is about to replace, under a name of its own: what it says may have been built."""
+    old = path.read_bytes() if path.is_file() and not path.is_symlink() else content
+    kept = path.with_name(f"{path.stem}-{hashlib.sha256(old).hexdigest()[:8]}{path.suffix}")
+    return [] if old == content or kept.exists() else [(_temporary(kept, partial(_write_bytes, old)), kept)]
 
 
 def _grid_of(artefact: str, output: Output) -> bytes:
@@ -281,6 +290,8 @@ def _write_header(file: h5py.File, header: Header, message: str) -> None:
         attributes["seed"] = header.seed
     if header.seconds is not None:
         attributes["seconds"] = header.seconds
+    if header.code:
+        attributes["code"] = header.code
     for name in ("config", "upstream", "files", "found", "beside"):
         attributes[name] = canonical(getattr(header, name))
     attributes["message"] = message

@@ -115,6 +115,7 @@ def layout_output(
             "gauges.csv": gauge_csv(listed, found.expected.without, mesh, deck_frame(length_unit)),
             "gauges.unv": uff_text(position, direction, normal, labels).encode(),
         },
+        records=("gauges.csv",),
     )
 
 

@@ -34,6 +34,7 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
     placed = dict(zip(layout_labels(training.name, layout), layout.tolist(), strict=True))
     places = None
     if file is not None:
+        _check_kept(file)
         with blame(KEY):
             places = read_bonded(file)
     found = {}
@@ -49,6 +50,17 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
         if places is not None:
             _check_place(config, key, name, training.candidates, number, places)
     return found
+
+
+def _check_kept(file: Path) -> None:
+    """Raises ConfigError for the gauges.csv of results, which `place` replaces with every layout."""
+    if file.name == "gauges.csv" and (file.parent / "place.h5").is_file():
+        raise ConfigError(
+            f"{file.name} of results is written anew with every layout: it does not say where gauges were bonded",
+            key=KEY,
+            remedy="copy the one by which they were bonded beside the config, and name the copy; former ones stay in the results "
+            "as gauges-….csv",
+        )
 
 
 def place_unknown(name: str) -> ConfigError:

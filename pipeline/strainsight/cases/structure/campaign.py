@@ -27,6 +27,7 @@ from strainsight.cases.structure.forecast import forecast_in_words
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
+from strainsight.cases.structure.out_of_range import out_of_range_in_words
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
@@ -144,6 +145,7 @@ def campaign_of(
         using.notice(forecast)
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
     contradicted = _contradicted(records, judgements)
+    untold = untold or out_of_range_in_words(config, each, found)
     withheld = (f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else "") or untold
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)

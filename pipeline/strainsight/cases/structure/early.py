@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from strainsight.cases.recorded import recorded
+from strainsight.cases.recorded import QUANTITY, recorded
 from strainsight.config.load_cases import CaseLoad
 from strainsight.config.loads import Recorded
 from strainsight.config.placement import PlacementConfig
@@ -22,9 +22,9 @@ def check_files(config: PlacementConfig, base: Path) -> None:
     Raises UserError, with key and file: for a history that is missing, cannot be read or ends before the run; for a channel of a
     gauge that no layout can have, and a record that lacks a channel or has it in another unit.
     """
-    for key, signal, runs in _histories(config):
+    for key, unit, signal, runs in _histories(config):
         path = _there(f"{key}.file", signal.file, base)
-        found = recorded(key, signal, path)
+        found = recorded(key, signal, path, (QUANTITY[unit],))
         first, last = float(found.time[0]), float(found.time[-1])
         slack = TIME_SLACK * (last - first)
         for duration, of in runs.items():
@@ -46,18 +46,24 @@ def _there(key: str, file: str, base: Path) -> Path:
     return path
 
 
-def _histories(config: PlacementConfig) -> Iterator[tuple[str, Recorded, dict[str, float]]]:
-    """Key of every recorded signal, the signal, and the runs that it has to cover: key of the duration → [s]."""
+def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, dict[str, float]]]:
+    """Key of every recorded signal, the unit of its load, the signal, and the runs that it has to cover: key of the duration →
+    [s]."""
     as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
     for name, load in config.loads.items():
         if isinstance(load.signal, Recorded):
-            yield f"loads.{name}.signal", load.signal, as_stated
+            yield f"loads.{name}.signal", load.unit, load.signal, as_stated
     for case, own in (config.place.load_cases or {}).items():
         of = "train.duration" if own.duration is None else f"place.load_cases.{case}.duration"
         for name, entry in own.loads.items():
             if isinstance(entry, CaseLoad) and isinstance(entry.signal, Recorded):
                 key = f"place.load_cases.{case}.loads.{name}.signal"
-                yield key, entry.signal, {of: config.train.duration if own.duration is None else own.duration}
+                yield (
+                    key,
+                    config.loads[name].unit,
+                    entry.signal,
+                    {of: config.train.duration if own.duration is None else own.duration},
+                )
 
 
 def _check_gauges(config: PlacementConfig, base: Path) -> None:

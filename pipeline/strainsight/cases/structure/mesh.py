@@ -18,6 +18,7 @@ from strainsight.errors import ConfigError, DeckError, UserError, blame
 from strainsight.fem.body_forces import with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.hinges import hinge_warnings
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.mass_product import has_mass
 from strainsight.fem.quality import Quality, check_inverted, element_quality
@@ -37,12 +38,15 @@ from strainsight.mesh.additions import (
 )
 from strainsight.mesh.anisotropic import Orientation, constants_fault, orthotropic
 from strainsight.mesh.beam_sides import with_sides
+from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
+from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import without_loose_masses
+from strainsight.mesh.sanity import ignored_structure, sanity_warnings, without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.surface_ties import with_surface_tie
 from strainsight.mesh.suspension import face_springs, node_springs
 
 
@@ -72,6 +76,10 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
         )
         if config.matrices is None and config.results is None:
             mesh = _all_supported(mesh, config.ignore)
+    if config.merge is not None:
+        with blame(f"{key}.merge"):
+            mesh = merged(mesh, config.merge)
+            exterior_facets(mesh)  # so that elements that do not fit together now show here
     # shells and beams that matrices stand for are in them
     mesh = with_sides(with_faces(mesh)) if config.matrices is None else replace(mesh, shells=(), beams=())
     mesh = with_additions(mesh, config, key)
@@ -114,6 +122,7 @@ def checked(
             check_inverted(quality)
         elif config.matrices is None:
             check_mesh(mesh)
+            check_doubled(mesh)
             quality = element_quality(mesh)
             check_inverted(quality)
             weight = mass_properties(mesh)
@@ -124,6 +133,13 @@ def checked(
             check_geometry(mesh)
             quality = element_quality(mesh)
         return weight, quality
+
+
+def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
+    """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, and the
+    rest of `sanity_warnings`."""
+    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(ignored_structure(mesh))
+    return (*sane[:first], *connectivity_warnings(mesh), *hinge_warnings(mesh), *sane[first:])
 
 
 def _with_material(mesh: Mesh, own: Material, name: str) -> Mesh:
@@ -170,6 +186,10 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
     for i, tie in enumerate(config.ties):
         with blame(f"{key}.ties.{i}"):
             nodes = node_indices(mesh, tie.set)
+            if tie.reference is None:  # a surface, see `Tie`
+                onto = node_indices(mesh, str(tie.to))
+                mesh = with_surface_tie(mesh, nodes, onto, tie.within, f"{key}.ties.{i}")
+                continue
             if tie.reference >= LARGEST_ID:
                 what = f"{tie.reference} is too large for the number of a node"
                 raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="give one below 10^12")

@@ -56,6 +56,8 @@ OF_THIN = re.compile(
     r"|BEAM ?SECTION ?OFFSET)"
 )
 """What shells and beams are not the same without."""
+PRELOADED = "*STEP, NLGEOM"
+"""A step of large displacements: what it leaves of preload stiffens or softens what comes after it."""
 BEFORE = "lines before the first keyword"
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
@@ -206,6 +208,9 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
     """Keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not TAKEN.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
+    bent = [k for k in keywords if k.name == "STEP" and k.parameters.get("NLGEOM", "NO").upper() != "NO"]
+    if bent:
+        counted[PRELOADED] += len(bent)
     for type_, count in Counter(assembly.type).items():
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count

@@ -13,11 +13,12 @@ import numpy as np
 from strainsight.decks.effects import ENFORCED, MISSING_END, effects, spelt
 from strainsight.decks.moments import turning_nodes
 from strainsight.decks.nastran.anisotropic import ANISOTROPIC
-from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
+from strainsight.decks.nastran.parameters import count_parameters, mass_scale
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.relations import selected_cards, terms
@@ -65,15 +66,16 @@ TAKEN = {
 }
 STRUCTURAL = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
+    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
 )
 UNSUPPORTED = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BE2GS|TRPLT|SPLINE|JOINT|SSCON)|DMIG|NSM"
+    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
     r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|SPCD|TEMP|(FORCE|MOM|PRES)AX$"
 )
-"""Elements, ties and static loads: what a model is not the same without."""
-_WTMASS = re.compile(r"\s*PARAM[\s,]+WTMASS[\s,=]+([^\s,]+)", re.IGNORECASE)
+"""Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
 CONTROL = re.compile(
-    r"PARAM$|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
+    r"PARAM$|BGPARM|BCTPARM|BCPARA|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
     r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
 )
 
@@ -110,7 +112,7 @@ def read_nastran(
     grids = read_grids(cards, notes, path)
     nodes = grids.nodes
     blocks, elements = read_solids(cards, nodes, grids.position, notes)
-    scale = _mass_scale(deck)
+    scale = mass_scale(deck)
     thin = read_thin(cards, grids, blocks, elements, scale, required, notes)
     if required and not (blocks or thin.shells or thin.beams):
         raise DeckError(
@@ -138,13 +140,13 @@ def read_nastran(
     averaging = averaging_elements(cards, nodes, turning_nodes(rigid, ()) | turning)
     turning |= turning_nodes(rigid, averaging)
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), left_out, ignored)
-    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored, spc)
+    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc)
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
     loads = static_loads(
         {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
     )
-    _count_ignored(deck, ignored)
+    of_parameters = _count_ignored(deck, ignored)
     ignored.update(({ENFORCED: len(enforced)} if enforced else {}) | ({MISSING_END: 1} if cut else {}))
     return Mesh(
         node_ids=nodes.ids,
@@ -170,7 +172,7 @@ def read_nastran(
         element_sets=element_sets,
         loads=loads,
         ignored=dict(sorted(ignored.items())),
-        effect=effects(ignored, STRUCTURAL, CONTROL),
+        effect=effects(ignored, STRUCTURAL, CONTROL) | of_parameters,
         unsupported={name: first[name] for name in sorted(ignored) if name in first and UNSUPPORTED.match(name)}
         | ({ENFORCED: enforced[0]} if enforced else {})
         | ({MISSING_END: deck.last.where} if cut else {}),
@@ -205,30 +207,11 @@ def _unended(deck: Deck, ignore: Sequence[str]) -> list[str]:
     ]
 
 
-def _mass_scale(deck: Deck) -> float:
-    """PARAM WTMASS: the factor that turns the deck's weights into masses, of the bulk data or of the case control.
-
-    Raises DeckError where it is not positive, and where the two, or subcases, state different ones."""
-    found = [card for card in deck.cards.get("PARAM", []) if card.text(0).upper() == "WTMASS"][-1:]
-    for line in deck.case_control:
-        if match := _WTMASS.match(line.text):
-            found.append(Card("PARAM", ["WTMASS", match[1]], line.file, line.number))
-    factors = [card.real(1, "the factor") for card in found]
-    for card, scale in zip(found, factors, strict=True):
-        if scale <= 0:
-            raise card.error(f"the factor is {scale:g}, not positive")
-        if scale != factors[0]:
-            raise card.error(
-                f"the factor is {scale:g}, and {factors[0]:g} at {found[0].where}", "state the one that holds, once"
-            )
-    return factors[0] if factors else 1.0
-
-
-def _count_ignored(deck: Deck, ignored: Counter[str]) -> None:
+def _count_ignored(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
+    """Count what is not imported; the effect of PARAM cards by their names."""
     for name, found in deck.cards.items():
-        if name not in TAKEN:
-            count = len(found) if name != "PARAM" else sum(card.text(0).upper() != "WTMASS" for card in found)
-            if count:
-                ignored[name] += count
+        if name not in TAKEN and name != "PARAM":
+            ignored[name] += len(found)
     if deck.after_end:
         ignored["lines after ENDDATA"] += deck.after_end
+    return count_parameters(deck, ignored)

@@ -30,20 +30,21 @@ def fixed_components(
     nodes: NodeTable,
     permanent: list[tuple[Card, int, str]],
     ignored: Counter[str],
+    notes: list[str],
     chosen: int | None = None,
 ) -> tuple[IntArray, tuple[str, ...]]:
     """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted; and file:line of the
     cards that enforce a displacement, whose components are free here.
 
     chosen: the set that counts. Otherwise the case control selects it; without a selection the only set counts. `ignored` has
-    the cards that the reader was asked to leave out.
+    the cards that the reader was asked to leave out; notes: that a set counts which nothing selects.
     Raises ChoiceError for several selections, and for several sets without one, DeckError for sets and nodes that are not there.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
     enforced: list[str] = []
-    selected = _selected_sets(deck, chosen, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
+    selected = _selected_sets(deck, chosen, notes, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
     for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
@@ -73,7 +74,7 @@ def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[i
     return found
 
 
-def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int]:
+def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
     combined = combined_sets(deck, "SPCADD")
     supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
@@ -115,6 +116,11 @@ def _selected_sets(deck: Deck, wanted: int | None, *, left_out: bool) -> set[int
             sets=tuple(sorted(top)),
         )
     number = next(iter(top), 0)
+    if top and deck.case_control:
+        notes.append(
+            f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds here; "
+            "leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
+        )
     return combined.get(number, {number})
 
 

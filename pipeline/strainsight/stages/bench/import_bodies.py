@@ -6,11 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from strainsight.cases.bench.reduction import flexible
-from strainsight.cases.structure.mesh import checked, mesh_of
+from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
@@ -46,7 +45,7 @@ def run(context: Context[BenchConfig]) -> Output:
         mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
         assert weight is not None
-        warnings = sanity_warnings(deck, body.mesh.length_unit, body.mesh.mass_unit)
+        warnings = model_warnings(deck, body.mesh.length_unit, body.mesh.mass_unit)
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
         ]
@@ -64,7 +63,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=8,
+    version=9,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),

@@ -80,7 +80,7 @@ def _regions(mesh: Mesh) -> list[Row]:
         detail = "no material" if mesh.laminate(region.id) is None else _plies(mesh, region.id)
         if material is not None:
             detail = (
-                f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:g}, "
+                f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:.10g}, "
                 f"rho {material.density:.5g} kg/m³"
             )
         if (shell := mesh.general_shell(region.id)) is not None:

@@ -10,6 +10,7 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.clearance import clearance_warning
+from strainsight.cases.structure.mesh import model_warnings
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.references import on_one_node
 from strainsight.cases.structure.resolution import quiet_noise, unresolved_candidates
@@ -18,7 +19,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import sanity_warnings
 from strainsight.records.placed import Placed
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
@@ -97,7 +97,7 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
     reduced = read(Reduced, up["rom"]) if "rom" in up else None
     ready = None if reduced is None else reduced.results or reduced.matrices
     # what was reduced is held, or free on purpose: else `rom` had ended with an error
-    notes = [f"{text}." for text in (sanity_warnings(mesh, free="rom" in up) if ready is None else ready.notes)]
+    notes = [f"{text}." for text in (model_warnings(mesh, free="rom" in up) if ready is None else ready.notes)]
     notes += [f"{text}." for text in on_one_node(loads, mesh)]
     cards = [card for card in mesh.ignored if mesh.effect.get(card) != "none"]
     if cards:

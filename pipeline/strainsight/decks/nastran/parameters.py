@@ -1,0 +1,99 @@
+"""PARAM cards by name, of the bulk data and of the case control: what each would do to the structure."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+
+from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.errors import DeckError
+
+HONOURED = ("WTMASS",)
+"""Those that count here as in Nastran."""
+SCALES = ("CK1", "CK2", "CK3", "CM1", "CM2", "CB1", "CB2", "CP1", "CP2")
+"""Factors on stiffness, mass, damping and loads: without effect where they are 1."""
+STRUCTURE = (*SCALES, "LGDISP", "INREL")
+"""Those that make the structure another one, or hold it in another way: large displacements, inertia relief."""
+NONE = (
+    *(
+        "POST",
+        "POSTEXT",
+        "PRGPST",
+        "PRTMAXIM",
+        "PRTRESLT",
+        "GRDPNT",
+        "OGEOM",
+        "OUGCORD",
+        "OMAXR",
+        "EXTOUT",
+        "ECHO",
+        "NOCOMPS",
+    ),
+    *(
+        "AUTOSPC",
+        "AUTOSPCR",
+        "EPZERO",
+        "EPPRT",
+        "SPCGEN",
+        "SINGULAR",
+        "MAXRATIO",
+        "BAILOUT",
+        "CHECKOUT",
+        "MESH",
+        "USETPRT",
+    ),
+    *("RESVEC", "RESVINER", "RESVALT", "LFREQ", "HFREQ", "LMODES", "LFREQFL", "HFREQFL", "LMODESFL", "DDRMM", "MODACC"),
+    *("G", "GFL", "W3", "W4", "KDAMP", "ALPHA1", "ALPHA2", "NDAMP", "HYBRID"),
+    *("K6ROT", "SNORM", "COUPMASS", "TINY", "SHIFT1", "AUNITS", "DBALL", "NASPRT", "NEWSEQ", "SOLVE", "UNSYMF", "TABS"),
+)
+"""Output, checks, residual vectors, damping (which the config states), and what elements of another program do within: drilling
+stiffness, normals and lumped masses. Elements here have their own, and mass is consistent."""
+_LINE = re.compile(r"\s*PARAM[\s,]+([A-Z][A-Z0-9]*)[\s,=]+([^\s,$]+)", re.IGNORECASE)
+
+
+def _of_case_control(deck: Deck) -> list[Card]:
+    """PARAM lines of the case control, as cards of a name and a value."""
+    lines = [(line, match) for line in deck.case_control if (match := _LINE.match(line.text))]
+    return [Card("PARAM", [match[1].upper(), match[2]], line.file, line.number) for line, match in lines]
+
+
+def mass_scale(deck: Deck) -> float:
+    """PARAM WTMASS: the factor that turns the deck's weights into masses.
+
+    Raises DeckError where it is not positive, and where bulk data and case control, or subcases, state different ones."""
+    found = _named(deck.cards.get("PARAM", []), "WTMASS")[-1:]  # of the bulk data the last one counts
+    found += _named(_of_case_control(deck), "WTMASS")
+    factors = [card.real(1, "the factor") for card in found]
+    for card, scale in zip(found, factors, strict=True):
+        if scale <= 0:
+            raise card.error(f"the factor is {scale:g}, not positive")
+        if scale != factors[0]:
+            raise card.error(
+                f"the factor is {scale:g}, and {factors[0]:g} at {found[0].where}", "state the one that holds, once"
+            )
+    return factors[0] if factors else 1.0
+
+
+def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
+    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`)."""
+    effect = {}
+    for card in (*deck.cards.get("PARAM", []), *_of_case_control(deck)):
+        name = card.text(0).upper()
+        if name in HONOURED or (name in SCALES and _is(card, 1.0)) or (name in STRUCTURE and _is(card, 0.0)):
+            continue
+        ignored[f"PARAM {name}"] += 1
+        if name in STRUCTURE or name in NONE:
+            effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
+    return effect
+
+
+def _named(cards: Sequence[Card], name: str) -> list[Card]:
+    return [card for card in cards if card.text(0).upper() == name]
+
+
+def _is(card: Card, value: float) -> bool:
+    try:
+        return card.real(1, "the value") == value
+    except DeckError:
+        return False

@@ -1,0 +1,326 @@
+"""What looks joined and is not: nodes in one place, meshes that do not fit together, solids inside of each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError, UserError
+from strainsight.fem.hinges import hinge_warnings
+from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs
+from strainsight.mesh.lying_on import covered
+from strainsight.mesh.merging import merged
+from strainsight.mesh.model import CellBlock, Mesh, Region
+from strainsight.mesh.surface_ties import with_surface_tie
+from strainsight.mesh.thin import BeamBlock, ShellBlock, ShellSection
+
+from ..bodies import E, body, held, moved
+
+
+def both(*meshes):
+    """Meshes side by side in one, with ids of their own."""
+    shift = np.cumsum([0, *(len(mesh.position) for mesh in meshes[:-1])])
+    elements = np.cumsum([0, *(sum(len(block.ids) for block in mesh.blocks) for mesh in meshes[:-1])])
+    blocks = [
+        replace(block, nodes=block.nodes + by, ids=block.ids + after)
+        for mesh, by, after in zip(meshes, shift, elements, strict=True)
+        for block in mesh.blocks
+    ]
+    of_kind = [[block for block in blocks if block.kind == kind] for kind in dict.fromkeys(b.kind for b in blocks)]
+    joined = [
+        CellBlock(
+            own[0].kind, *(np.concatenate([getattr(b, name) for b in own]) for name in ("ids", "nodes", "region"))
+        )
+        for own in of_kind
+    ]
+    x = np.vstack([mesh.position for mesh in meshes])
+    return replace(meshes[0], node_ids=np.arange(1, len(x) + 1), position=x, blocks=tuple(joined))
+
+
+def box(kind="hex8", counts=(2, 2, 2), size=(1.0, 1.0, 1.0), at=(0.0, 0.0, 0.0)):
+    step = np.array(size) / counts
+    return body(kind, counts, lambda *u: np.array(at) + step * u)
+
+
+def plate(counts, size, at=(0.0, 0.0, 0.0), first=1):
+    """Quadrangles in the plane z = 0."""
+    nx, ny = counts
+    x = [np.add(at, (size[0] * i / nx, size[1] * j / ny, 0)) for j in range(ny + 1) for i in range(nx + 1)]
+    rows = [[j * (nx + 1) + i + k for k in (0, 1, nx + 2, nx + 1)] for j in range(ny) for i in range(nx)]
+    m = len(rows)
+    shell = ShellBlock(
+        "quad4", np.arange(first, first + m), np.array(rows), np.ones(m, int), np.zeros(m), np.full((m, 3), np.nan)
+    )
+    return np.array(x, dtype=float), shell
+
+
+def plates(*parts):
+    """A mesh of plates, each with nodes of its own."""
+    x, shells, first = np.zeros((0, 3)), [], 1
+    for counts, size, at in parts:
+        own, shell = plate(counts, size, at, first)
+        shells.append(replace(shell, nodes=shell.nodes + len(x)))
+        x, first = np.vstack([x, own]), first + len(shell.ids)
+    steel = box().materials
+    return Mesh(
+        *(np.arange(1, len(x) + 1), x, (), {1: Region(1, "skin", 1)}, steel, np.zeros((0, 2), dtype=np.int64)),
+        shells=tuple(shells),
+        sections={1: ShellSection(0.01)},
+    )
+
+
+TWO = both(box(), box(at=(1, 0, 0)))
+"""Cubes of eight elements that touch on the face x = 1, nine nodes of each."""
+FACE = np.flatnonzero(TWO.position[:, 0] == 1).reshape(2, 9)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex20", "wedge15", "pyra5"])
+def test_a_sound_mesh_of_any_solid_is_silent(kind):
+    mesh = body(kind, (3, 2, 2), lambda x, y, z: (np.cos(x / 3) * (2 + y), np.sin(x / 3) * (2 + y), z))
+    check_doubled(mesh)
+    assert connectivity_warnings(mesh) == hinge_warnings(mesh) == ()
+    assert not covered(mesh, exterior_facets(mesh)).any()
+
+
+def test_coincident_nodes_that_nothing_joins_are_counted_with_the_distance_that_merges_them():
+    (said,) = connectivity_warnings(TWO)
+    first, second = TWO.node_ids[FACE[:, 0]]
+    assert said.startswith("18 nodes lie in the place of another")
+    assert "mesh.merge: 1e-06" in said
+    assert f"as {first} and {second} at (1, " in said
+    apart = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-5, 0)[:, None] * [1, 0, 0])
+    (said,) = connectivity_warnings(apart)
+    assert "mesh.merge: 0.0001" in said
+    assert len(merged(apart, 1e-4).position) == 45
+    gap = replace(TWO, position=TWO.position + np.where(np.arange(54) > 26, 4e-3, 0)[:, None] * [1, 0, 0])
+    assert connectivity_warnings(gap) == ()
+
+
+def joined_by(way):
+    a, b = FACE
+    n, pairs = len(a), list(zip(a.tolist(), b.tolist(), strict=True))
+    one, zero = np.ones(1), np.zeros(3, dtype=np.int64)
+    if way == "rigid elements":
+        return replace(TWO, rigid=tuple(RigidElement(i, p, np.array([q]), (0, 1, 2)) for i, (p, q) in enumerate(pairs)))
+    if way == "a rigid element of both sides":
+        mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
+        return replace(mesh, rigid=(RigidElement(1, 54, np.concatenate([a, b]), (0, 1, 2)),))
+    if way == "averaging elements":
+        return replace(
+            TWO,
+            averaging=tuple(AveragingElement(i, p, np.array([q]), one, (0, 1, 2)) for i, (p, q) in enumerate(pairs)),
+        )
+    if way == "relations":
+        return replace(
+            TWO,
+            relations=tuple(
+                Relation(i, np.array([p, q]), zero[:2], np.array([1.0, -1.0])) for i, (p, q) in enumerate(pairs)
+            ),
+        )
+    if way == "springs":
+        own = Springs(
+            "CELAS2",
+            np.full(n, 1e6),
+            np.repeat(np.arange(n), 2),
+            np.column_stack([a, b]).ravel(),
+            np.zeros(2 * n, int),
+            np.tile([1.0, -1.0], n),
+        )
+        return replace(TWO, springs=(own,))
+    return held(TWO, TWO.position[:, 0] == 1)
+
+
+@pytest.mark.parametrize(
+    "way",
+    ["rigid elements", "a rigid element of both sides", "averaging elements", "relations", "springs", "a clamp"],
+)
+def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way):
+    mesh = joined_by(way)
+    assert connectivity_warnings(mesh) == ()
+    kept = merged(mesh, 1e-6)
+    assert len(kept.position) == len(mesh.position)
+    assert "joined otherwise" in kept.notes[-1]
+
+
+def test_an_average_over_both_sides_does_not_join_them():
+    mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
+    mesh = replace(mesh, averaging=(AveragingElement(1, 54, FACE.ravel(), np.ones(18), (0, 1, 2)),))
+    assert connectivity_warnings(mesh)[0].startswith("18 nodes")
+    joined = merged(mesh, 1e-6).averaging[0]
+    assert len(joined.nodes) == 9
+    assert (joined.weight == 2).all()
+
+
+def test_a_merged_bar_bends_as_one_of_one_mesh_does():
+    bends = []
+    for mesh in (box(counts=(4, 2, 2), size=(2, 1, 1)), merged(TWO, 1e-6)):
+        force = np.zeros((len(mesh.position), 3))
+        force[mesh.position[:, 0] == 0] = [0, 0, 1e3]
+        u = moved(held(mesh, mesh.position[:, 0] == 2), force).reshape(-1, 3)
+        bends.append(u[mesh.position[:, 0] == 0, 2].mean())
+    assert bends[1] == pytest.approx(bends[0], rel=1e-11)
+
+
+def test_what_names_a_node_that_is_gone_names_the_one_that_stays():
+    a, b = FACE
+    far = int(np.flatnonzero(TWO.position[:, 0] == 2)[0])
+    mesh = held(TWO, np.isin(np.arange(54), b))
+    mesh = replace(
+        mesh,
+        node_sets={"seam": mesh.node_ids[b], "end": mesh.node_ids[[far]]},
+        rigid=(RigidElement(1, far, b[:2], (0, 1, 2)),),
+    )
+    own = merged(mesh, 1e-6)
+    assert own.node_sets["seam"].tolist() == sorted(mesh.node_ids[a].tolist())
+    assert own.node_ids[own.rigid[0].reference] == mesh.node_ids[far]
+    np.testing.assert_allclose(np.unique(own.position[own.fixed[:, 0], 0]), [1.0])
+    assert own.node_ids[own.rigid[0].nodes].tolist() == sorted(mesh.node_ids[a[:2]].tolist())
+    assert "9 nodes became others within 1e-06 m" in own.notes[-1]
+
+
+def test_a_distance_that_collapses_an_element_is_refused_with_the_one_that_does_not():
+    with pytest.raises(UserError, match=r"would lose a node: two of its own are 0\.5 m apart"):
+        merged(TWO, 0.6)
+
+
+def test_nodes_of_different_systems_are_not_made_one():
+    turned = replace(TWO, axes={int(FACE[1, 3]): np.eye(3)[:, [1, 2, 0]]})
+    with pytest.raises(DeckError, match="different displacement systems"):
+        merged(turned, 1e-6)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "hex8", "hex20"])
+def test_the_same_mesh_twice_in_one_place_is_an_error(kind):
+    own = box(kind)
+    with pytest.raises(
+        DeckError, match=rf"elements 1 and {len(own.blocks[0].ids) + 1} \({kind}\) lie in one place"
+    ) as caught:
+        check_doubled(both(own, own))
+    assert "remove one" in caught.value.remedy
+
+
+def test_shells_in_one_place_are_an_error_and_layers_of_one_are_none():
+    part = ((2, 2), (1.0, 1.0), (0, 0, 0))
+    mesh = plates(part, part)
+    with pytest.raises(DeckError, match="quad4"):
+        check_doubled(replace(mesh, shells=(joined_shells(*mesh.shells),)))
+    up = replace(mesh.shells[1], offset=np.full(4, 0.01))
+    check_doubled(replace(mesh, shells=(joined_shells(mesh.shells[0], up),)))
+
+
+def joined_shells(*blocks):
+    names = ("ids", "nodes", "region", "offset", "axis")
+    return ShellBlock("quad4", *(np.concatenate([getattr(b, name) for b in blocks]) for name in names))
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex20"])
+def test_nodes_of_a_fine_mesh_hang_on_a_coarse_one(kind):
+    mesh = both(box(kind, (1, 1, 1)), box(kind, (2, 2, 2), at=(1, 0, 0)))
+    found = {text.split(" nodes ")[1][:40]: int(text.split()[0]) for text in connectivity_warnings(mesh)}
+    on_face = np.unique(mesh.position[mesh.nodes_of_elements][mesh.position[mesh.nodes_of_elements][:, 0] == 1], axis=0)
+    coarse = box(kind, (1, 1, 1)).position
+    at_coarse = len(coarse[coarse[:, 0] == 1])
+    (shared, hanging) = found.values()
+    assert shared == 2 * at_coarse
+    assert hanging == len(on_face) - at_coarse
+
+
+def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
+    two = plates(((1, 1), (1.0, 1.0), (0, 0, 0)), ((2, 2), (1.0, 1.0), (1, 0, 0)))
+    unmerged, hanging = connectivity_warnings(two)
+    assert unmerged.startswith("4 nodes")
+    assert hanging.startswith("a node lies on an element not its own")
+    assert "on element 1 at (1, 0.5, 0)" in hanging
+    (left,) = connectivity_warnings(merged(two, 1e-6))
+    assert left.startswith("a node lies")
+    skin = plates(((2, 1), (1.0, 1.0), (0, 0, 0)))
+    beam = BeamBlock(
+        "beam",
+        np.array([9]),
+        np.array([[0, 2]]),
+        np.array([2]),
+        np.eye(3)[None],
+        np.zeros((1, 2, 3)),
+        np.zeros((1, 2, 6), bool),
+    )
+    (said,) = connectivity_warnings(replace(skin, beams=(beam,)))
+    assert "node lies" in said
+    assert "2 on element 9" in said
+    assert connectivity_warnings(skin) == ()
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8"])
+def test_volumes_that_overlap_are_seen_whatever_nodes_they_have(kind):
+    for other in (
+        box("hex8", (3, 3, 3), at=(0.31, 0.27, 0.4)),
+        box("tet10", (1, 1, 1), (0.4, 0.4, 0.4), (0.27, 0.31, 0.33)),
+    ):
+        (said,) = connectivity_warnings(both(box(kind, (2, 2, 2)), other))
+        assert "volumes that overlap count stiffness and mass twice" in said
+
+
+def test_a_cross_of_two_bars_overlaps_without_a_node_of_one_in_the_other():
+    mesh = both(box(counts=(3, 1, 1), size=(3, 1, 1)), box(counts=(1, 3, 1), size=(0.6, 3, 0.6), at=(1.2, -1, 0.2)))
+    assert any("volumes that overlap" in said for said in connectivity_warnings(mesh))
+
+
+def test_facets_in_a_joint_that_is_not_merged_or_does_not_fit_carry_no_gauge():
+    for mesh in (TWO, both(box(counts=(1, 1, 1)), box("tet4", at=(1, 0, 0)))):
+        facets = exterior_facets(mesh)
+        lie = covered(mesh, facets)
+        inside = [(mesh.position[own[own >= 0], 0] == 1).all() for own in facets.nodes]
+        assert lie.tolist() == inside
+
+
+def test_solids_that_share_an_edge_are_hinged_also_where_both_are_held_and_not_where_they_are_tied():
+    pair = body("hex8", (2, 2, 1), lambda x, y, z: (x, y, z), keep=lambda i, j, k: i == j)
+    pair = held(pair, (pair.position[:, 0] == 0) | (pair.position[:, 0] == 2))
+    (said,) = hinge_warnings(pair)
+    edge = pair.node_ids[(pair.position[:, :2] == 1).all(axis=1)]
+    assert f"nodes {edge[0]}, {edge[1]}:" in said
+    ends = [int(np.flatnonzero((pair.position[:, :2] == at).all(axis=1))[0]) for at in ((1, 0), (2, 1))]
+    tied = replace(pair, rigid=(RigidElement(1, ends[0], np.array(ends[1:]), (0, 1, 2)),))
+    assert hinge_warnings(tied) == ()
+
+
+def tied_bar(coarse, fine):
+    """A cube of one cell and one of eight, tied, and which nodes are where they are tied."""
+    mesh = both(box(coarse, (1, 1, 1)), box(fine, (2, 2, 2), at=(1, 0, 0)))
+    steel = {i: replace(own, poisson_ratio=0.0) for i, own in mesh.materials.items()}
+    at, own = mesh.position[:, 0] == 1, np.arange(len(mesh.position)) < len(box(coarse, (1, 1, 1)).position)
+    mesh = replace(mesh, materials=steel)
+    return with_surface_tie(mesh, np.flatnonzero(at & ~own), np.flatnonzero(at & own), 1e-6, "mesh.ties.0")
+
+
+@pytest.mark.parametrize("coarse", ["tet4", "tet10", "hex8", "hex20", "wedge15"])
+@pytest.mark.parametrize("fine", ["tet4", "hex20"])
+def test_what_is_tied_to_a_surface_follows_every_linear_field_and_hangs_no_more(coarse, fine):
+    mesh = tied_bar(coarse, fine)
+    assert connectivity_warnings(mesh) == ()
+    assert all(own.value[0] == 1 for own in mesh.relations)
+    for field in (np.ones(len(mesh.position)), *mesh.position.T):
+        np.testing.assert_allclose([own.value @ field[own.node] for own in mesh.relations], 0, atol=1e-13)
+
+
+@pytest.mark.parametrize(("fine", "coarse"), [("hex8", "hex8"), ("tet10", "hex20")])
+def test_a_bar_of_two_meshes_that_are_tied_is_stretched_as_one(fine, coarse):
+    mesh = tied_bar(coarse, fine)
+    n, end = len(mesh.position), mesh.position[:, 0] == 2
+    mesh = held(held(mesh, mesh.position[:, 0] == 0), end, (1, 2))
+    lead = RigidElement(1, n, np.flatnonzero(end), (0,))
+    x = np.vstack([mesh.position, [2, 0.5, 0.5]])
+    mesh = replace(mesh, position=x, node_ids=np.arange(1, n + 2), rigid=(lead,))
+    mesh = held(mesh, np.arange(n + 1) == n, (3, 4, 5))
+    force = np.zeros((n + 1, 3))
+    force[-1, 0] = E
+    u = moved(mesh, force).reshape(-1, 3)[:n]
+    np.testing.assert_allclose(u, x[:n] * [1, 0, 0], atol=1e-11)
+
+
+def test_a_node_beside_the_surface_is_refused():
+    with pytest.raises(UserError, match=r"node \d+ does not lie on the surface, not within 0\.1 m"):
+        with_surface_tie(TWO, np.flatnonzero(TWO.position[:, 0] == 2), FACE[0], 0.1, "mesh.ties.0")
