@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.sweep.sweep import serial
-from strainsight.sweep.threads import in_threads, mapped
+from strainsight.sweep.threads import in_threads, mapped, side_by_side
 from strainsight.sweep.where import Where, opened, threads
 
 
@@ -41,3 +41,14 @@ def test_parts_take_the_threads_of_the_sweep_and_their_own_take_none():
         assert threads() == 2
         assert threading.current_thread().name not in mapped(lambda part: threading.current_thread().name, range(4))
         assert mapped(lambda part: (part, threads()), range(4)) == [(0, 1), (1, 1), (2, 1), (3, 1)]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_two_functions_side_by_side(jobs):
+    both = threading.Barrier(jobs, timeout=30)
+    with opened(Where(jobs)):
+        assert side_by_side(lambda: (both.wait(), 3)[1], lambda: (both.wait(), "b")[1]) == (3, "b")
+        with pytest.raises(ZeroDivisionError):
+            side_by_side(lambda: 1 / 0, lambda: [][1])
+        with pytest.raises(IndexError):
+            side_by_side(lambda: 1, lambda: [][1])

@@ -33,3 +33,16 @@ def mapped(function: Callable[[A], B], parts: Iterable[A]) -> list[B]:
         return [function(part) for part in parts]
     with ThreadPoolExecutor(count) as pool:
         return list(pool.map(function, parts))
+
+
+def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
+    """What both return, the first in a thread of its own where there are two; where both fail, the error of the first."""
+    if threads() == 1:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        ahead = pool.submit(first)
+        try:
+            behind = second()
+        finally:
+            found = ahead.result()
+        return found, behind
