@@ -19,8 +19,8 @@ BESIDE = 2
 """Modes that are looked for beside those found."""
 CLOSELY, EXTRA = 1e-10, 2
 """Share of 1/λ to which modes are found from others that are near, and how many of those are taken beside the modes."""
-ROUGHLY = 1e-3
-"""Share of 1/λ to which the modes beside those found are looked for first."""
+ROUGHLY, ROUGH_BASIS = 1e-3, 24
+"""Share of 1/λ to which the modes beside those found are looked for first, and vectors that this may take at a time."""
 REPEATED = 1e-7
 """Values ω² closer to the first of them than this share of it are one frequency."""
 NEARLY = 1e-6
@@ -38,7 +38,7 @@ def modes(
     by: Factorise = factorise,
     near: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M (ARPACK, shift-invert, seeded), repeated beside those found:
+    """The lowest modes, by Lanczos iterations on (K − σM)⁻¹M, seeded, and iterations beside those found:
 
         K φ = ω² M φ,     φᵀMφ = 1,     the largest component of φ positive
 
@@ -50,8 +50,9 @@ def modes(
     are then found, without a shift, with `factorise_free` as factor; by: who factorises where there is no factor. A factor that
     has `lowest` iterates by itself (Krylov and Schur, SLEPc); order, copies and checks are the same. near (n, r): vectors whose
     span holds the modes nearly, as those of other parameters do: block iterations from there take half of the solutions, four
-    at once, and leave |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the norm of M, so that 1/λ is off by the square of that over its distance
-    from the others. What lies beside them is looked for as otherwise.
+    at once. Either way |A⁻¹Mφ − φ/λ| ≤ `CLOSELY`/λ in the norm of M, so that 1/λ is off by the square of that over its distance
+    from the others. Where a copy of a frequency may be missing, or the last one asked for is met again, ARPACK's iterations are
+    repeated beside what they find until nothing is.
 
     Returns frequency (count,) [Hz] ascending and shapes (n, count) [1/√kg].
     Raises UserError for too large a count, for a mechanism (a mode without stiffness) and where the memory is not enough,
@@ -101,7 +102,7 @@ def _lowest(
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
-                found = None if near is None else _from_near(A, M, count, factor, near)
+                found = _iterated(A, M, count, factor, near)
                 if found is not None:
                     return found
                 inverse, shapes = _lanczos(A, M, count, wanted, factor)
@@ -168,8 +169,12 @@ def _lanczos(
     require_memory(8.0 * n * (_basis(wanted) + 3 * wanted), f"{count} modes of {n} unknowns")
     inverse, shapes = _beside(A, M, wanted, factor, np.zeros((n, 0)))
     while True:
-        more, others = _beside(A, M, BESIDE, factor, shapes, ROUGHLY)
-        if (1 + ROUGHLY) * more[0] <= inverse[-1]:
+        if factor.lowest is not None:
+            more, _ = _beside(A, M, BESIDE, factor, shapes, ROUGHLY)
+            lower = (1 + ROUGHLY) * more[0] > inverse[-1]
+        else:
+            lower = not _nothing_beside(M, factor, shapes, inverse[-1])
+        if not lower:
             return inverse, shapes
         more, others = _beside(A, M, BESIDE, factor, shapes)
         if more[0] <= (1 + REPEATED) * inverse[-1]:
@@ -178,28 +183,46 @@ def _lanczos(
         inverse, shapes = np.concatenate([inverse, more])[order], np.hstack([shapes, others])[:, order]
 
 
-def _from_near(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, near: np.ndarray
+def _iterated(
+    A: sparse.csr_array, M: sparse.csr_array, count: int, factor: Factor, near: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """1/λ and φ of the modes and the next one, of which the value alone is needed; None where the span has not enough vectors,
-    and where the next one is, or something beside them may be, as low as the last: `_lanczos` sorts that out."""
-    if factor.lowest is not None or near.shape[1] < count + EXTRA:
+    """1/λ and φ of the modes and the next one, of which the value alone is needed, from modes that are near or from one vector;
+    None where the next one is, or something beside them may be, as low as the last: `_lanczos` sorts that out."""
+    if factor.lowest is not None:
         return None
-    n = A.shape[0]
-    require_memory(8.0 * n * (_blocks(count) + 5 * (count + EXTRA)), f"{count} modes of {n} unknowns")
-    r = near.shape[1]
+    n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
+    most = 3 * (count + EXTRA) + 30 if width == 1 else _blocks(count)
+    require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of {n} unknowns")
     try:
-        Y = eigh(near.T @ (M @ near), near.T @ (A @ near), subset_by_index=(r - count - EXTRA, r - 1))[1]
-        start = _by_fours(factor, M @ (near @ Y))
-        inverse, shapes, left = largest(
-            lambda X: _by_fours(factor, X), M, count, start, _blocks(count), CLOSELY, beside=1
-        )
+        if near is None or width == 1:
+            start = factor.solve(M @ np.random.default_rng(0).standard_normal((n, 1)))
+        else:
+            r = near.shape[1]
+            Y = eigh(near.T @ (M @ near), near.T @ (A @ near), subset_by_index=(r - width, r - 1))[1]
+            start = _by_fours(factor, M @ (near @ Y))
+        inverse, shapes, left = largest(lambda X: _by_fours(factor, X), M, count, start, most, CLOSELY, beside=1)
     except (np.linalg.LinAlgError, NumericalError):
         return None  # they depend on each other, or lead nowhere
     if len(inverse) <= count or inverse[-1] + left[-1] >= (1 - REPEATED) * inverse[count - 1]:
         return None
-    more, _ = _beside(A, M, BESIDE, factor, shapes, ROUGHLY)
-    return (inverse, shapes) if (1 + ROUGHLY) * more[0] <= inverse[count - 1] else None
+    return (inverse, shapes) if _nothing_beside(M, factor, shapes, inverse[count - 1]) else None
+
+
+def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
+    """Whether the largest 1/λ in the complement of shapes (n, k), which are orthonormal in M, is below `last`, by iterations to
+    `ROUGHLY` of it."""
+    weighted = M @ shapes
+
+    def solve(X: np.ndarray) -> np.ndarray:
+        Y = factor.solve(X)
+        return np.asarray(Y - shapes @ (weighted.T @ Y))
+
+    start = solve(M @ np.random.default_rng(1).standard_normal((len(shapes), 1)))
+    try:
+        more, _, _ = largest(solve, M, 1, start, ROUGH_BASIS, ROUGHLY)
+    except (np.linalg.LinAlgError, NumericalError):
+        return False
+    return not len(more) or bool((1 + ROUGHLY) * more[0] <= last)
 
 
 def _blocks(count: int) -> int:

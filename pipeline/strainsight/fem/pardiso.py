@@ -8,6 +8,7 @@ import sys
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,8 @@ def solver_of(kind: int) -> Any:
     from pypardiso import PyPardisoSolver
 
     solver = PyPardisoSolver(mtype=kind)
+    if current_thread() is not main_thread():  # beside others, which share the cores
+        solver.libmkl.MKL_Set_Num_Threads_Local(1)
     if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
         solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
     return solver

@@ -17,6 +17,7 @@ from strainsight.fem.shell_sections import resistance_of, shell_weight
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, nodes_along_beams
+from strainsight.sweep.threads import mapped
 
 CHUNK = 2048
 """Elements at a time; of second-order shells fewer, so that they stay in the cache."""
@@ -92,10 +93,11 @@ def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.cs
     return _sum(_pattern(mesh, _parts(own, density)), _masses(own, density, True)), regions
 
 
-def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Nodes (e, k) and factor × stiffness (e, 6k, 6k) of the elements in these regions, some at a time."""
+def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> list[np.ndarray]:
+    """Factor × stiffness of the elements in these regions, some at a time, as `_blocks`."""
     along = nodes_along_beams(mesh.shells, mesh.beams)
-    for part in _parts(mesh, regions):
+
+    def of_part(part: ShellBlock | BeamBlock) -> np.ndarray:
         x = mesh.position[part.nodes]
         factor = np.array([regions[int(number)] for number in part.region])[:, None, None]
         if isinstance(part, ShellBlock):
@@ -110,12 +112,15 @@ def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[tuple[np.
                 own = curved_beam_stiffnesses(x, part.axes, properties, part.offset, part.ids)
             else:
                 own = beam_stiffnesses(x, part.axes, properties, part.offset, part.released, part.ids)
-        yield part.nodes, factor * own
+        return _blocks(part.nodes, factor * own)
+
+    return mapped(of_part, _parts(mesh, regions))
 
 
-def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Nodes (e, k) and mass (e, 6k, 6k) of the elements in these regions, some at a time."""
-    for part in _parts(mesh, density):
+def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> list[np.ndarray]:
+    """Mass of the elements in these regions, some at a time, as `_blocks`."""
+
+    def of_part(part: ShellBlock | BeamBlock) -> np.ndarray:
         x = mesh.position[part.nodes]
         rho = np.array([density[int(number)] for number in part.region])
         if isinstance(part, ShellBlock):
@@ -133,7 +138,15 @@ def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> It
                 second = np.array([[end.second for end in both] for both in ends])
                 masses = curved_beam_masses if part.kind == "beam3" else beam_masses
                 own = masses(x, part.axes, length, part.offset, part.ids, rho[:, None, None, None] * second)
-        yield part.nodes, own
+        return _blocks(part.nodes, own)
+
+    return mapped(of_part, _parts(mesh, density))
+
+
+def _blocks(nodes: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Matrices (e, 6k, 6k) of elements with nodes (e, k) by pairs of nodes (e k k, 36)."""
+    e, k = nodes.shape
+    return own.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36)
 
 
 def _has_nonstructural(section: Section) -> bool:
@@ -189,13 +202,9 @@ def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
     return Pattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
 
 
-def _sum(pattern: Pattern, parts: Iterator[tuple[np.ndarray, np.ndarray]]) -> sparse.csr_array:
+def _sum(pattern: Pattern, parts: list[np.ndarray]) -> sparse.csr_array:
     """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
-    values = [np.zeros((0, 36))]
-    for nodes, own in parts:
-        e, k = nodes.shape
-        values.append(own.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36))
-    blocks = (pattern.onto @ np.concatenate(values)).reshape(-1, 6, 6)
+    blocks = (pattern.onto @ np.concatenate([np.zeros((0, 36)), *parts])).reshape(-1, 6, 6)
     m = len(pattern.indptr) - 1
     X = sparse.bsr_array((blocks, pattern.columns, pattern.indptr), shape=(6 * m, 6 * m))
     return sparse.csr_array(X.tocsr())

@@ -27,7 +27,7 @@ COHERENCE = 0.01
 """Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A
 constant error weighs as white noise of its variance over all that is averaged: the record for a parameter, less for a load. Where
 such errors are larger than the noise of a gauge, its size hardly changes the layout."""
-AT_A_TIME = 1000
+AT_A_TIME = 4000
 """Gauges whose sensitivities are held in memory."""
 
 

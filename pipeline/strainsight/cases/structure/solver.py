@@ -5,8 +5,12 @@ from __future__ import annotations
 from strainsight.cases.resources import Resources
 from strainsight.config.placement import PlacementConfig
 from strainsight.fem.factorisation import Factorise, factorise
+from strainsight.fem.memory import available_memory
 from strainsight.fem.mpi.session import OverMpi
+from strainsight.processes import peak_memory
 from strainsight.sweep.sweep import Sweep, serial
+from strainsight.sweep.threads import in_threads
+from strainsight.sweep.where import threads
 
 
 def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
@@ -15,5 +19,10 @@ def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
 
 
 def sweep_of(config: PlacementConfig, using: Resources) -> Sweep:
-    """Of samples that are factorised each: one after the other, where every one of them has the processes of MPI."""
-    return using.sweep if config.solver == "direct" else serial
+    """Of samples that are factorised each: in threads, as the solver is compiled and a model is large to send; on a cluster where
+    there is one; one after the other where every one of them has the processes of MPI."""
+    if config.solver != "direct":
+        return serial
+    # of each as much beside what there is as this process has held at most, a factor included
+    fitting = available_memory() / (peak_memory() or 1)
+    return in_threads(min(threads(), max(1, int(fitting)))) if threads() > 1 else using.sweep

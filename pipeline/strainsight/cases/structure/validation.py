@@ -41,6 +41,7 @@ from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
 from strainsight.sweep.sweep import Sweep, watched
+from strainsight.sweep.threads import side_by_side
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,11 @@ def validation_of(
     seed, settings = config.seed, config.validation
     using.progress("truth", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
-    truth = truth_of(config, mesh, spectrum, reduced, training, problem, using)
-    tolerances = tolerated(config, mesh, reduced, training, np.arange(len(training.candidates)))
+    # modes of the whole model are compiled code, what misplaced gauges read is not: each has a core, where there are two
+    truth, tolerances = side_by_side(
+        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
+        lambda: tolerated(config, mesh, reduced, training, np.arange(len(training.candidates))),
+    )
     trial = trial_of(config, problem, truth, tolerances, gauges)
     using.progress("filter", 0.2)
     model = filter_model(problem, trial.chosen, trial.h)

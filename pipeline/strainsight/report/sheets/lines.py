@@ -13,10 +13,13 @@ Point = tuple[int, int]
 
 def joined(segments: FloatArray) -> list[list[tuple[float, float]]]:
     """Segments (s, 2, 2) [mm] as paths through their common ends, each once, without points within a straight line."""
-    grid = np.round(np.asarray(segments, dtype=float) / GRAIN).astype(np.int64).tolist()
-    pairs = {tuple(sorted((tuple(a), tuple(b)))) for a, b in grid if a != b}
+    grid = np.round(np.asarray(segments, dtype=float) / GRAIN).astype(np.int64).reshape(-1, 4)
+    ax, ay, bx, by = grid.T
+    back = (ax > bx) | ((ax == bx) & (ay > by))
+    pairs = np.where(back[:, None], grid[:, [2, 3, 0, 1]], grid)[(ax != bx) | (ay != by)]
     beside: dict[Point, set[Point]] = {}
-    for a, b in sorted(pairs):
+    for x, y, x2, y2 in np.unique(pairs, axis=0).tolist():
+        a, b = (x, y), (x2, y2)
         beside.setdefault(a, set()).add(b)
         beside.setdefault(b, set()).add(a)
     ends = [point for point, others in beside.items() if len(others) != 2]
@@ -41,6 +44,8 @@ def _walk(start: Point, beside: dict[Point, set[Point]]) -> list[Point]:
 
 def _straightened(path: list[Point]) -> list[Point]:
     """Without points that are less than a grain off the line between those that are kept (Douglas and Peucker, 1973)."""
+    if len(path) == 2:
+        return path
     x = np.array(path, dtype=float)
     kept, spans = {0, len(path) - 1}, [(0, len(path) - 1)]
     while spans:

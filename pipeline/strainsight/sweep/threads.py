@@ -1,0 +1,48 @@
+"""A sweep in threads of this process, of tasks whose time is that of compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+from strainsight.sweep.sweep import P, Progress, R, S, Sweep, unwatched
+from strainsight.sweep.where import threads
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+def in_threads(count: int) -> Sweep:
+    """At most `count` at a time: nothing is sent anywhere, and no process has to start."""
+
+    def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
+        found = []
+        with ThreadPoolExecutor(count) as pool:
+            for result in pool.map(lambda point: task(shared, point), points):
+                found.append(result)
+                progress(len(found) / len(points))
+        return found
+
+    return sweep
+
+
+def mapped(function: Callable[[A], B], parts: Iterable[A]) -> list[B]:
+    """[function(part) for part in parts], in as many threads as this process may take."""
+    if (count := threads()) == 1:
+        return [function(part) for part in parts]
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(function, parts))
+
+
+def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
+    """What both return, the first in a thread of its own where there are two; where both fail, the error of the first."""
+    if threads() == 1:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        ahead = pool.submit(first)
+        try:
+            behind = second()
+        finally:
+            found = ahead.result()
+        return found, behind
