@@ -111,8 +111,11 @@ def strains(train: Artefact) -> np.ndarray:
     return np.asarray(train["/coordinate"] @ train["/gauges/row"].T)
 
 
+@cache
 def _of_this_code() -> Path:
-    """The folder of this version of the code, held until the process ends; those that nobody holds are removed."""
+    """The folder of this version of the code, held until the process ends; those that nobody holds are removed.
+
+    Once a process: to read all sources takes a quarter of a second."""
     packages = sorted(f"{package.name} {package.version}" for package in distributions())
     code = hashlib.sha256("\n".join([sys.version, *packages, *map(_content, SOURCES)]).encode())
     own = KEPT / code.hexdigest()[:16]
