@@ -10,7 +10,7 @@ import fcntl
 import hashlib
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import distributions
@@ -93,6 +93,20 @@ def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> di
                 pass
             done.touch()
     return {stage.name: Artefact(job.folder / f"{stage.name}.h5") for stage in stages}
+
+
+def once(name: str, text: str, make: Callable[[Path], None]) -> Path:
+    """The folder that make(folder) fills, by whichever worker comes first; not to be written to. name, text: of what it is made,
+    beside this code."""
+    place = _of_this_code() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    done = place.with_suffix(".done")
+    with _alone(place.with_suffix(".lock")):
+        if not done.exists():
+            shutil.rmtree(place, ignore_errors=True)
+            place.mkdir()
+            make(place)
+            done.touch()
+    return place
 
 
 @contextmanager
