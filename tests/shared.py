@@ -10,7 +10,7 @@ import fcntl
 import hashlib
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import distributions
@@ -95,6 +95,20 @@ def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> di
     return {stage.name: Artefact(job.folder / f"{stage.name}.h5") for stage in stages}
 
 
+def once(name: str, text: str, make: Callable[[Path], None]) -> Path:
+    """The folder that make(folder) fills, by whichever worker comes first; not to be written to. name, text: of what it is made,
+    beside this code."""
+    place = _of_this_code() / f"{name}-{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+    done = place.with_suffix(".done")
+    with _alone(place.with_suffix(".lock")):
+        if not done.exists():
+            shutil.rmtree(place, ignore_errors=True)
+            place.mkdir()
+            make(place)
+            done.touch()
+    return place
+
+
 @contextmanager
 def without_hot_spots() -> Iterator[None]:
     """Placements do not test their gauges for hot spots, where nobody reads of it: half of their time for a few bonded gauges.
@@ -111,8 +125,11 @@ def strains(train: Artefact) -> np.ndarray:
     return np.asarray(train["/coordinate"] @ train["/gauges/row"].T)
 
 
+@cache
 def _of_this_code() -> Path:
-    """The folder of this version of the code, held until the process ends; those that nobody holds are removed."""
+    """The folder of this version of the code, held until the process ends; those that nobody holds are removed.
+
+    Once a process: to read all sources takes a quarter of a second."""
     packages = sorted(f"{package.name} {package.version}" for package in distributions())
     code = hashlib.sha256("\n".join([sys.version, *packages, *map(_content, SOURCES)]).encode())
     own = KEPT / code.hexdigest()[:16]

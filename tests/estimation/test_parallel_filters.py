@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from strainsight.estimation import parallel_filters
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.parallel_filters import advance, filters_of
@@ -50,8 +51,9 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
 
 
-def test_threads_change_no_bit():
+def test_threads_change_no_bit(monkeypatch):
     """Each filter is taken through all samples by one thread."""
+    monkeypatch.setattr(parallel_filters, "APART", 1)
     model = chain(tuple(REFERENCE)[:1])
     own, rng = constants(model), np.random.default_rng(6)
     at = linear_models(model, np.linspace(-0.2, 0.2, 5)[:, None], own)

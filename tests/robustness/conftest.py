@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from ..shared import once
 from .processes import Launcher
 from .small import write_project
 
@@ -26,9 +27,12 @@ def project(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def undisturbed(project, launcher) -> Path:
-    """Results of both that nobody disturbed. Not to be written to."""
-    results = project / "undisturbed"
-    for name in ("beam", "bench"):
-        launcher.start(["run", str(project / f"{name}.yaml"), "--results", str(results)], project / "says")
-        assert launcher.end() == 0, (project / "says").read_text()
-    return results
+    """Results of both that nobody disturbed, the same for all workers. Not to be written to."""
+
+    def make(results: Path) -> None:
+        for name in ("beam", "bench"):
+            launcher.start(["run", str(project / f"{name}.yaml"), "--results", str(results)], project / "says")
+            assert launcher.end() == 0, (project / "says").read_text()
+
+    texts = [path.read_text(encoding="utf-8") for path in sorted(project.iterdir()) if path.suffix in (".yaml", ".bdf", ".csv")]
+    return once("undisturbed", "".join(texts), make)

@@ -85,9 +85,9 @@ def cluster_of(folder: Path, workers: int) -> Iterator[Cluster]:
             process.wait()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def cluster(tmp_path_factory) -> Iterator[Cluster]:
-    """Two workers that no test harms."""
+    """Two workers that no test harms. Of one file: with nothing to do they and their scheduler take a tenth of a core."""
     with cluster_of(tmp_path_factory.mktemp("cluster"), 2) as own:
         yield own
 

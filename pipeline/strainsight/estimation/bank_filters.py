@@ -17,7 +17,7 @@ from strainsight.estimation.conditional import (
     known_ends,
     linear_models,
 )
-from strainsight.estimation.judge import Judge, judge_of, judged
+from strainsight.estimation.judge import FreeLoads, Judge, free_loads, judge_of, judged
 from strainsight.estimation.lattice import one_point
 from strainsight.estimation.linear import LinearModels, joined_models
 from strainsight.estimation.model import FilterModel
@@ -62,6 +62,11 @@ class BankRecord:
     @property
     def steps(self) -> int:
         return len(self.data.known)
+
+    @cached_property
+    def free(self) -> FreeLoads:
+        """What a judge takes for its model."""
+        return free_loads(self.model, self.steps)
 
 
 @dataclass(frozen=True)
@@ -192,7 +197,7 @@ def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, F
     mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
     models, judge = linear_models(own.model, cover.point, own.nuisances, problem.biased), None
     if problem.beside_loads:
-        judge = judge_of(own.model, models, cover.point, mean, covariance, problem.biased, own.steps)
+        judge = judge_of(own.free, models, cover.point, mean, covariance, problem.biased)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
     start = beginning(own.model, models, mean, covariance, own.settled)

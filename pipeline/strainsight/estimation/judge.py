@@ -50,28 +50,44 @@ def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
     return replace(model, Q=Q)
 
 
+@dataclass(frozen=True)
+class FreeLoads:
+    """Models of a record whose unknown loads are free, the same at all points: with all that drives the motion, and `alone` with
+    nothing else that does. Their `process` is worked out once, by a matrix exponential of twice the states."""
+
+    model: FilterModel
+    alone: FilterModel
+
+
+def free_loads(model: FilterModel, steps: int) -> FreeLoads:
+    """Of a record of so many steps."""
+    free, loads = with_free_loads(model, steps), _loads(model)
+    return FreeLoads(free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)))
+
+
+def _loads(model: FilterModel) -> np.ndarray:
+    """Which of x* are states of loads (n*,)."""
+    loads = np.zeros(model.size, dtype=bool)
+    loads[model.input_states] = True
+    return loads
+
+
 def judge_of(
-    model: FilterModel,
+    own: FreeLoads,
     stated: LinearModels,
     point: np.ndarray,
     mean: np.ndarray,
     covariance: np.ndarray,
     biased: np.ndarray,
-    steps: int,
 ) -> Judge:
-    """At points (B, k) before any of so many steps, where the filters of loads as stated have the models `stated`. mean (n,) and
+    """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`. mean (n,) and
     covariance (n, n) of the states of a filter at t = 0; biased as of `linear_models`."""
-    free = with_free_loads(model, steps)
-    Q = free.process[: model.parameter_states.start, : model.parameter_states.start]
-    Q = np.pad(Q, (0, len(biased)))
+    free, states = own.model, own.model.parameter_states.start
+    Q = np.pad(free.process[:states, :states], (0, len(biased)))
     models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
-    loads = np.zeros(model.size, dtype=bool)
-    loads[model.input_states] = True
-    alone = linear_models(
-        replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)), point, no_nuisances(model), biased
-    )
-    own = np.pad(loads[: model.parameter_states.start], (0, len(biased)))
-    start = np.zeros((len(point), len(mean))), np.where(np.outer(own, own), covariance, 0.0)
+    alone = linear_models(own.alone, point, no_nuisances(free), biased)
+    loads = np.pad(_loads(free)[:states], (0, len(biased)))
+    start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return Judge(
         models,
         filters_of(models, *beginning(free, models, mean, covariance, None)),

@@ -45,10 +45,11 @@ class Lattice:
     @cached_property
     def neighbour(self) -> np.ndarray:
         """Of every point the next ones along the axes (B, 2, k), ahead and behind; −1 where there is none."""
-        there = {tuple(z): i for i, z in enumerate(self.node.tolist())}
-        unit = np.eye(self.node.shape[1], dtype=int)
-        found = [[[there.get(tuple(own), -1) for own in (z + s * unit).tolist()] for s in (1, -1)] for z in self.node]
-        return np.array(found, dtype=int).reshape(len(self.node), 2, self.node.shape[1])
+        k = self.node.shape[1]
+        nodes = [tuple(z) for z in self.node.tolist()]
+        there = {z: i for i, z in enumerate(nodes)}
+        found = [there.get((*z[:a], z[a] + s, *z[a + 1 :]), -1) for z in nodes for s in (1, -1) for a in range(k)]
+        return np.array(found, dtype=int).reshape(len(nodes), 2, k)
 
     @property
     def edge(self) -> np.ndarray:

@@ -71,26 +71,28 @@ def _laid(
     lattice = lattice_about(mean, covariance, bank.spacing, radius)
     if other is not None and len(other):
         lattice = lattice.with_nodes(lattice.nearest(other))
-    now, outside = bank.at(lattice, step), 0
+    parts, outside = [bank.at(lattice, step)], 0
     while True:
-        log_weight, edge = now.log_weight, now.cover.edge
+        log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
         heavy = edge & (log_weight > log_weight.max() - bank.depth)
         if not heavy.any():
-            return now
+            return parts[0] if len(parts) == 1 else bank.joined(lattice, parts)
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:
-            centre, covariance = now.cover.point[best], 9 * covariance
+            centre, covariance = lattice.point[best], 9 * covariance
             bank.refuse_lost(centre)
-            now, outside = bank.at(lattice_about(centre, covariance, bank.spacing, radius), step), 0
+            lattice = lattice_about(centre, covariance, bank.spacing, radius)
+            parts, outside = [bank.at(lattice, step)], 0
             continue
-        more = replace(now.cover, node=now.cover.beside(heavy))
-        if len(now.cover.node) + len(more.node) > most:
+        more = replace(lattice, node=lattice.beside(heavy))
+        if len(lattice.node) + len(more.node) > most:
             raise _TooMany(
                 f"the posterior of the parameters spreads over more than {most} points of its lattice",
                 remedy="the measurements hardly distinguish them: estimate fewer, or state a smaller initial standard deviation",
             )
-        now = bank.joined(now.cover.grown(more.node), [now, bank.at(more, step)])
+        lattice = lattice.grown(more.node)
+        parts.append(bank.at(more, step))
 
 
 def next_lattice(bank: Bank[S], now: S) -> S:

@@ -13,6 +13,8 @@ from strainsight.sweep.where import threads
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""
+APART = 2000
+"""Steps of a filter from which another thread pays: it takes as long to start as some hundred of them, microseconds each."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +197,8 @@ def advance(
             ahead,
         )
 
-    spans = [span for span in np.array_split(np.arange(B), threads()) if len(span)]
+    count = min(threads(), max(1, B * L // APART))
+    spans = [span for span in np.array_split(np.arange(B), count) if len(span)]
     if len(spans) == 1:
         part(spans[0])
     else:

@@ -166,7 +166,7 @@ def apply(C: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def transposed(X: np.ndarray) -> np.ndarray:
     """X with its last two axes exchanged."""
-    return np.swapaxes(X, -1, -2)
+    return X.swapaxes(-1, -2)
 
 
 def symmetric(X: np.ndarray) -> np.ndarray:
