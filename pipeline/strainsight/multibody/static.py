@@ -68,7 +68,9 @@ def static_equilibrium(
         if m and size > 0.3 * whole:
             x *= 0.3 * whole / size
         q, lam = q + x / d, z[n:] * s
-        if shift < 1e-10 * stiffness and (size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)):
+        if shift < 1e-10 * stiffness and (
+            size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)
+        ):
             _refuse_free(system, q, lam, u, theta, elastic)
             return q, lam
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from tests.multibody.inverse.benches import bench
 
 from strainsight.multibody.inverse import zeroed
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.zeroed import zero_at_rest
 from strainsight.multibody.static import static_equilibrium
-from tests.multibody.inverse.benches import bench
 
 LOADS = np.array([2e4, -1e4, 1.5e4])
 ALL = np.ones(9, dtype=bool)
@@ -72,5 +72,6 @@ def test_only_so_many_are_remembered_and_only_zeroed_channels_count(loaded, monk
     xi = coordinates.xi(b.theta)
     for k in range(4):
         offset, slopes = zero(xi + 1e-3 * k)
-        assert np.all(offset[:4] != 0) and not offset[4:].any()
+        assert np.all(offset[:4] != 0)
+        assert not offset[4:].any()
         assert not slopes[4:].any()

@@ -109,9 +109,7 @@ def step_responses(
     return phi, 0.5 * (gathered + gathered.T), fed[:, :k], fed[:, k:]
 
 
-def load_process(
-    models: Sequence[InputModel], amplitude: np.ndarray, increment: np.ndarray, h: float
-) -> LoadProcess:
+def load_process(models: Sequence[InputModel], amplitude: np.ndarray, increment: np.ndarray, h: float) -> LoadProcess:
     """Of loads (nu,) by their models; amplitude (nu,) [unit] of all but random walks, increment (nu,) [unit]: σ of the change of
     a random walk in a step of h [s]; of the others not read."""
     A, Q, std, first, at = [], [], [], [], 0
