@@ -35,6 +35,7 @@ PATIENCE = 1.0
 """[s] for the last words."""
 FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
 """What Python says of a full disk without the name of the file."""
+MORE_FILES = "allow more of them at a time (ulimit -n), or give --jobs 1"
 LAST_WORDS: list[Callable[[str], None]] = []
 """What else reports an interrupt, before the process ends; none may wait for anything."""
 
@@ -55,6 +56,8 @@ def failure_of(error: Exception) -> Failure:
     details = "".join(traceback.format_exception(error))
     if isinstance(error, StrainsightError):
         return Failure(error.exit_code, str(error), details if error.exit_code == INTERNAL else "")
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return Failure(USER, f"{error.strerror}\n    {MORE_FILES}", details)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
         return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import os
 import shlex
 import sys
@@ -16,7 +15,7 @@ from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.example import example
-from strainsight_cli.failures import CONTRADICTED, reported, saying
+from strainsight_cli.failures import CONTRADICTED, USER, reported, saying
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -33,6 +32,7 @@ from strainsight_cli.options import (
     Verbose,
 )
 from strainsight_cli.status import show_plan
+from strainsight_cli.surroundings import missing, prepare_streams
 from strainsight_cli.view import figures, view
 from strainsight_cli.work import Work, bring_up_to_date, contradicted, say, show_results
 
@@ -347,10 +347,10 @@ def _bring_up_to_date(
 
 def main() -> None:
     """Console script."""
-    for stream in (sys.stdout, sys.stderr):
-        # A terminal without Greek gets question marks, not a failure at the end of a long run.
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+    prepare_streams()
+    if refused := missing():
+        print(refused, file=sys.stderr)
+        raise SystemExit(USER)
     # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
     sys.warnoptions.append("ignore:resource_tracker")
     app()

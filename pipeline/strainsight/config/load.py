@@ -111,6 +111,8 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     """Data, and the place of every value and of every key."""
+    if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+        raise ConfigError("is not a plain file", where=str(path), remedy="write the config to a file")
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import io
 import json
@@ -141,7 +142,7 @@ def kept_on_disk(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if error.errno is None:
+        if error.errno is None or error.errno in (errno.EMFILE, errno.ENFILE):  # no matter of room
             raise
         raise UserError(
             f"cannot be written: {os.strerror(error.errno)}",

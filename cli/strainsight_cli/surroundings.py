@@ -1,0 +1,39 @@
+"""What a process has to have around it before anything of weight is loaded: streams, a working folder, memory to load into."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+
+LEAST = 1 << 30
+"""[bytes] of address space; the libraries take more than half of it, and OpenBLAS waits for ever for threads that find no room."""
+
+
+def prepare_streams() -> None:
+    """A service may have closed them: what is printed then goes nowhere. A terminal without Greek gets question marks, not a
+    failure at the end of a long run."""
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+
+
+def missing() -> str:
+    """What is not there, with the remedy; empty where all is."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return "the working folder is gone\n    change to a folder that exists"
+    try:
+        import resource
+    except ImportError:  # Windows has no such limits
+        return ""
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST:
+        return (
+            f"the limit of address space is {limit / 2**20:.0f} MiB (ulimit -v), too little to load the libraries\n"
+            f"    at least {LEAST // 2**20} MiB: ulimit -v {LEAST // 1024}, and what the model takes beside it"
+        )
+    return ""
