@@ -7,7 +7,7 @@ import os
 import sys
 
 LEAST = 1 << 30
-"""[bytes] of address space; the libraries take more than half of it, and OpenBLAS waits for ever for threads that find no room."""
+"""[bytes] of address space; the libraries take more than half of it, and OpenBLAS waits for ever for threads without room."""
 
 
 def prepare_streams() -> None:

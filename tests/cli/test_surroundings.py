@@ -35,7 +35,7 @@ def test_a_working_folder_that_is_gone_is_named(tmp_path):
 
 
 @posix
-def test_too_small_a_limit_of_memory_is_said_before_anything_is_loaded(tmp_path):
+def test_too_small_a_limit_of_memory_stops_before_anything_is_loaded(tmp_path):
     done = shell('ulimit -v 300000 && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
     assert "the limit of address space is 293 MiB" in done.stderr
