@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.cases.structure import solver
 from strainsight.sweep import processes
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
@@ -45,18 +46,23 @@ def alone(config) -> dict[str, tuple[str, str]]:
 
 
 def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatch):
-    spread, sent = processes._spread, []
+    spread, sent, in_threads = processes._spread, [], solver.in_threads
 
     def seen(task, points, shared, count, keep):
         sent.append(task.__name__)
         spread(task, points, shared, count, keep)
 
+    def counted(count):
+        sent.append(f"{count} threads")
+        return in_threads(count)
+
     monkeypatch.setattr(processes, "_spread", seen)
+    monkeypatch.setattr(solver, "in_threads", counted)
     done = run(config, "two", "--jobs", "2")
     assert done.exit_code == 0, done.output
     assert artefacts(config, "two") == alone
     # else nothing would have been compared; the pool is solved with the gauges as exact, and with errors of installation
-    assert sent == ["snapshots_at", "snapshots_at", "solved", "solved", "_batch", "_swept"]
+    assert sent == ["2 threads", "solved", "solved", "_batch", "_swept"]
 
 
 @pytest.mark.slow

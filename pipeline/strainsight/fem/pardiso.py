@@ -134,7 +134,9 @@ def solver_of(kind: int) -> Any:
 
 
 def name_mkl() -> None:
-    """Name the MKL library where pip puts it: without that, pypardiso searches the whole environment for every factor (0.3 s)."""
+    """Name the MKL library where pip puts it: without that, pypardiso searches the whole environment for every factor (0.3 s).
+    Threads of MKL are to sleep between calls: they would spin for 0.2 s on cores that NumPy's threads need."""
+    os.environ.setdefault("KMP_BLOCKTIME", "0")
     found = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
     if found:
         os.environ.setdefault("PYPARDISO_MKL_RT", str(found[0]))

@@ -41,7 +41,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 MODES = Stage(
     "modes",
-    version=5,
+    version=6,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -48,7 +48,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ROM = Stage(
     "rom",
-    version=9,
+    version=10,
     reads=(
         "parameters.*.property",
         "parameters.*.region",

@@ -25,7 +25,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 SPECTRUM = Stage(
     "spectrum",
-    version=5,
+    version=6,
     reads=(
         "parameters.*.property",
         "parameters.*.region",
