@@ -18,8 +18,9 @@ LONGEST = (
     "portability/test_portability.py",
     "test_manual.py",
     "stages/test_angle.py",
-    "stages/test_accuracy.py",
     "stages/test_estimate.py",
+    "stages/test_campaign.py",
+    "stages/test_accuracy.py",
 )
 """Files of more than a minute and a half by `--times`, the longest first: one worker takes a file alone."""
 START, END = "start-up", "end of session"

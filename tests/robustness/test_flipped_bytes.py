@@ -89,7 +89,7 @@ def test_a_run_says_so_and_writes_it_anew(project, undisturbed, tmp_path, launch
 def test_whoever_starts_from_another_run_is_refused(project, undisturbed, tmp_path, launcher, words, file):
     results, says = tmp_path / "results", tmp_path / "says"
     shutil.copytree(undisturbed, results)
-    shutil.copytree(project, tmp_path / "project", ignore=lambda folder, names: {"undisturbed"})
+    shutil.copytree(project, tmp_path / "project")
     command, config, *more = words
     guess = PLACEMENT.replace("name: beam", "name: guess").replace("guess: 1.9e+11", "guess: {from: beam}")
     (tmp_path / "project" / "guess.yaml").write_text(guess, encoding="utf-8")
