@@ -20,7 +20,7 @@ def shell(line, folder, *words):
 
 
 @posix
-@pytest.mark.parametrize("closed", ['"$@" >&-', '"$@" 2>&-', '"$@" >&- 2>&-'])
+@pytest.mark.parametrize("closed", ['"$@" >&-', '"$@" <&- >&- 2>&-', '"$@" 2>&-', '"$@" >&- 2>&-'])
 def test_a_process_without_streams_does_its_work(closed, tmp_path):
     assert shell(closed, tmp_path, "schema").returncode == 0
     assert shell(closed, tmp_path, "status", "nothing.yaml").returncode == 2
@@ -31,7 +31,7 @@ def test_a_working_folder_that_is_gone_is_named(tmp_path):
     (tmp_path / "gone").mkdir()
     done = shell('cd gone && rmdir ../gone && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
-    assert done.stderr.startswith("the working folder is gone\n    change to")
+    assert done.stderr.startswith("the working folder is gone, or may not be read\n    change to")
 
 
 @posix
@@ -55,3 +55,13 @@ def test_too_many_open_files_are_no_full_disk():
             failure = failure_of(error)
             assert failure.code == 2
             assert "ulimit -n" in failure.message
+
+
+@posix
+def test_files_do_not_get_the_numbers_of_streams_that_are_closed(tmp_path):
+    """What a library prints on 1 or 2 would go into them."""
+    code = "from strainsight_cli.surroundings import prepare_streams as p; p(); "
+    code += "open('n', 'w').write(str(open('a', 'w').fileno()))"
+    line = f'{sys.executable} -c "{code}" <&- >&- 2>&-'
+    assert subprocess.run(["sh", "-c", line], cwd=tmp_path, timeout=60).returncode == 0
+    assert int((tmp_path / "n").read_text()) > 2

@@ -161,3 +161,21 @@ def test_the_estimate_is_what_the_factor_takes():
     assert size == 64000
     assert announced > 1e8
     assert 0.7 * announced < growth < 1.3 * announced
+
+
+def test_solutions_do_not_depend_on_the_number_of_threads():
+    """Four columns with one thread of MKL and with two, in a process that may have two."""
+    code = """
+import numpy as np
+from tests.fem.test_factorisation import laplacian
+from strainsight.fem.factorisation import factorise
+from strainsight.fem import pardiso
+A, B = laplacian(28), np.random.default_rng(0).standard_normal((28**3, 4))
+library = pardiso.solver_of(pardiso.POSITIVE_DEFINITE).libmkl
+found = []
+for threads in (1, 2):
+    library.MKL_Set_Num_Threads(threads)
+    found.append(factorise(A).solve(B))
+assert np.array_equal(*found), np.abs(found[0] - found[1]).max()
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True, timeout=100)

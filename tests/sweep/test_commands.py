@@ -53,8 +53,11 @@ def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatc
         spread(task, points, shared, count, keep)
 
     def counted(count):
-        sent.append(f"{count} threads")
-        return in_threads(count)
+        def asked():
+            sent.append(f"{count()} threads")
+            return count()
+
+        return in_threads(asked)
 
     monkeypatch.setattr(processes, "_spread", seen)
     monkeypatch.setattr(solver, "in_threads", counted)
@@ -62,7 +65,7 @@ def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatc
     assert done.exit_code == 0, done.output
     assert artefacts(config, "two") == alone
     # else nothing would have been compared; the pool is solved with the gauges as exact, and with errors of installation
-    assert sent == ["2 threads", "solved", "solved", "_batch", "_swept"]
+    assert sent == ["2 threads", "2 threads", "solved", "solved", "_batch", "_swept"]
 
 
 @pytest.mark.slow

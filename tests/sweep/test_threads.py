@@ -18,20 +18,20 @@ def scaled(shared, point):
 
 def test_two_threads_find_the_same_bits_in_the_same_order():
     matrix, points, shares = np.random.default_rng(0).standard_normal((20, 30)), list(range(7)), []
-    found = in_threads(2)(scaled, points, matrix, shares.append)
+    found = in_threads(lambda: 2)(scaled, points, matrix, shares.append)
     assert np.array_equal(found, serial(scaled, points, matrix))
     assert shares == pytest.approx(np.arange(1, 8) / 7)
-    assert in_threads(2)(scaled, [], matrix) == []
+    assert in_threads(lambda: 2)(scaled, [], matrix) == []
 
 
 def test_two_at_a_time():
     both = threading.Barrier(2, timeout=30)
-    assert in_threads(2)(lambda shared, point: both.wait() is not None, range(4), None) == [True] * 4
+    assert in_threads(lambda: 2)(lambda shared, point: both.wait() is not None, range(4), None) == [True] * 4
 
 
 def test_what_goes_wrong_in_one_is_raised():
     with pytest.raises(ZeroDivisionError):
-        in_threads(2)(lambda shared, point: shared / point, [1.0, 0, 2.0], 1)
+        in_threads(lambda: 2)(lambda shared, point: shared / point, [1.0, 0, 2.0], 1)
 
 
 def test_parts_take_the_threads_of_the_sweep_and_their_own_take_none():

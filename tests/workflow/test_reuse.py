@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,17 @@ def test_an_artefact_is_one_file_and_what_people_edit_is_a_copy(results):
         stream.write("mine")
     assert (results / "first" / "page.html").read_bytes() == b"<html>"
     assert {path.name for path in (results / "second").iterdir()} == {"look.h5", "page.html"}
+
+
+def test_a_record_stays_where_another_runs_takes_its_place(results):
+    """What a file said may have been built, whoever made the next one."""
+    record = replace(stage(), records=("page.html",))
+    (results / "mine").mkdir()
+    (results / "mine" / "page.html").write_bytes(b"built by")
+    (*_, event) = run((record,), job_of(results, "mine"))
+    assert event.artefact.source == "first"
+    assert (results / "mine" / "page.html").read_bytes() == b"<html>"
+    assert [path.read_bytes() for path in (results / "mine").glob("page-*.html")] == [b"built by"]
 
 
 def test_a_link_is_followed_to_the_file(results):

@@ -83,8 +83,8 @@ def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp
 def test_a_record_that_another_takes_the_place_of_stays_beside_it(tmp_path):
     """What gauges.csv said may have been bonded."""
     for content in (b"one", b"one", b"two", b"one"):
-        made = output(files={"gauges.csv": content}, records=("gauges.csv",))
-        write_artefact(tmp_path / "place.h5", made, HEADER)
+        made = output(files={"gauges.csv": content})
+        write_artefact(tmp_path / "place.h5", made, HEADER, records=("gauges.csv",))
         assert (tmp_path / "gauges.csv").read_bytes() == content
     kept = {path.read_bytes() for path in tmp_path.glob("gauges-*.csv")}
     assert kept == {b"one", b"two"}

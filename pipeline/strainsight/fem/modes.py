@@ -23,6 +23,8 @@ ROUGHLY, ROUGH_BASIS = 1e-3, 24
 """Share of 1/λ to which the modes beside those found are looked for first, and vectors that this may take at a time."""
 REPEATED = 1e-7
 """Values ω² closer to the first of them than this share of it are one frequency."""
+SINGLY = 60
+"""Modes up to which vectors are iterated one at a time: the small problem after each of them costs more than ARPACK beyond."""
 NEARLY = 1e-6
 """Components that differ by less than this share are equally large: symmetry makes them so, and the first counts."""
 
@@ -188,7 +190,7 @@ def _iterated(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """1/λ and φ of the modes and the next one, of which the value alone is needed, from modes that are near or from one vector;
     None where the next one is, or something beside them may be, as low as the last: `_lanczos` sorts that out."""
-    if factor.lowest is not None:
+    if factor.lowest is not None or (near is None and count > SINGLY):
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
     most = 3 * (count + EXTRA) + 30 if width == 1 else _blocks(count)

@@ -67,7 +67,8 @@ def factorised(
 def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
     """One phase: (phase, B, X) with B, X (n, r) in columns, X written. Raises the errors of `pardiso`.
 
-    pypardiso's own compares the matrix with its copy before each solve, or copies all its indices.
+    pypardiso's own compares the matrix with its copy before each solve, or copies all its indices. Solutions are found by one
+    thread: of several columns their last bits depend on how many there are, and more were no faster.
     """
     size = upper.shape[0]
     row, column = (np.ascontiguousarray(index, dtype=np.int32) for index in (upper.indptr, upper.indices))
@@ -77,7 +78,8 @@ def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray
         return values.ctypes.data_as(ctypes.POINTER(ctypes.c_int32))
 
     def call(phase: int, B: np.ndarray, X: np.ndarray) -> None:
-        code = ctypes.c_int32(0)
+        code, library = ctypes.c_int32(0), solver.libmkl
+        before = library.MKL_Set_Num_Threads_Local(1) if phase == SOLVE else 0
         solver._mkl_pardiso(
             solver.pt.ctypes.data_as(ctypes.POINTER(solver._pt_type[0])),
             one,
@@ -96,6 +98,8 @@ def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray
             X.ctypes.data_as(ctypes.c_void_p),
             ctypes.byref(code),
         )
+        if phase == SOLVE:
+            library.MKL_Set_Num_Threads_Local(before)
         if code.value:
             raise _failure(code.value, phase, size)
 

@@ -52,4 +52,5 @@ PLACE = Stage(
     upstream=("import", "rom", "train", "screen"),
     files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
     run=run,
+    records=("gauges.csv",),
 )

@@ -13,12 +13,12 @@ A = TypeVar("A")
 B = TypeVar("B")
 
 
-def in_threads(count: int) -> Sweep:
-    """At most `count` at a time: nothing is sent anywhere, and no process has to start."""
+def in_threads(count: Callable[[], int]) -> Sweep:
+    """At most count() at a time, asked when a sweep begins: nothing is sent anywhere, and no process has to start."""
 
     def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
         found = []
-        with ThreadPoolExecutor(count) as pool:
+        with ThreadPoolExecutor(count()) as pool:
             for result in pool.map(lambda point: task(shared, point), points):
                 found.append(result)
                 progress(len(found) / len(points))

@@ -47,7 +47,6 @@ class Output:
     tables      printed at the end of `run`
     attributes  group or dataset path → attributes; under /VTKHDF they are written exactly as given
     files       file name → content, written beside the artefact ("report.html")
-    records     those of the files whose former content stays beside it as NAME-digits.csv where another one takes its place
     inputs      files the stage found while running beside its declared ones (a deck's INCLUDEs): a change runs it again
     """
 
@@ -57,5 +56,4 @@ class Output:
     tables: tuple[Table, ...] = ()
     attributes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     files: Mapping[str, bytes] = field(default_factory=dict)
-    records: tuple[str, ...] = ()
     inputs: tuple[Path, ...] = ()

@@ -11,7 +11,7 @@ from strainsight.errors import ArtefactError
 from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of, sha256_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
-from strainsight.workflow.store import TEMPORARY, named_together
+from strainsight.workflow.store import TEMPORARY, former, named_together
 
 
 def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
@@ -28,7 +28,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
             found = (header.found or {}).items()
             if header.key != key or any(digest_or_none(job.base / name) != digest for name, digest in found):
                 continue
-            taken = _taken(path, job.folder, header)
+            taken = _taken(path, job.folder, header, stage.records)
         except (ArtefactError, OSError):  # damaged, or replaced by its run at this moment
             continue
         taken.source = path.parent.name
@@ -36,8 +36,9 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
     return None
 
 
-def _taken(source: Path, folder: Path, header: Header) -> Artefact:
-    """The artefact of that header and what lies beside it, under their names only once all is here and was checked here."""
+def _taken(source: Path, folder: Path, header: Header, records: tuple[str, ...]) -> Artefact:
+    """The artefact of that header and what lies beside it, under their names only once all is here and was checked here. What
+    records said before stays."""
     folder.mkdir(parents=True, exist_ok=True)
     with named_together() as parts:
         parts.append((_part(source, folder), folder / source.name))
@@ -48,6 +49,8 @@ def _taken(source: Path, folder: Path, header: Header) -> Artefact:
             parts.append((_part(source.parent / name, folder), folder / name))
             if Path(name).name != name or sha256_of(parts[-1][0]) != digest:
                 raise ArtefactError(f"{name} beside it was altered", where=str(source))
+            if name in records:
+                parts += former(folder / name, parts[-1][0].read_bytes())
     own.path = folder / source.name
     return own
 

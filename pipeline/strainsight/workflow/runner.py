@@ -141,7 +141,7 @@ def _execute(
         seconds=seconds,
         code=code_of(stage.run),
     )
-    return write_artefact(job.folder / f"{stage.name}.h5", output, header)
+    return write_artefact(job.folder / f"{stage.name}.h5", output, header, stage.records)
 
 
 @contextmanager

@@ -51,6 +51,8 @@ class Stage:
               that the config lacks are passed over. A plain name under a key `from` stands for
               results/<that name>/validate.h5, or that of the stage beside it, under `measured.from` for its simulate.h5
     run       the function; of a config of its own kind, which pipelines of other kinds need not know
+    records   those of the files beside the artefact whose former content stays there, as NAME-digits.csv, where another one
+              takes its place
     check     refuses what can be seen to be wrong before anything runs, whichever stage will: of the whole config model and the
               folder that its paths start from. It enters no result, so that it may look at everything
     """
@@ -62,3 +64,4 @@ class Stage:
     files: tuple[str, ...]
     run: Callable[[Context[Any]], Output]
     check: Callable[[Any, Path], None] | None = None
+    records: tuple[str, ...] = ()

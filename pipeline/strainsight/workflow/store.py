@@ -42,7 +42,7 @@ TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the ne
 RAW = "/VTKHDF"
 
 
-def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
+def write_artefact(path: Path, output: Output, header: Header, records: tuple[str, ...] = ()) -> Artefact:
     """Write `output` to `path`, read back and verified before it gets that name.
 
     A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
@@ -50,7 +50,7 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     beside it and the new has not is removed, where nobody has altered it.
 
     Raises UserError for a disk that is full, or does not let itself be written to; ValueError for an Output that breaks the
-    rules: object arrays, a dataset without unit, a scale that is not there.
+    rules: object arrays, a dataset without unit, a scale that is not there. records: of the stage.
     """
     _check(output)
     if any(map(_raw, output.datasets)):
@@ -76,8 +76,8 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
         parts.append((_temporary(path, write), path))
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
-            if name in output.records:
-                parts += _former(path.parent / name, content)
+            if name in records:
+                parts += former(path.parent / name, content)
             parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
     written.path = path
     for name, digest in gone.items():
@@ -87,7 +87,7 @@ def write_artefact(path: Path, output: Output, header: Header) -> Artefact:
     return written
 
 
-def _former(path: Path, content: bytes) -> list[tuple[Path, Path]]:
+def former(path: Path, content: bytes) -> list[tuple[Path, Path]]:
     """A copy of a file that other content is about to replace, under a name of its own: what it says may have been built."""
     old = path.read_bytes() if path.is_file() and not path.is_symlink() else content
     kept = path.with_name(f"{path.stem}-{hashlib.sha256(old).hexdigest()[:8]}{path.suffix}")

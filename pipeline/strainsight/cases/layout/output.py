@@ -115,7 +115,6 @@ def layout_output(
             "gauges.csv": gauge_csv(listed, found.expected.without, mesh, deck_frame(length_unit)),
             "gauges.unv": uff_text(position, direction, normal, labels).encode(),
         },
-        records=("gauges.csv",),
     )
 
 

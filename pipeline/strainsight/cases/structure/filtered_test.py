@@ -93,9 +93,9 @@ class Filtered:
     bank: BankRun | None
 
     def without_sigma(self) -> Filtered:
-        """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
+        """NaN for σ and covariance, so that what is computed from them is NaN; other filters are not compared by theirs."""
         run = replace(self.run, std=np.nan * self.run.std)
-        return replace(self, run=run, smoothed=self.smoothed.without_sigma())
+        return replace(self, run=run, smoothed=self.smoothed.without_sigma(), compared=None)
 
 
 Wants = Callable[[Filtering, FilterRun], Wanted]

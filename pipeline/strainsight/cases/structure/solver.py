@@ -23,6 +23,10 @@ def sweep_of(config: PlacementConfig, using: Resources) -> Sweep:
     there is one; one after the other where every one of them has the processes of MPI."""
     if config.solver != "direct":
         return serial
-    # of each as much beside what there is as this process has held at most, a factor included
-    fitting = available_memory() / (peak_memory() or 1)
-    return in_threads(min(threads(), max(1, int(fitting)))) if threads() > 1 else using.sweep
+    return in_threads(_fitting) if threads() > 1 else using.sweep
+
+
+def _fitting() -> int:
+    """How many at a time: of each as much beside what there is as this process has held at most, a factor included, as the
+    reference is factorised before a sweep begins."""
+    return min(threads(), max(1, int(available_memory() / (peak_memory() or 1))))

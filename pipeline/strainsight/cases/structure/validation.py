@@ -86,10 +86,10 @@ def validation_of(
     seed, settings = config.seed, config.validation
     using.progress("truth", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
-    # modes of the whole model are compiled code, what misplaced gauges read is not: each has a core, where there are two
-    truth, tolerances = side_by_side(
-        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
+    # modes of the whole model are compiled code, which has all cores in the main thread alone; what misplaced gauges read is not
+    tolerances, truth = side_by_side(
         lambda: tolerated(config, mesh, reduced, training, np.arange(len(training.candidates))),
+        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
     )
     trial = trial_of(config, problem, truth, tolerances, gauges)
     using.progress("filter", 0.2)

@@ -15,7 +15,6 @@ from strainsight.multibody.system import System
 
 Zero = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 REMEMBERED = 64
-TINY = float(np.finfo(float).tiny)
 
 
 def zero_at_rest(
@@ -41,9 +40,8 @@ def zero_at_rest(
         if key not in answers:
             theta, by_xi = coordinates.theta(xi)
             if answers:
-                known = [own for own, _, _ in answers.values()]
-                away = [float(np.max(np.abs(own.theta - theta) / (np.abs(theta) + TINY), initial=0.0)) for own in known]
-                rest = followed(system, known[int(np.argmin(away))], u, theta)
+                near = min(answers, key=lambda known: float(np.abs(np.frombuffer(known) - xi).max(initial=0.0)))
+                rest = followed(system, answers[near][0], u, theta)
             else:
                 rest = rest_at(system, q, u, theta)
             y, H, _ = sensors.read(rest.q, still, at_rest(system, u))

@@ -62,7 +62,7 @@ def run(context: Context[BenchConfig]) -> Output:
     found, summary = result.found, _summary(estimate, own, result)
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
-    late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * len(own.trial.noise)
+    late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
     warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
     warnings = [*own.notes, *warned, *_disagreements(estimate, own)]
     units = dataset_units(config, load_units(config, found.inputs))

@@ -56,6 +56,7 @@ PLACE = Stage(
     upstream=("import", "reduce"),
     files=HISTORIES,
     run=run,
+    records=("gauges.csv",),
 )
 
 BESIDE_PARAMETERS = ("estimate.duration", "estimate.sensors", "simulate.duration", "simulate.start", "sensors")

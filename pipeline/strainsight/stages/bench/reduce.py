@@ -35,7 +35,7 @@ def _table(name: str, own: Reduction) -> Table:
 
 REDUCE = Stage(
     "reduce",
-    version=6,
+    version=7,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",

@@ -37,7 +37,7 @@ def truth_stage(duration: bool) -> Stage:
     lengths = () if duration else ("estimate.duration", "simulate.duration")
     return Stage(
         "truth",
-        version=1,
+        version=2,
         reads=("seed", "bodies", "frames", "joints", "bearings", "forces", *own, *lengths, *STARTS),
         upstream=("import", "reduce"),
         files=HISTORIES,

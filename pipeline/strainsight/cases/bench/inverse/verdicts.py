@@ -64,6 +64,11 @@ def warnings_of(
         yield (
             f"innovations are {np.sqrt(max(nis, 1 / nis)):.3g} times {off} than the filter claims: its model is not the bench, "
             f"or increments, disturbance or noise are too {noises}"
+            + (
+                "; what gauges are off (estimate.tolerances) is in σ, and not in this claim"
+                if estimate.tolerances
+                else ""
+            )
         )
     if estimate.measured is not None:
         for name in estimate.sensors:
