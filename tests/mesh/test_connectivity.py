@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError, UserError
+from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.hinges import hinge_warnings
+from strainsight.fem.support import rigid_motions
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.lying_on import covered
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import CellBlock, Mesh, Region
+from strainsight.mesh.projection import nearest
 from strainsight.mesh.surface_ties import with_surface_tie
 from strainsight.mesh.thin import BeamBlock, ShellBlock, ShellSection
 
@@ -84,6 +88,57 @@ def test_a_sound_mesh_of_any_solid_is_silent(kind):
     check_doubled(mesh)
     assert connectivity_warnings(mesh) == hinge_warnings(mesh) == ()
     assert not covered(mesh, exterior_facets(mesh)).any()
+
+
+def bent(kind, counts, inner, outer, arc=2 * np.pi, turn=0.0):
+    """Cells around, between two radii [m], and along, each 20 mm high."""
+
+    def chart(x, y, z):
+        r, angle = inner + (outer - inner) * y / counts[1], turn - arc * x / counts[0]
+        return r * np.cos(angle), r * np.sin(angle), 0.02 * z
+
+    return body(kind, counts, chart)
+
+
+@pytest.mark.parametrize(("kind", "around", "thick"), [("hex20", 4, 2e-3), ("tet10", 8, 1e-3), ("hex8", 4, 2e-5)])
+def test_a_thin_tube_does_not_lie_on_its_own_other_side(kind, around, thick):
+    mesh = bent(kind, (around, 1, 2), 0.1, 0.1 + thick, arc=np.pi / 2)
+    assert connectivity_warnings(mesh) == ()
+    assert not covered(mesh, exterior_facets(mesh)).any()
+
+
+def pin_and_bush(clearance):
+    """In a bush of 50 mm, 16 elements around each, turned against each other."""
+    return both(
+        merged(bent("hex20", (16, 1, 2), 0.05 + clearance, 0.06), 1e-9),
+        merged(bent("hex20", (16, 1, 2), 0.03, 0.05, turn=0.11), 1e-9),
+    )
+
+
+@pytest.mark.parametrize("clearance", [2e-4, 1e-3])
+def test_a_pin_with_clearance_neither_touches_its_bush_nor_overlaps_it(clearance):
+    mesh = pin_and_bush(clearance)
+    assert connectivity_warnings(mesh) == ()
+    assert not covered(mesh, exterior_facets(mesh)).any()
+
+
+def test_a_pin_without_clearance_touches_its_bush_and_a_thicker_one_overlaps_it():
+    mesh = pin_and_bush(0.0)
+    facets = exterior_facets(mesh)
+    radius = np.hypot(*mesh.position[:, :2].T)
+    meets = [np.allclose(radius[own[own >= 0]], 0.05) for own in facets.nodes]
+    assert covered(mesh, facets).tolist() == meets
+    (said,) = connectivity_warnings(mesh)
+    assert "lie on elements that are not theirs" in said
+    assert any("volumes that overlap" in said for said in connectivity_warnings(pin_and_bush(-3e-3)))
+
+
+def test_facets_of_a_slit_are_covered_up_to_its_end():
+    end = np.flatnonzero((TWO.position[:, :2] == [1, 0]).all(axis=1)).reshape(2, 3)
+    stays, block = np.arange(len(TWO.position)), TWO.blocks[0]
+    stays[end[1]] = end[0]
+    slit = replace(TWO, blocks=(replace(block, nodes=stays[block.nodes]),))
+    assert covered(slit, exterior_facets(slit)).sum() == 8
 
 
 def test_coincident_nodes_that_nothing_joins_are_counted_with_the_distance_that_merges_them():
@@ -212,6 +267,18 @@ def test_shells_in_one_place_are_an_error_and_layers_of_one_are_none():
     check_doubled(replace(mesh, shells=(joined_shells(mesh.shells[0], up),)))
 
 
+def test_shells_in_one_place_that_are_fastened_at_their_corners_are_a_warning_and_no_error():
+    part = ((4, 4), (1.0, 1.0), (0, 0, 0))
+    mesh = plates(part, part)
+    mesh = replace(mesh, shells=(joined_shells(*mesh.shells),))
+    fasteners = tuple(RigidElement(i, k, np.array([k + 25]), tuple(range(6))) for i, k in enumerate((0, 4, 20, 24)))
+    check_doubled(replace(mesh, rigid=fasteners))
+    said = connectivity_warnings(replace(mesh, rigid=fasteners))
+    assert "11 more pairs lie in one place, with nodes of their own, and are joined elsewhere only" in said[1]
+    with pytest.raises(DeckError, match="lie in one place"):
+        check_doubled(held(mesh, mesh.position[:, 0] == 0))
+
+
 def joined_shells(*blocks):
     names = ("ids", "nodes", "region", "offset", "axis")
     return ShellBlock("quad4", *(np.concatenate([getattr(b, name) for b in blocks]) for name in names))
@@ -304,6 +371,48 @@ def test_what_is_tied_to_a_surface_follows_every_linear_field_and_hangs_no_more(
     assert all(own.value[0] == 1 for own in mesh.relations)
     for field in (np.ones(len(mesh.position)), *mesh.position.T):
         np.testing.assert_allclose([own.value @ field[own.node] for own in mesh.relations], 0, atol=1e-13)
+
+
+def tied_over(gap, kind="hex8", chart=lambda x, y, z: (x, y, z)):
+    """A block of eight cells and one of 27, a gap [m] above it, tied."""
+    mesh = both(box(kind), box(kind, (3, 3, 3), at=(0, 0, 1 + gap)))
+    z, first = mesh.position[:, 2], np.arange(len(mesh.position)) < len(box(kind).position)
+    fine, coarse = np.flatnonzero(~first & (z == z[~first].min())), np.flatnonzero(first & (z == 1))
+    return with_surface_tie(replace(mesh, position=np.array(chart(*mesh.position.T)).T), fine, coarse, 0.1, "t")
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-8, 1e-4])
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
+def test_a_tie_over_a_gap_follows_every_rigid_motion(gap, kind):
+    def dome(x, y, z):
+        return x + 0.1 * y * z, y, z - 0.2 * x**2 + 0.1 * x * y
+
+    mesh = tied_over(gap, kind, dome)
+    x = mesh.position
+    for axis in np.eye(3):
+        for u in (np.broadcast_to(axis, x.shape), np.cross(axis, x)):
+            np.testing.assert_allclose(
+                [own.value @ u[own.node, own.component] for own in mesh.relations], 0, atol=1e-12
+            )
+
+
+def test_blocks_that_are_tied_over_a_gap_are_one_free_structure():
+    mesh = tied_over(1e-8)
+    assert rigid_motions(mesh, constraint_transform(mesh)).shape[1] == 6
+
+
+@pytest.mark.parametrize("code", range(len(FACETS)))
+def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
+    kind = FACETS[code]
+    nodes = np.column_stack([kind.nodes, 0.2 * kind.nodes[:, 0] ** 2 + 0.1 * kind.nodes[:, 0] * kind.nodes[:, 1]])[None]
+    xi = np.array([[0.3, 0.1], [0.2, 0.6], [1.0, 0.0]])
+    N, dN = kind.functions(xi)
+    on, slopes = N @ nodes[0], np.einsum("mad,ac->mdc", dN, nodes[0])
+    n = np.cross(slopes[:, 0], slopes[:, 1])
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    feet = nearest(code, np.repeat(nodes, 3, axis=0), on + [[0.0], [1e-3], [-1e-2]] * n)
+    np.testing.assert_allclose(feet.x, on, atol=1e-12)
+    np.testing.assert_allclose(feet.apart, [0.0, 1e-3, 1e-2], atol=1e-12)
 
 
 @pytest.mark.parametrize(("fine", "coarse"), [("hex8", "hex8"), ("tet10", "hex20")])

@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.mesh.lying_on import Met, hanging, inside, patches
+from strainsight.mesh.lying_on import Met, hanging, inside
 from strainsight.mesh.model import FloatArray, Mesh
-from strainsight.mesh.unjoined import Coincident, Joints, doubled
+from strainsight.mesh.patches import patches
+from strainsight.mesh.unjoined import Coincident, Doubled, Joints, doubled
 
 
 def check_doubled(mesh: Mesh) -> None:
-    """Raise DeckError for solids and shells that lie in one place with another that nothing joins them to."""
-    coincident = Coincident(mesh, Joints(mesh))
-    for kind, first, second, count in doubled(mesh, coincident):
-        more = f", and so do {count - 1} others" if count > 1 else ""
+    """Raise DeckError for solids and shells that lie in one place with another, of a part that nothing joins to theirs."""
+    joints = Joints(mesh)
+    for own in doubled(mesh, joints, Coincident(mesh, joints)):
+        if own.joined:
+            continue
+        more = f", and so do {own.count - 1} others" if own.count > 1 else ""
         raise DeckError(
-            f"elements {first} and {second} ({kind}) lie in one place, with nodes of their own{more}: stiffness and mass would "
-            "count twice",
+            f"elements {own.first} and {own.second} ({own.kind}) lie in one place, with nodes of their own{more}: stiffness and "
+            "mass would count twice",
             remedy="the mesh is there twice: remove one; two layers that are meant share their nodes, or are tied",
-            entity=("element", second),
+            entity=("element", own.second),
         )
 
 
@@ -29,6 +34,7 @@ def connectivity_warnings(mesh: Mesh) -> tuple[str, ...]:
     coincident, own = Coincident(mesh, joints), patches(mesh)
     return (
         *_unmerged(mesh, coincident),
+        *_layers(doubled(mesh, joints, coincident)),
         *_hanging(mesh, hanging(mesh, own, joints, coincident)),
         *_overlaps(mesh, inside(mesh, own, joints, coincident)),
     )
@@ -49,6 +55,17 @@ def _unmerged(mesh: Mesh, found: Coincident) -> list[str]:
         f"{count} nodes lie in the place of another that is not joined to them, as {a} and {b} at {at}: "
         f"parts touch there and hand on no load; make them one with mesh.merge: {merge_distance(found.distance):g}, or tie them "
         "(mesh.ties); leave them where the parts may part"
+    ]
+
+
+def _layers(found: Iterable[Doubled]) -> list[str]:
+    return [
+        f"elements {own.first} and {own.second} ({own.kind})"
+        + (f" and {own.count - 1} more pairs" if own.count > 1 else "")
+        + " lie in one place, with nodes of their own, and are joined elsewhere only: right for two layers that are fastened "
+        "there; of a mesh that is there twice stiffness and mass count twice, remove one"
+        for own in found
+        if own.joined
     ]
 
 

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.kinds import FACETS, kind_of
-from strainsight.mesh.model import FloatArray, IntArray, Mesh
-from strainsight.mesh.unjoined import APART, Coincident, Joints
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.patches import Patches, area, patches
+from strainsight.mesh.projection import at_centre, near_pairs, normals
+from strainsight.mesh.unjoined import APART, Coincident, Joints, shortest_sides
 
 DEEP = 0.1
 """How far a point lies inside of a solid that is more than touched: of the way from its facets to its centre."""
 
 ALONG = 0.9
 """Cosine of the angle between facets that lie on one another."""
+
+THIN = 0.1
+"""Of the shortest side of what lies on a patch: it is no farther off, so that no thin part lies on its own other side."""
 
 
 @dataclass(frozen=True)
@@ -32,99 +35,52 @@ class Met:
         return len(np.unique(self.node))
 
 
-@dataclass(frozen=True)
-class Patches:
-    """Polygons and lines that something may lie on: corners (p, 4) nodes (index), −1 where it has fewer, two of a line; nodes
-    (p, 8) all that it has; element (p,) id; bulge (p,) [m] how far its sides leave the straight ones; solid (p,) whether it is
-    the facet of one."""
-
-    corners: IntArray
-    nodes: IntArray
-    element: IntArray
-    bulge: FloatArray
-    solid: NDArray[np.bool_]
-
-    def geometry(self, position: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Corners (p, 4, 3) [m], the last one again where they are fewer; their mean (p, 3); how far the farthest is from it."""
-        count = (self.corners >= 0).sum(axis=1)
-        x = position[np.where(self.corners >= 0, self.corners, self.corners[np.arange(len(count)), count - 1, None])]
-        mean = np.where((self.corners >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
-        return x, mean, np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
-
-
-def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
-    """Exterior facets of solids, the middles of shells, and beams as lines; facets: the exterior ones, where they are at hand."""
-    corners, nodes, element, bulge, solid = [], [], [], [], []
-
-    def add(own: IntArray, k: int, ids: IntArray, edges: tuple[tuple[int, int], ...], of_solid: bool) -> None:
-        padded = np.full((len(own), 8), -1, dtype=np.int64)
-        padded[:, : own.shape[1]] = own
-        at = mesh.position[own]
-        sag = [np.linalg.norm(at[:, k + i] - (at[:, a] + at[:, b]) / 2, axis=1) for i, (a, b) in enumerate(edges)]
-        corners.append(np.where(np.arange(4) < k, padded[:, :4], -1))
-        nodes.append(padded)
-        element.append(ids)
-        bulge.append(np.max(sag, axis=0) if sag else np.zeros(len(own)))
-        solid.append(np.full(len(own), of_solid))
-
-    add(np.zeros((0, 3), dtype=np.int64), 3, np.zeros(0, dtype=np.int64), (), False)
-    if mesh.blocks:
-        found = exterior_facets(mesh) if facets is None else facets
-        found = found.some(found.of(mesh.blocks))
-        for code in np.unique(found.kind):
-            kind, which = FACETS[code], found.kind == code
-            add(found.nodes[which, : len(kind.nodes)], kind.corners, found.element_id[which], kind.edges, True)
-    for shell in mesh.shells:
-        k = shell.corners.shape[1]
-        around = tuple((a, (a + 1) % k) for a in range(k))
-        add(shell.nodes, k, shell.ids, around if shell.nodes.shape[1] > k else (), False)
-    for beam in mesh.beams:
-        add(beam.nodes, 2, beam.ids, ((0, 1),) if beam.nodes.shape[1] > 2 else (), False)
-    return Patches(*(np.concatenate(part) for part in (corners, nodes, element, bulge, solid)))
-
-
 def hanging(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
     """Nodes on a patch that has neither them nor a node in their place, and that nothing joins to one of its nodes."""
     points = np.unique(own.nodes[own.nodes >= 0])
-    x, mean, radius = own.geometry(mesh.position)
     node, element = [], []
-    for which, at in _near(mesh.position[points], mean, radius * (1 + APART) + own.bulge):
-        p, n = which, points[at]
-        on = _distance(mesh.position[n], x[p], mean[p]) <= own.bulge[p] + APART * radius[p]
-        p, n = p[on], n[on]
-        has = own.nodes[p]
+    for p, at in near_pairs(mesh.position[points], own.mean, own.radius * (1 + APART) + own.bulge):
+        n, has = points[at], own.nodes[p]
         its = np.where(has >= 0, coincident.place[has], -1)
         apart = ~((its == coincident.place[n][:, None]).any(axis=1))
+        p, n = p[apart], n[apart]
+        close = np.minimum(APART * own.radius[p], THIN * coincident.side[n])
+        on = np.isfinite(own.distance(p, mesh.position[n], close))
+        p, n = p[on], n[on]
+        has = own.nodes[p]
         tied = (joints.between(np.broadcast_to(n[:, None], has.shape), has) & (has >= 0)).any(axis=1)
-        node.append(n[apart & ~tied])
-        element.append(own.element[p[apart & ~tied]])
+        node.append(n[~tied])
+        element.append(own.element[p[~tied]])
+    of_others = [~_of_elements(mesh, n, ids) for n, ids in zip(node, element, strict=True)]
+    node, element = ([part[own] for part, own in zip(parts, of_others, strict=True)] for parts in (node, element))
     return _met(node, element)
 
 
 def inside(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
     """Nodes inside of a solid that does not have them, and of facets whose middle is; no more than touched is not inside."""
     thin = np.unique(own.nodes[~own.solid][own.nodes[~own.solid] >= 0])
-    _, mean, _ = own.geometry(mesh.position)
     surface = np.flatnonzero(own.solid)
     around = np.concatenate([own.corners[surface], np.column_stack([thin, np.full((len(thin), 3), -1)])])
     nodes = np.unique(own.nodes[surface][own.nodes[surface] >= 0])
     around = np.concatenate([around, np.column_stack([nodes, np.full((len(nodes), 3), -1)])])
-    points = np.concatenate([mean[surface], mesh.position[thin], mesh.position[nodes]])
+    points = np.concatenate([own.centre[surface], mesh.position[thin], mesh.position[nodes]])
     node, element = [], []
     for block in mesh.blocks if len(points) else ():
         kind = kind_of(block.kind)
         x = mesh.position[block.nodes[:, : kind.corners]]
         centre = x.mean(axis=1)
         radius = np.linalg.norm(x - centre[:, None], axis=2).max(axis=1)
-        for which, at in _near(points, centre, (1 - DEEP) * radius):
+        for which, at in near_pairs(points, centre, (1 - DEEP) * radius):
             for facet, local in kind.facets:
                 ends = x[which][:, local[: facet.corners]]
-                outward = _area(ends)
+                outward = area(ends)
                 # of points on the way from the facet's middle to the element's
                 whole = np.einsum("mc,mc->m", ends.mean(axis=1) - centre[which], outward)
                 part = np.einsum("mc,mc->m", ends.mean(axis=1) - points[at], outward)
                 deep = (part > DEEP * whole) & (whole > 0)
                 which, at = which[deep], at[deep]
+            deep = _beyond_bulges(mesh, block, which, points[at])
+            which, at = which[deep], at[deep]
             its, has = coincident.place[around[at]], coincident.place[block.nodes[which]]
             real = around[at] >= 0
             shares = ((its[:, :, None] == has[:, None, :]) & real[:, :, None]).any(axis=(1, 2))
@@ -142,24 +98,71 @@ def covered(mesh: Mesh, facets: Facets) -> NDArray[np.bool_]:
     if not mesh.blocks:
         return found
     own = patches(mesh, facets)
-    x, mean, radius = own.geometry(mesh.position)
-    normal = _area(x)  # the last corner stands twice in triangles
-    length = np.linalg.norm(normal, axis=1)
-    normal = np.divide(normal, length[:, None], out=np.zeros_like(normal), where=length[:, None] > 0)
+    chord = area(own.x)  # the last corner stands twice in triangles
     solid = np.flatnonzero(own.solid)
     if not len(solid):
         return found
     lies = np.zeros(len(own.element), dtype=bool)
-    for p, at in _near(mean[solid], mean, radius * (1 + APART) + own.bulge):
+    side = np.append(shortest_sides(mesh), np.inf)  # of a corner −1, which is none
+    for p, at in near_pairs(own.centre[solid], own.mean, own.radius * (1 + APART) + own.bulge):
         on = solid[at]
-        cosine = np.einsum("mc,mc->m", normal[p], normal[on])
-        facing = np.where(own.solid[p], cosine < -ALONG, abs(cosine) > ALONG) & (p != on)
+        other = own.element[p] != own.element[on]
+        facing = other & ((np.einsum("mc,mc->m", chord[p], chord[on]) < 0) | ~own.solid[p])
         p, on = p[facing], on[facing]
-        near = own.bulge[p] + own.bulge[on] + APART * radius[p]
-        lies[on[_distance(mean[on], x[p], mean[p]) <= near]] = True
+        close = np.minimum(APART * own.radius[p], THIN * side[own.corners[on]].min(axis=1))
+        near = np.isfinite(own.distance(p, own.centre[on], close))
+        p, on, close = p[near], on[near], close[near]
+        outward = _outward(mesh, own, on)
+        for which, nodes, feet in own.feet(p, own.centre[on]):
+            if feet.dN.shape[2] < 2:
+                continue
+            cosine = np.einsum("mc,mc->m", normals(nodes, feet.dN), outward[which])
+            ahead = np.einsum("mc,mc->m", feet.x - own.centre[on[which]], outward[which]) >= -close[which] / 2
+            looks = np.where(own.solid[p[which]], cosine < -ALONG, abs(cosine) > ALONG)
+            lies[on[which[looks & ahead]]] = True
     keys = {tuple(nodes) for nodes in np.sort(own.nodes[lies], axis=1).tolist()}
     if keys:
         found = np.array([tuple(nodes) in keys for nodes in np.sort(facets.nodes, axis=1).tolist()])
+    return found
+
+
+def _outward(mesh: Mesh, own: Patches, on: IntArray) -> FloatArray:
+    """Unit normals (m, 3) at the centres of facets."""
+    normal = np.zeros((len(on), 3))
+    for code in np.unique(own.code[on]):
+        which, (_, slope) = own.code[on] == code, at_centre(int(code))
+        nodes = mesh.position[own.nodes[on[which], : len(slope)]]
+        normal[which] = normals(nodes, np.broadcast_to(slope, (len(nodes), *slope.shape)))
+    return normal
+
+
+def _beyond_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatArray) -> NDArray[np.bool_]:
+    """Which points (m, 3) lie deeper below the chords of every facet of elements (m,) than it bulges inwards."""
+    deeper = np.ones(len(which), dtype=bool)
+    for facet, local in kind_of(block.kind).facets:
+        if not facet.edges:
+            continue
+        x = mesh.position[block.nodes[which][:, local]]
+        corners = x[:, : facet.corners]
+        outward, middle = area(corners), corners.mean(axis=1)
+        a, b = np.transpose(facet.edges)
+        N = facet.shape(facet.centre)[0]
+        inward = [
+            np.einsum("mec,mc->me", (corners[:, a] + corners[:, b]) / 2 - x[:, facet.corners :], outward),
+            np.einsum("mc,mc->m", middle - np.einsum("a,mac->mc", N, x), outward)[:, None],
+        ]
+        depth = np.einsum("mc,mc->m", middle - point, outward)
+        deeper &= depth > np.concatenate(inward, axis=1).max(axis=1)
+    return deeper
+
+
+def _of_elements(mesh: Mesh, node: IntArray, element: IntArray) -> NDArray[np.bool_]:
+    """Whether nodes (m,) are those of solids (m,) (id)."""
+    found = np.zeros(len(node), dtype=bool)
+    for block in (own for own in mesh.blocks if len(node) and len(own.ids)):
+        order = np.argsort(block.ids)
+        row = order[np.minimum(np.searchsorted(block.ids, element, sorter=order), len(order) - 1)]
+        found |= (block.ids[row] == element) & (block.nodes[row] == node[:, None]).any(axis=1)
     return found
 
 
@@ -167,52 +170,3 @@ def _met(node: list[IntArray], element: list[IntArray]) -> Met:
     empty = np.zeros(0, dtype=np.int64)
     pairs = np.unique(np.column_stack([np.concatenate([empty, *node]), np.concatenate([empty, *element])]), axis=0)
     return Met(pairs[:, 0], pairs[:, 1])
-
-
-def _near(points: FloatArray, centre: FloatArray, radius: FloatArray) -> Iterator[tuple[IntArray, IntArray]]:
-    """Pairs (m,) of a centre and a point no farther from it than its radius, in parts of centres of like size."""
-    tree = cKDTree(points)
-    size = np.floor(np.log2(np.maximum(radius, np.finfo(float).tiny)))
-    for one in np.unique(size):
-        some = np.flatnonzero(size == one)
-        found = cKDTree(centre[some]).sparse_distance_matrix(tree, radius[some].max(), output_type="ndarray")
-        close = found["v"] <= radius[some][found["i"]]
-        yield some[found["i"][close]], found["j"][close].astype(np.int64)
-
-
-def _area(x: FloatArray) -> FloatArray:
-    """A normal (m, 3) of polygons of three or four corners x (m, c, 3)."""
-    return (
-        np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
-        if x.shape[1] > 3
-        else np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-    )
-
-
-def _distance(point: FloatArray, x: FloatArray, mean: FloatArray) -> FloatArray:
-    """Of points (m, 3) from polygons of corners x (m, 4, 3) about their mean (m, 3): triangles of each side and the mean."""
-    least = np.full(len(point), np.inf)
-    for a in range(4):
-        least = np.minimum(least, _from_triangle(point - mean, x[:, a] - mean, x[:, (a + 1) % 4] - mean))
-    return least
-
-
-def _from_triangle(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distance of p (m, 3) from triangles 0, a, b: of its projection where that is inside, else of the nearest side."""
-    aa, ab, bb = (np.einsum("mc,mc->m", u, v) for u, v in ((a, a), (a, b), (b, b)))
-    pa, pb = (np.einsum("mc,mc->m", p, v) for v in (a, b))
-    det = aa * bb - ab**2
-    flat = det > 1e-12 * aa * bb
-    s, t = (
-        np.divide(own, det, out=np.full(len(p), -1.0), where=flat) for own in (bb * pa - ab * pb, aa * pb - ab * pa)
-    )
-    within = np.linalg.norm(p - s[:, None] * a - t[:, None] * b, axis=1)
-    sides = np.minimum.reduce([_from_line(p, a), _from_line(p, b), _from_line(p - a, b - a)])
-    return np.where((s >= 0) & (t >= 0) & (s + t <= 1), within, sides)
-
-
-def _from_line(p: FloatArray, a: FloatArray) -> FloatArray:
-    """Distance of p (m, 3) from lines 0 to a."""
-    aa = np.einsum("mc,mc->m", a, a)
-    s = np.divide(np.einsum("mc,mc->m", p, a), aa, out=np.zeros(len(p)), where=aa > 0)
-    return np.asarray(np.linalg.norm(p - np.clip(s, 0, 1)[:, None] * a, axis=1))

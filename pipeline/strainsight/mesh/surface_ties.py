@@ -11,18 +11,20 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
+from strainsight.mesh.projection import near_pairs, nearest, normals
 
-STEPS = 20
-"""Of Gauss-Newton; a facet that is not strongly bent takes three."""
+TOUCHING = 1e-12
+"""Of the size of a facet: a node that is no farther off has no arm."""
 
 
 def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float, name: str) -> Mesh:
     """A mesh whose nodes (k,) (index) follow the facets of solids whose nodes are all among `onto` (m,):
 
-        z_i = Σ_a N_a(ξ) z_a        at the point ξ of the nearest facet, along x, y and z
+        z_i = Σ_a N_a(ξ) z_a + ω × g        at the point ξ of the nearest facet, along x, y and z
 
-    A node that a facet has is passed over. Rigid motions and linear fields are handed on exactly; constant stress where the nodal
-    forces of the finer side integrate N_a exactly, and otherwise but for a disturbance in the elements beside.
+    with the arm g = x_i − x(ξ) over a gap and the turn ω of the facet there, see `_turn`. A node that a facet has is passed over.
+    Rigid motions are handed on exactly, linear fields but for their strain over the gap; constant stress, without a gap, where
+    the nodal forces of the finer side integrate N_a exactly, and otherwise but for a disturbance in the elements beside.
     Raises UserError where a node lies farther from the facets than `within` [m], or has a displacement system of its own.
     """
     facets = exterior_facets(mesh)
@@ -39,20 +41,23 @@ def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float,
             "its nodes are those of the surface already", remedy="name the finer side as `set`, the coarser as `to`"
         )
     best = np.full(len(nodes), np.inf)
-    weight, of = np.zeros((len(nodes), 8)), np.full((len(nodes), 8), -1, dtype=np.int64)
+    weight, of = np.zeros((len(nodes), 3, 8, 3)), np.full((len(nodes), 8), -1, dtype=np.int64)
     for code in np.unique(facets.kind):
-        kind = FACETS[code]
-        own = facets.nodes[facets.kind == code, : len(kind.nodes)]
+        k = len(FACETS[code].nodes)
+        own = facets.nodes[facets.kind == code, :k]
         centre = mesh.position[own].mean(axis=1)
         reach = np.linalg.norm(mesh.position[own] - centre[:, None], axis=2).max(axis=1) + within
-        for i, node in enumerate(nodes.tolist()):
-            x = mesh.position[node]
-            near = np.flatnonzero(np.linalg.norm(centre - x, axis=1) <= reach)
-            for row in near.tolist():
-                N, apart = _nearest(code, mesh.position[own[row]], x)
-                if apart < best[i]:
-                    best[i], weight[i], of[i] = apart, 0.0, -1
-                    weight[i, : len(N)], of[i, : len(N)] = N, own[row]
+        for row, which in near_pairs(mesh.position[nodes], centre, reach):
+            x, point = mesh.position[own[row]], mesh.position[nodes[which]]
+            feet = nearest(int(code), x, point)
+            order = np.lexsort((row, feet.apart, which))
+            first = order[np.unique(which[order], return_index=True)[1]]
+            first = first[feet.apart[first] < best[which[first]]]
+            at = which[first]
+            best[at] = feet.apart[first]
+            of[at], of[at, :k] = -1, own[row[first]]
+            weight[at] = 0.0
+            weight[at, :, :k] = _weights(x[first], feet.N[first], feet.dN[first], point[first] - feet.x[first])
     far = int(np.argmax(best))
     if best[far] > within:
         raise UserError(
@@ -65,36 +70,37 @@ def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float,
             f"node {mesh.node_ids[turned[0]]} has a displacement system of its own (CD, *TRANSFORM)",
             remedy="take it out there: a surface is tied along x, y and z",
         )
-    first = max([0, *(own.id for own in mesh.relations)]) + 1
+    number = max([0, *(own.id for own in mesh.relations)]) + 1
     made = []
     for i, node in enumerate(nodes.tolist()):
-        kept = np.flatnonzero((of[i] >= 0) & (abs(weight[i]) > 1e-12))
-        terms, values = np.append(node, of[i, kept]), np.append(1.0, -weight[i, kept])
-        made += [
-            Relation(first + 3 * i + c, terms, np.full(len(terms), c, dtype=np.int64), values, name) for c in range(3)
-        ]
+        for c in range(3):
+            a, component = np.nonzero((abs(weight[i, c]) > 1e-14) & (of[i] >= 0)[:, None])
+            terms, values = np.append(node, of[i, a]), np.append(1.0, -weight[i, c, a, component])
+            made.append(Relation(number + 3 * i + c, terms, np.append(c, component), values, name))
     return replace(mesh, relations=(*mesh.relations, *made))
 
 
-def _nearest(code: int, corners: FloatArray, x: FloatArray) -> tuple[FloatArray, float]:
-    """N (k,) at the point of a facet nearest to x, and its distance [m]: Gauss-Newton on |x(ξ) − x|², ξ kept in the facet."""
-    kind = FACETS[code]
-    xi = np.array(kind.centre, dtype=float)
-    for _ in range(STEPS):
-        N, dN = kind.functions(xi[None])
-        J = corners.T @ dN[0]
-        step = np.linalg.lstsq(J, x - N[0] @ corners, rcond=None)[0]
-        new = _within(xi + step, kind.corners)
-        if np.abs(new - xi).max() < 1e-14:
-            break
-        xi = new
-    N = kind.shape(xi)[0]
-    return N, float(np.linalg.norm(N @ corners - x))
+def _weights(x: FloatArray, N: FloatArray, dN: FloatArray, arm: FloatArray) -> FloatArray:
+    """(m, 3, k, 3): what displacements of the nodes of facets, at x (m, k, 3) [m], give at an arm (m, 3) [m] from where they have
+    N (m, k) and dN (m, k, 2)."""
+    weight = np.einsum("ma,ij->miaj", N, np.eye(3))
+    size = np.linalg.norm(x - x.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+    off = np.linalg.norm(arm, axis=1) > TOUCHING * size
+    turn = _turn(x[off], dN[off])
+    # (ω × g)_i for each column of ω, and its terms in order
+    weight[off] += np.cross(turn, arm[off, None, None], axisa=1, axisb=3).transpose(0, 3, 1, 2)
+    return weight
 
 
-def _within(xi: FloatArray, corners: int) -> FloatArray:
-    if corners == 4:
-        return np.clip(xi, -1, 1)
-    xi = np.clip(xi, 0, 1)
-    over = max(0.0, xi.sum() - 1) / 2
-    return np.clip(xi - over, 0, 1)
+def _turn(x: FloatArray, dN: FloatArray) -> FloatArray:
+    """(m, 3, k, 3): the turn ω of surfaces of nodes x (m, k, 3) from the displacements of these,
+
+        ω = Σ_a (½ n (n × s_a)ᵀ − (n × s_a) nᵀ) u_a        s_a = ∇N_a along the surface
+
+    its normal's n × δn, δn = −Σ_a s_a (n·u_a), and half of its curl about the normal: that of every rigid motion.
+    """
+    n = normals(x, dN)[:, None]
+    s = np.einsum("mad,mdc->mac", dN, np.linalg.pinv(np.einsum("mac,mad->mcd", x, dN)))
+    beside = np.cross(n, s)
+    about = np.einsum("mc,mad->mcad", n[:, 0], beside) / 2
+    return np.asarray(about - np.einsum("mac,md->mcad", beside, n[:, 0]))

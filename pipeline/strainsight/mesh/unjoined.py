@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +23,7 @@ APART = 1e-3
 class Joints:
     """What joins nodes of a mesh beside its elements: rigid elements, relations and springs join all that they name, also one
     through another; an averaging element its reference and each of the others, and not these among each other; and the ground all
-    nodes that it holds in three translations."""
+    nodes that it holds in three translations. edges (e, 2): all of these but the ground's."""
 
     def __init__(self, mesh: Mesh):
         n = len(mesh.position)
@@ -34,11 +35,12 @@ class Joints:
             first[own.spring[::-1]] = own.node[::-1]
             edges.append(np.column_stack([first[own.spring], own.node]))
         components, held = mesh.fixed.reshape(-1, 2)[:, 1], mesh.fixed.reshape(-1, 2)[:, 0]
+        averaged = [np.column_stack([np.full(len(e.nodes), e.reference), e.nodes]) for e in mesh.averaging]
+        self.edges: IntArray = np.concatenate([*edges, *averaged])
         ground = np.flatnonzero(np.bincount(np.unique(held[components < 3] * 3 + components[components < 3]) // 3) == 3)
         edges.append(np.column_stack([np.repeat(ground[:1], len(ground)), ground]))
         a, b = np.concatenate(edges).T
         self._group = _components(n, a, b)
-        averaged = [np.column_stack([np.full(len(e.nodes), e.reference), e.nodes]) for e in mesh.averaging]
         pairs = np.sort(np.concatenate([np.zeros((0, 2), dtype=np.int64), *averaged]), axis=1)
         self._n, self._averaged = n, np.unique(pairs @ [n, 1])
 
@@ -50,11 +52,12 @@ class Joints:
 
 class Coincident:
     """pairs (p, 2) of nodes (index) of elements in one place that nothing joins, the lower index first, no two of one element;
-    distance (p,) [m]; place (n,): the first of the nodes that are in one place with each, whatever joins them."""
+    distance (p,) [m]; place (n,): the first of the nodes that are in one place with each, whatever joins them; side (n,) [m] of
+    `shortest_sides`."""
 
     def __init__(self, mesh: Mesh, joints: Joints):
         nodes = mesh.nodes_of_elements
-        side = shortest_sides(mesh)
+        self.side = side = shortest_sides(mesh)
         found = np.zeros((0, 2), dtype=np.int64)
         if len(nodes):
             widest = APART * side[nodes].max()
@@ -75,11 +78,24 @@ class Coincident:
         return np.unique(self.pairs)
 
 
-def doubled(mesh: Mesh, coincident: Coincident) -> Iterator[tuple[str, int, int, int]]:
-    """Solids and shells that lie in one place with another of their kind, all their nodes on unjoined ones of it: kind, ids of
-    the first two, and how many. Shells whose middles are offset against each other are two layers and not meant."""
+@dataclass(frozen=True)
+class Doubled:
+    """Elements of a kind, count of them, that lie in one place with another: ids of the first two; whether ties or elements lead
+    from each to the other, joined, or from none of them, not joined."""
+
+    kind: str
+    first: int
+    second: int
+    count: int
+    joined: bool
+
+
+def doubled(mesh: Mesh, joints: Joints, coincident: Coincident) -> Iterator[Doubled]:
+    """Solids and shells that lie in one place with another of their kind, all their nodes on unjoined ones of it; first those
+    whose parts nothing joins anywhere, then the others. Shells whose middles are offset against each other are two layers."""
     alone = np.zeros(len(mesh.position), dtype=bool)
     alone[coincident.unjoined] = True
+    found: list[tuple[str, IntArray, IntArray]] = []
     blocks: tuple[CellBlock | ShellBlock, ...] = (*mesh.blocks, *mesh.shells)
     for block in blocks:
         likely = np.flatnonzero(alone[block.nodes].all(axis=1))
@@ -88,12 +104,26 @@ def doubled(mesh: Mesh, coincident: Coincident) -> Iterator[tuple[str, int, int,
         same = np.flatnonzero(np.all(np.diff(at[order], axis=0) == 0, axis=1))
         a, b = likely[order[same]], likely[order[same + 1]]
         if isinstance(block, ShellBlock):
-            level = abs(block.offset[a] - block.offset[b]) <= APART * shortest_sides(mesh)[block.nodes[a]].min(axis=1)
+            level = abs(block.offset[a] - block.offset[b]) <= APART * coincident.side[block.nodes[a]].min(axis=1)
             a, b = a[level], b[level]
         if len(a):
-            i = int(np.argmin(np.minimum(block.ids[a], block.ids[b])))
-            first, second = sorted((int(block.ids[a[i]]), int(block.ids[b[i]])))
-            yield block.kind, first, second, len(a)
+            nodes = np.column_stack([block.nodes[a, 0], block.nodes[b, 0]])
+            found.append((block.kind, np.sort(np.column_stack([block.ids[a], block.ids[b]]), axis=1), nodes))
+    part = _parts(mesh, joints) if found else np.zeros(0, dtype=np.int64)
+    for joined in (False, True):
+        for kind, ids, nodes in found:
+            own = ids[(part[nodes[:, 0]] == part[nodes[:, 1]]) == joined]
+            if len(own):
+                first, second = own[np.argmin(own[:, 0])].tolist()
+                yield Doubled(kind, first, second, len(own), joined)
+
+
+def _parts(mesh: Mesh, joints: Joints) -> IntArray:
+    """(n,): a number of the part of each node, all that elements and ties lead to from it; the ground is none."""
+    links = [joints.edges]
+    for nodes, _ in _corners(mesh):
+        links.append(np.column_stack([np.repeat(nodes[:, 0], nodes.shape[1]), nodes.ravel()]))
+    return _components(len(mesh.position), *np.concatenate(links).T)
 
 
 def shortest_sides(mesh: Mesh) -> FloatArray:

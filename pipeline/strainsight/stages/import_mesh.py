@@ -83,5 +83,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=13, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=14, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -102,7 +102,7 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
 
 TRAIN = Stage(
     "train",
-    version=13,
+    version=14,
     reads=(
         "loads.*.signal",
         *KINDS_OF_LOAD,

@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=18,
+    version=19,
     reads=(
         "seed",
         "bodies",
