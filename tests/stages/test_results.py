@@ -152,6 +152,33 @@ def test_what_the_results_lack_or_contradict(folder, results, key, said):
     assert "\n" in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("other", "said"),
+    [
+        (lambda mesh: replace(mesh, node_ids=mesh.node_ids[::-1].copy()), "nodes are elsewhere in the results: node"),
+        (lambda mesh: replace(mesh, position=mesh.position + np.array([0.0, 0.01, 0.0])), r"622 of 622 nodes are elsewhere"),
+        (lambda mesh: replace(mesh, position=1e3 * mesh.position), "mesh.length_unit is that of both files"),
+        (lambda mesh: replace(mesh, node_ids=mesh.node_ids + 10**6), "none of its 622 nodes is in the mesh"),
+    ],
+    ids=["numbered otherwise", "moved", "in millimetres", "of other numbers"],
+)
+@pytest.mark.parametrize("form", [1, 3])
+def test_results_of_another_mesh(folder, mesh, other, said, form):
+    write_frd(folder / "other.frd", other(mesh), solved(mesh, FORCES, MODES), form=form)
+    with pytest.raises(StrainsightError, match=said) as caught:
+        placed(folder, "other", "mesh.results={file: other.frd, loads: {tip: {step: 1}}}", until="rom")
+    assert "other.frd" in str(caught.value)
+    assert caught.value.remedy
+
+
+def test_six_digits_far_from_the_origin_are_of_the_same_mesh(folder, mesh):
+    """At 10 km a text has metres to 0.05, which is 0.025 of the beam."""
+    far = replace(mesh, position=mesh.position + np.array([1e4, 0.0, 0.0]))
+    write_frd(folder / "far.frd", far, solved(mesh, FORCES, MODES), form=1)
+    config = load_config(folder / "beam.yaml", ("mesh.results={file: far.frd, loads: {tip: {step: 1}}}",)).model
+    model_of_results(config.mesh, far, (), {"mesh.results.file": folder / "far.frd"}, config.loads)
+
+
 def test_more_modes_than_there_are(folder):
     with pytest.raises(StrainsightError, match="ask for 1 to 12") as caught:
         placed(folder, "wrong", OF_RESULTS, "rom.modes=15", until="modes")
@@ -193,7 +220,7 @@ def test_units_of_the_mesh_and_size_of_the_load(folder, mesh):
     """In mm and t a mode of unit mass is √1000 times as large a number, and the motion under 250 N 250 000 times."""
     found = solved(mesh, FORCES, MODES)
     in_mm = replace(found, shapes=np.sqrt(1000.0) * found.shapes, static=250.0 * 1000.0 * found.static)
-    write_frd(folder / "mm.frd", mesh, in_mm, form=3)
+    write_frd(folder / "mm.frd", replace(mesh, position=1000.0 * mesh.position), in_mm, form=3)
     write_frd(folder / "m.frd", mesh, found, form=3)
     own = "mesh.results={file: m.frd, loads: {tip: {step: 1}}}"
     in_units = (

@@ -12,6 +12,8 @@ from strainsight.mesh.model import Mesh
 
 RIGID = 1e-4
 """Of the highest frequency: a mode below is the rigid motion of a structure that nothing holds, to rounding."""
+ELSEWHERE = 1e-4
+"""Of the size of the mesh: a node that is farther from where the results have it is another one."""
 UNIT = 0.02
 """ΦᵀMΦ of modes that are normalised to unit mass may differ so much from one: by how a program integrates or lumps mass."""
 OFF = 0.1
@@ -61,6 +63,26 @@ def check_rows(mesh: Mesh, given: GivenMotion, rows: np.ndarray | None = None) -
             key="mesh.results",
             remedy="give the mesh that the results are of, and write displacements of all nodes; of shells and beams rotations "
             "too",
+        )
+
+
+def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding: float, where: str) -> None:
+    """Raise UserError where nodes of the mesh (rows, k) are elsewhere in the file of results, (k, 3) [m]; NaN: not stated.
+
+    rounding: largest relative error of a number of the file.
+    """
+    size = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
+    distance = np.linalg.norm(position - mesh.position[rows], axis=1)
+    far = distance > ELSEWHERE * size + 2.0 * rounding * abs(mesh.position).max()
+    if far.any():
+        worst = int(np.argmax(np.where(far, distance, 0.0)))
+        at, there = (", ".join(f"{x:.6g}" for x in own) for own in (mesh.position[rows[worst]], position[worst]))
+        raise UserError(
+            f"{int(far.sum())} of {len(rows)} nodes are elsewhere in the results: node {mesh.node_ids[rows[worst]]} of the mesh "
+            f"is at ({at}) m, there at ({there}) m",
+            where=where,
+            remedy="give the mesh that the results are of, in its place and with its numbers; mesh.length_unit is that of both "
+            "files",
         )
 
 

@@ -20,6 +20,7 @@ from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.given_motion import GivenMotion, given_motion
 from strainsight.fem.of_results import Results, ResultsModel, results_model
+from strainsight.fem.results_checks import check_positions
 from strainsight.fem.second_results import model_of_two
 from strainsight.fem.two_sets import KEY as SECOND
 from strainsight.fem.two_sets import Change
@@ -99,9 +100,9 @@ def _set_of(
     assert stated is not None
     modes = Wanted(f"{asked.key}.modes", "mode", asked.modes.step)
     static = {name: Wanted(f"{asked.key}.loads.{name}", "static", own.step) for name, own in asked.loads.items()}
-    notes = _gather([modes, *static.values()], f"{asked.key}.file", mesh, files)
-    order = sorted(range(len(modes.found)), key=lambda i: modes.found[i].frequency)
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
+    notes = _gather([modes, *static.values()], f"{asked.key}.file", mesh, L, files)
+    order = sorted(range(len(modes.found)), key=lambda i: modes.found[i].frequency)
     responses = [modes.found[i] for i in order] + [own.found[0] for own in static.values()]
     size = [1.0] * len(order) + [asked.loads[name].applied for name in static]
     motion = [modes.motion[i] for i in order] + [own.motion[0] for own in static.values()]
@@ -132,9 +133,9 @@ def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Chan
     return Change(own, _made_with(stated, mesh, own), stated.second.at)
 
 
-def _gather(wanted: list[Wanted], default: str, mesh: Mesh, files: Mapping[str, Path]) -> list[str]:
+def _gather(wanted: list[Wanted], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]) -> list[str]:
     """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
-    name none."""
+    name none; length: the unit of the files [m]."""
     by_file: dict[tuple[str, Path], list[Wanted]] = {}
     for own in wanted:
         key = f"{own.key}.file" if f"{own.key}.file" in files else default
@@ -161,6 +162,14 @@ def _gather(wanted: list[Wanted], default: str, mesh: Mesh, files: Mapping[str, 
                             f"none of its {len(rows)} nodes is in the mesh",
                             where=response.where,
                             remedy="give the mesh that the results are of",
+                        )
+                    if response.position is not None:
+                        check_positions(
+                            mesh,
+                            rows[~missing],
+                            length * response.position[~missing],
+                            response.rounding,
+                            response.where,
                         )
                 placed = _on_nodes(mesh, response, known[1], known[2])
                 for own in takers:

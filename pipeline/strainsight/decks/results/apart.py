@@ -22,7 +22,7 @@ TIME_LIMIT = 20.0
 MEMORY_LIMIT = 1 << 30
 """[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file."""
 MEMORY_A_BYTE = 20
-_PLAIN = [field.name for field in fields(Response) if field.name not in ("node_ids", "motion")]
+_PLAIN = [field.name for field in fields(Response) if field.name not in ("node_ids", "motion", "position")]
 """What of a response goes into a line of JSON; its arrays follow."""
 
 

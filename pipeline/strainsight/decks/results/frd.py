@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
+from strainsight.decks.faults import IdTable
 from strainsight.decks.results.response import Response
 from strainsight.decks.text import opened
 from strainsight.errors import DeckError
@@ -58,16 +59,27 @@ def frd_responses(path: Path) -> Iterator[Response]:
 
 
 def _responses(path: Path) -> Iterator[Response]:
-    known: tuple[bytes, np.ndarray] = (b"", np.zeros(0, dtype=np.int64))
+    nodes: list[NodeTable] = []
+    known: tuple[bytes, np.ndarray, np.ndarray | None] = (b"", np.zeros(0, dtype=np.int64), None)
     with opened(path) as file:
-        for block, where in _blocks(file, path):
+        for block, where in _blocks(file, path, nodes):
             if block.name != b"DISP":
                 _skip(file, block, where)
                 continue
             raw, motion = _table(file, block, where)
             if raw != known[0]:
-                known = raw, _ids(raw, block.format)
-            yield _response(block, known[1], motion, where)
+                ids = _ids(raw, block.format)
+                known = raw, ids, _positions(nodes, ids)
+            yield replace(_response(block, known[1], motion, where), position=known[2])
+
+
+def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
+    """Positions (n, 3) of these nodes; NaN of a node, and None where the file has none."""
+    if not nodes:
+        return None
+    table = IdTable(np.concatenate([own.ids for own in nodes]))
+    rows, missing = table.rows(ids)
+    return np.where(missing[:, None], np.nan, np.concatenate([own.position for own in nodes])[rows])
 
 
 def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
@@ -105,8 +117,9 @@ def _response(block: _Block, ids: np.ndarray, motion: np.ndarray, where: str) ->
     )
 
 
-def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[_Block, str]]:
-    """Headers of the blocks of results; the caller reads or skips the rows behind each before it asks for the next."""
+def _blocks(file: BinaryIO, path: Path, nodes: list[NodeTable]) -> Iterator[tuple[_Block, str]]:
+    """Headers of the blocks of results; the caller reads or skips the rows behind each before it asks for the next. Tables of
+    nodes before them are put into `nodes`."""
     parameters: dict[bytes, list[bytes]] = {}
     while line := file.readline():
         key = line[:6]
@@ -115,8 +128,10 @@ def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[_Block, str]]:
             if words[0] == b"STEP":
                 parameters = {}
             parameters[words[0]] = words[1:]
-        elif key in (b"    2C", b"    3C"):
-            _skip_mesh(file, line, str(path))
+        elif key == b"    2C":
+            nodes.append(node_table(file, line, str(path)))
+        elif key == b"    3C":
+            _skip_elements(file, line, str(path))
         elif key == b"  100C":
             yield _header(file, line, parameters), str(path)
         elif line[:5] == b" 9999":
@@ -208,12 +223,10 @@ def node_table(file: BinaryIO, line: bytes, where: str) -> NodeTable:
     return NodeTable(_ids(raw, format), position, format in ID_WIDTH)
 
 
-def _skip_mesh(file: BinaryIO, line: bytes, where: str) -> None:
-    """Pass over nodes or elements, whose first line `line` says how many there are and how they are written."""
+def _skip_elements(file: BinaryIO, line: bytes, where: str) -> None:
+    """Pass over elements, whose first line `line` says how many there are and how they are written."""
     count, format = int(line[24:36]), int(line[73:75])
-    if line[:6] == b"    2C" and format in ITEM:
-        whole(file, count * (4 + 3 * ITEM[format].itemsize), where)
-    elif format in ITEM:
+    if format in ITEM:
         for _ in range(count):
             whole(file, 4 * NODES_OF[int(np.frombuffer(whole(file, 16, where), "<i4")[1])], where)
     else:

@@ -20,7 +20,7 @@ class Response:
     displacement axes of each node (CD of a GRID), which the deck states, and not along the basic axes; rounding: largest relative
     error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; scalar_points: how many
     points that are no nodes (scalar, fluid) stand among these in the file and are left out; where: file and step, or line, for a
-    message.
+    message; position (n, 3) of the nodes along the basic axes, where the file has them and its reader reads them.
     """
 
     kind: Literal["mode", "static"]
@@ -35,3 +35,4 @@ class Response:
     rounding: float = 6e-8
     scalar_points: int = 0
     where: str = ""
+    position: FloatArray | None = None

@@ -63,6 +63,7 @@ def vtu_responses(path: Path) -> Iterator[Response]:
             name,
             rounding=_ROUNDING.get(motion.dtype.itemsize, 1e-3),
             where=where,
+            position=np.asarray(raw.points, dtype=float),
         )
 
 
