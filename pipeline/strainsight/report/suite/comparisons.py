@@ -34,7 +34,7 @@ def comparisons_answer(suite: Suite) -> str:
     for verdict, places in found.items():
         if places:
             links = ", ".join(f'<a href="#comparison-{i}">{i}</a>' for i in places)
-            word = {HOLDS: "hold"}.get(verdict, verdict)
+            word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
             parts.append(f"{count(len(places))} {word}" + (f" ({links})" if verdict != HOLDS else ""))
     rows = len(suite.comparisons)
     return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
