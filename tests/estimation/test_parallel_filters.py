@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from strainsight import compiled
 from strainsight.estimation import parallel_filters
+from strainsight.estimation.compiled import motion, nuisances, readings, vectors
+from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.parallel_filters import advance, filters_of
@@ -25,9 +29,9 @@ Q, H, R = np.diag([0.5, 0.2]), np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([0.3
 def models() -> LinearModels:
     """One filter of two states and two channels, nothing known and no nuisance."""
     none = np.zeros((0, 0))
-    motion = plain_motion(A[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)))
+    plain = plain_motion(A[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)))
     return LinearModels(
-        motion, Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)),
+        plain, Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)),
         np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0),
     )  # fmt: skip
 
@@ -67,6 +71,23 @@ def test_threads_change_no_bit(monkeypatch):
     for other in found[1:]:
         np.testing.assert_array_equal(other.fit, found[0].fit)
         np.testing.assert_array_equal(other.states.P, found[0].states.P)
+
+
+def test_loops_are_compiled_once_for_arrays_of_any_kind():
+    """Of transposed, repeated and constant ones numba knows other types: it would take its seconds for each."""
+    samples = np.asfortranarray(np.random.default_rng(1).standard_normal((5, 2)))
+    filters = filters_of(models(), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    known, noise = np.zeros((5, 0)), np.broadcast_to(R, (5, 2))
+    advance(models(), filters, known, known, samples, noise, np.zeros(2), True)
+    advance(models(), filters, known, known, samples[::-1], np.tile(R, (5, 1)), np.zeros(2), False)
+    assert len(take_steps.signatures) == 1
+
+
+def test_loops_that_are_kept_notice_a_change_of_every_file():
+    stamp = take_steps._cache._cache_file._source_stamp
+    for module in (compiled, motion, nuisances, readings, vectors):
+        file = Path(module.__file__).stat()
+        assert (file.st_mtime, file.st_size) in stamp, module.__name__
 
 
 def test_a_step_of_modes_apart_is_that_of_full_matrices():

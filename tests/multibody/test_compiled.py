@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight.compiled import kept
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes
-from strainsight.multibody.compiled.keep import kept
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
@@ -142,7 +142,7 @@ def test_kept_code_notices_a_change_of_other_files():
     def function(x):
         return x
 
-    made = kept("inertia.py")(function)
+    made = kept("multibody/inertia.py")(function)
     other = Path(__file__).parents[2] / "pipeline" / "strainsight" / "multibody" / "inertia.py"
     assert (other.stat().st_mtime, other.stat().st_size) in made._cache._cache_file._source_stamp
 

@@ -218,10 +218,12 @@ class LinearModels:
         reading = self.H @ own.basis, self.F, self.D, self.E, self.offset, acts
         beyond = self.B, self.U, self.W, self.about
 
-        def together(arrays: Sequence[np.ndarray]) -> tuple[np.ndarray, ...]:
-            return tuple(np.ascontiguousarray(each) for each in arrays)
+        return compilable(*motion), compilable(*reading), compilable(*beyond)
 
-        return together(motion), together(reading), together(beyond)
+
+def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """One behind the other in memory and writable: loops are compiled once more, for seconds, for arrays of another kind."""
+    return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
 
 
 def joined_models(parts: Sequence[LinearModels]) -> LinearModels:

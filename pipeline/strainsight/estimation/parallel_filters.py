@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from strainsight.estimation.linear import LinearModels, agree
+from strainsight.estimation.linear import LinearModels, agree, compilable
 from strainsight.sweep.where import threads
 
 KEPT = 4_000_000
@@ -181,17 +181,18 @@ def advance(
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
     own, (motion, reading, beyond) = filters, models.compiled
-    from strainsight.estimation.filter_loops import take_steps  # not before: numba takes a second to import
+    data = compilable(known, known_end, measurement, noise, discrepancy, less)
+    from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
-        take_steps(
+        take_steps(  # type: ignore[no-untyped-call]
             span,
             motion,
             reading,
             beyond,
             (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
             (own.x_c, own.P_c, own.V_c),
-            (known, known_end, measurement, noise, discrepancy, less),
+            data,
             (kept > 0, whole > 0),
             (fit, nu, left, x, P, V),
             ahead,

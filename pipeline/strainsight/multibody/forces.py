@@ -34,7 +34,7 @@ class ForceLaw(Protocol):
 class CompiledLaw(ForceLaw, Protocol):
     """A law that the step calls without Python; one without these members is called back through `load`, 10 to 30 µs a call.
 
-    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law` of `compiled/keep.py`, or 0; memory: how
+    address: of a function with SIGNATURE that answers as `load` does, by `compiled_law` of `compiled/law.py`, or 0; memory: how
     many numbers it keeps from one trial state to the next, zero at first, on which no answer may depend but by rounding.
     """
 

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.multibody.bearing.element import bearing_load
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.ring import KEPT, ring_law
-from strainsight.multibody.compiled.keep import compiled_law
+from strainsight.multibody.compiled.law import compiled_law
 from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.friction import regular_friction
@@ -101,7 +101,9 @@ class BearingLaw:
     def address(self) -> int:
         """0, which is in Python, where the bearing takes from motion."""
         drag = self._drag
-        return 0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law, "bearing/ball.py").address)
+        return (
+            0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law, "multibody/bearing/ball.py").address)
+        )
 
     @property
     def memory(self) -> int:

@@ -7,15 +7,15 @@ import math
 import numpy as np
 from numba import carray, njit
 
+from strainsight.compiled import kept
 from strainsight.multibody.bearing.ball import ball_centre, floors, followed, groove_centres, potential
-from strainsight.multibody.compiled.keep import kept
 
 KEPT = 8
 """Numbers that `ring_law` keeps of a ball: its centre, and how it follows the ring. Six stand before: whether there are any,
 the displacement."""
 
 
-@kept("bearing/ball.py")
+@kept("multibody/bearing/ball.py")
 def ring_load(
     table: np.ndarray,
     centrifugal: np.ndarray,
@@ -188,7 +188,7 @@ def ball_slopes(
             G[m, j] -= X[0, m] * v[0, j] + X[1, m] * v[1, j]
 
 
-@kept("bearing/ball.py")
+@kept("multibody/bearing/ball.py")
 def each_ball(
     table: np.ndarray,
     push: float,
@@ -216,7 +216,7 @@ def each_ball(
 
 
 def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
-    """The bearing as a compiled force law (`compiled/keep.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
+    """The bearing as a compiled force law (`compiled/law.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
     diameter, balls z, cos φ and sin φ of every ball, places of the parameters among PARAMETERS."""
     z = int(carray(numbers, 45)[44])
     given = carray(numbers, 45 + 2 * z + p)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Point
-from strainsight.multibody.compiled.keep import inner
 from strainsight.multibody.inertia import Inertia, inertia_load
 
 

@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.compiled.keep import MOVING, NONE, STILL
+from strainsight.multibody.compiled.law import MOVING, NONE, STILL
 from strainsight.multibody.forces import ForceLaw
 
 ABORT = -1

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import add_bodies, natural_velocity
 from strainsight.multibody.compiled.call import ABORT, call
-from strainsight.multibody.compiled.keep import MOVING, NONE, inner
+from strainsight.multibody.compiled.law import MOVING, NONE
 from strainsight.multibody.compiled.relations import add_curvature, carried, rows
 
-FILES = ("inertia.py", *(f"compiled/{name}.py" for name in ("arrays", "blocks", "call", "keep", "matrix", "relations")))
+FILES = (
+    "multibody/inertia.py",
+    *(
+        f"multibody/compiled/{name}.py"
+        for name in ("arrays", "blocks", "call", "equations", "law", "matrix", "relations")
+    ),
+)
 """Of the compiled code in it."""
 SOLVED, NO_LOAD, BROKEN = 0, 1, 2
 """All is there; a law has no load; a law in Python failed."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays
-from strainsight.multibody.compiled.keep import inner
 
 TINY = float(np.finfo(float).tiny)
 

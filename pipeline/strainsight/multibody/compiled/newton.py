@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import BROKEN, FILES, NO_LOAD, SOLVED, equations
-from strainsight.multibody.compiled.keep import inner, kept
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
@@ -33,7 +33,7 @@ LEAST = 1e-3
 TINY = float(np.finfo(float).tiny)
 
 
-@kept("compiled/equations.py", *FILES)
+@kept(*FILES)
 def newton(
     s: Arrays,
     p: Point,

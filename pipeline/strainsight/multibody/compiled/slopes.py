@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.equations import FILES, equations
-from strainsight.multibody.compiled.keep import inner, kept
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
 
-@kept("compiled/equations.py", *FILES)
+@kept(*FILES)
 def step_slopes(
     s: Arrays,
     p: Point,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import carray
 
-from strainsight.multibody.compiled.keep import MOVING, STILL, compiled_law
+from strainsight.multibody.compiled.law import MOVING, STILL, compiled_law
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.relations import bushing_displacements, cosine

@@ -9,7 +9,7 @@ import numpy as np
 from numba import carray
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.compiled.keep import MOVING, NONE, STILL, compiled_law
+from strainsight.multibody.compiled.law import MOVING, NONE, STILL, compiled_law
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.relations import distance_squared
@@ -28,7 +28,7 @@ class SpringDamper:
         F = T ∇x,     ∂F/∂ρ = ∇x (k ∇x + c ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = c ∇x ∇xᵀ
 
     stiffness k [N/m or N m/rad], damping c [N s/m or N m s/rad]; compiled: the same as a law with SIGNATURE of
-    `compiled/keep.py` whose numbers are k, c and the origin of x; without one it is called back.
+    `compiled/law.py` whose numbers are k, c and the origin of x; without one it is called back.
     """
 
     measure: Measure

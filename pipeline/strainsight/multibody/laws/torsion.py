@@ -6,7 +6,7 @@ import numpy as np
 from numba import carray
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.compiled.keep import MOVING, NONE, STILL
+from strainsight.multibody.compiled.law import MOVING, NONE, STILL
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.spring import SpringDamper

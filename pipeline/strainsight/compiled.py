@@ -1,0 +1,40 @@
+"""Compiled code that is kept on disk and notices a change of every file that it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from numba import njit
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def kept(*files: str, **options: Any) -> Callable[[F], F]:
+    """`njit(cache=True)` of a function that is made of these other files of the package, too: of compiled code that it calls
+    (`inner`), and of what its tuples are; what is divided by zero is not finite, which its caller looks for."""
+
+    def compiled(function: F) -> F:
+        made: F = noticing(njit(cache=True, error_model="numpy", **options)(function), files)
+        return made
+
+    return compiled
+
+
+def inner(function: F, **options: Any) -> F:
+    """Of compiled code that compiled code alone calls: made and kept with what calls it. A way in from Python, which unpacks
+    every array, and a file of its own would take as long again. Called from Python it ends the process."""
+    own: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
+    made: F = njit(**own)(function)
+    return made
+
+
+def noticing(made: Any, files: tuple[str, ...]) -> Any:
+    """numba by itself looks at the time and the size of a function's own file alone."""
+    folder, own = Path(__file__).parent, Path(__file__).name
+    index: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_source_stamp"):
+        times = tuple((at.st_mtime, at.st_size) for at in ((folder / file).stat() for file in (own, *files)))
+        index._source_stamp = (index._source_stamp, *times)
+    return made
