@@ -103,6 +103,6 @@ def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
     q = np.tile(np.concatenate([np.zeros(3), np.eye(3).ravel()]), 2)
     rest = rest_at(system, q, np.zeros(0), np.array([50.0]))
     assert followed(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
-    for sought in (lambda theta: rest_at(system, q, np.zeros(0), theta), lambda theta: followed(system, rest, np.zeros(0), theta)):
+    for seek, start in ((rest_at, q), (followed, rest)):
         with pytest.raises(InfeasibleError, match="nothing holds body loose"):
-            sought(np.array([1e-11]))
+            seek(system, start, np.zeros(0), np.array([1e-11]))

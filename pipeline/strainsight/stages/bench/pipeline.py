@@ -64,9 +64,12 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
 def _place(config: Mapping[str, Any]) -> Stage:
     from strainsight.stages.bench.place import place_stage
 
-    parameters = (config.get("estimate") or {}).get("parameters") or {}
+    estimate = config.get("estimate") or {}
+    constants = estimate.get("tolerances") is not None or any(
+        own.get("std") is not None for own in (estimate.get("parameters") or {}).values()
+    )
     sensors = (config.get("place") or {}).get("sensors")
-    return place_stage(any(own.get("std") is not None for own in parameters.values()), bool(sensors))
+    return place_stage(constants, bool(sensors))
 
 
 def _takes_over(config: Mapping[str, Any]) -> bool:
