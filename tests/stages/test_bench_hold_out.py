@@ -138,7 +138,7 @@ def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason(ri
     two = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in GAUGES[:2]])
     found, said = estimated(folder, EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
     assert np.isnan(found["/sensors/gauges/predicted"]).all()
-    assert "without it: the sensors cannot tell side and down together" in said
+    assert "without it estimate.inputs: the sensors cannot tell side and down together" in said
     assert "hold_out.inside" not in found.summary
 
 

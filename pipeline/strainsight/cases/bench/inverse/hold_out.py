@@ -68,7 +68,7 @@ def held_out(
                 if lost.any():
                     why = f"without it {lost.sum()} of {len(lost)} runs diverge"
         except (ConfigError, NumericalError) as error:
-            why = f"without it: {error.what}"
+            why = f"without it {error.key}: {error.what}" if error.key else f"without it: {error.what}"
         for channel in part:
             left_in[channel] = why if given[channel] else left_in[channel]
     stayed = [bool(why) for why in left_in]
