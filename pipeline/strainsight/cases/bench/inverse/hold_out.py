@@ -51,7 +51,7 @@ def held_out(
     """
     own = y[:, ::starts]
     mean, std = (np.full(own.shape, np.nan) for _ in range(2))
-    left_in = ["it was not measured"] * len(given)
+    left_in = ["the filter is not given it"] * len(given)
     parts = [part for part in _parts(config, used) if given[part].any()]
     for i, part in enumerate(parts):
         progress(f"without {_label(used, part[0])}", i / len(parts))
