@@ -97,11 +97,20 @@ def test_a_file_with_a_finer_clock_is_thinned_to_the_steps_of_the_filter(rig):
         np.testing.assert_allclose(history, coarse[name], rtol=1e-6, atol=1e-6)
 
 
+def test_a_load_that_only_a_component_feels_that_nobody_measured_is_refused_by_name(rig):
+    along = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
+    code, said = run(rig, "estimate", measured(channels={"tip": along}), "--set=estimate.sensors={tip: {noise: 1.0e-6}}")
+    assert code == 2
+    assert "no sensor feels it" in said
+    assert "estimate.inputs.side" in said
+
+
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
         ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channels for 2 components"),
         ([measured(channels={"gauges": [None, None]})], "no component is measured"),
+        ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channels for 2 unknown loads"),
         ([measured(channels={"tip": CHANNELS["tip"]})], "tip"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "is of the kind strain"),
         ([measured(channels={"gauges": [{"channel": "uper", "unit": "um/m"}, CHANNELS["gauges"][1]]})], "upper"),

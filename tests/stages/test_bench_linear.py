@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag, eig
+from scipy.linalg import block_diag, eig, solve_discrete_are
 
 from strainsight.cases.bench.layout.linear import expected_std, scenario_of
 from strainsight.multibody.advance import Method
-from strainsight.multibody.inverse.linear import LinearBench, in_modes
+from strainsight.multibody.inverse.linear import LinearBench, in_modes, in_steps
 
 R_STATES, NU = 4, 2
 
@@ -170,3 +170,46 @@ def test_the_scenario_moves_as_the_bench_does(chain):
     np.testing.assert_allclose(
         bench.T @ s.Q[r : 2 * r, r : 2 * r] @ bench.T.T, 0.25 * chain.h * shaken @ shaken.T, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_constant_errors_of_gauges_add_what_a_filter_that_knows_nothing_of_them_leaves(chain, method):
+    """scipy's Riccati equation, then errors of the readings as states that the gain does not touch, step after step."""
+    chain, rows = replace(chain, method=method), np.random.default_rng(0).standard_normal((3, 6))
+    off, noise = np.array([2e-4, 0.0, 5e-5]), 1e-4
+    bench = chain.bench
+    found = expected_std(bench, bench.readings(rows), noise, 0.3, off)
+    A, N, scale = in_steps(bench, 0.3)
+    H = np.asarray(bench.readings(rows) * scale)
+    before = solve_discrete_are(A.T, H.T, N @ N.T, noise**2 * np.eye(3))
+    K = before @ H.T @ np.linalg.inv(H @ before @ H.T + noise**2 * np.eye(3))
+    n = len(A)
+    kept = np.block([[A, np.zeros((n, 3))], [np.zeros((3, n)), np.eye(3)]])
+    seen = np.hstack([H, np.diag(off)])
+    gain = np.vstack([K, np.zeros((3, 3))])
+    P = np.diag(np.concatenate([np.zeros(n), np.ones(3)]))
+    for _ in range(3000):
+        P = kept @ P @ kept.T
+        P[:n, :n] += N @ N.T
+        P = (np.eye(n + 3) - gain @ seen) @ P @ (np.eye(n + 3) - gain @ seen).T + noise**2 * gain @ gain.T
+    np.testing.assert_allclose(found, np.sqrt(np.diag(P)[n - NU : n]) * bench.increment, rtol=1e-7)
+    exact = expected_std(bench, bench.readings(rows), noise, 0.3)
+    assert np.all(found > exact)
+
+
+def test_noise_as_printed_moves_nothing_in_its_step(chain):
+    """Then σ of a load is at least its increment, whatever was measured: a textbook recursion with Q* after the step."""
+    rows, noise = np.random.default_rng(0).standard_normal((3, 6)), 1e-6
+    bench = replace(chain.bench, printed=True)
+    A, _, scale = in_steps(bench, 0.0)
+    H, n = bench.readings(rows) * scale, len(A)
+    Q = np.diag(np.concatenate([np.zeros(n - NU), np.ones(NU)]))
+    P = Q.copy()
+    for _ in range(2000):
+        P = A @ P @ A.T + Q
+        S = H @ P @ H.T + noise**2 * np.eye(3)
+        P = P - P @ H.T @ np.linalg.solve(S, H @ P)
+        P = 0.5 * (P + P.T)
+    found = expected_std(bench, bench.readings(rows), noise, 0.0)
+    np.testing.assert_allclose(found, np.sqrt(np.diag(P)[n - NU :]) * bench.increment, rtol=1e-6)
+    assert np.all(found > bench.increment)

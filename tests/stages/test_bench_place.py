@@ -161,6 +161,57 @@ def test_a_filter_comes_to_claim_what_was_expected(tmp_path, beam, sensor, layou
         assert claimed == pytest.approx(place[f"/layouts/{layout}/std"][i], rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    "how",
+    [
+        "estimate.tolerances={position: 0.004, angle: 2.0, gain: 0.03, transverse: 0.01}",
+        "estimate.tolerances={position: 0.0, angle: 0.0, gain: 0.03, transverse: 0.0}",
+        "estimate.method.noise=as_printed",
+    ],
+)
+def test_tolerances_and_noise_as_printed_are_in_what_was_expected(tmp_path, beam, how):
+    """Under loads that stay, which it knows without noise, the filter's σ ends where the placement says, and that is not where
+    exact gauges end."""
+    path = written(tmp_path, **{"duration: 0.05": "duration: 1.0"})
+    changes = f"name=how-{abs(hash(how))}", "field=null", "estimate.truth.noise=false", how
+    job = job_of(path, beam["reduce"].path.parents[1], *changes)
+    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
+    estimate, place = done["estimate"][2], done["place"][2]
+    expected = place["/layouts/place/std"]
+    found = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
+    assert found == pytest.approx(expected.tolist(), rel=1e-3)
+    assert np.all(expected > 1.1 * beam["place"]["/layouts/place/std"])
+
+
+@pytest.mark.parametrize("zeroed", [False, True])
+def test_a_gain_makes_a_gauge_as_noisy_as_its_share_of_what_it_reads_in_the_run(tmp_path, beam, zeroed):
+    """Statics of a linear bench: rms of the response to a sine and to a load that stays, less what was zeroed at the start."""
+    path = written(
+        tmp_path, **{"signal: {type: constant, value: 1000.0}": "signal: {type: sine, frequency: 20.0, amplitude: 1000.0}"}
+    )
+    gain = "estimate.tolerances={position: 0.0, angle: 0.0, gain: 0.03, transverse: 0.0}"
+    job = job_of(
+        path,
+        beam["reduce"].path.parents[1],
+        f"name=gain-{zeroed}",
+        "field=null",
+        gain,
+        f"sensors.gauges.zeroed={str(zeroed).lower()}",
+    )
+    place = finished(job, [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")])["place"][
+        2
+    ]
+    response = place["/candidates/response"][place["/pool/candidate"]]
+    # one period of the sine is the run
+    square = 0.5 * (1000.0 * response[:, 0]) ** 2 + (0.0 if zeroed else (500.0 * response[:, 1]) ** 2)
+    np.testing.assert_allclose(place["/augmented/R"][0] / 0.01, NOISE**2 + 0.03**2 * square, rtol=0.01)
+
+
+def test_a_disturbance_as_printed_is_refused_where_gauges_are_placed(tmp_path):
+    with pytest.raises(StrainsightError, match="place does not know the disturbance as printed"):
+        job_of(written(tmp_path), tmp_path, "estimate.method.noise=as_printed", "estimate.disturbance=0.1")
+
+
 def test_one_gauge_less_is_what_the_file_says_of_it(beam):
     """Two gauges still tell the two loads, worse; the file lists them in newtons."""
     place = beam["place"]

@@ -6,9 +6,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+import yaml
 from scipy.linalg import solve_continuous_are
 from typer.testing import CliRunner
 
+from strainsight.stages.bench.pipeline import bench_stages, demanded
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -110,3 +112,16 @@ def test_what_cannot_be_a_candidate_is_refused(bench):
     code, said = run(bench, "place", "--set=estimate.disturbance=0.1")
     assert code == 2
     assert "set it to 0, or take felt out of place.sensors" in said
+
+
+def test_a_simulation_does_not_wait_for_components_that_a_filter_alone_is_given():
+    """It has all components of such a sensor; gauges that a sensor takes from the placement it has to know."""
+    config = yaml.safe_load(CONFIG)
+    config["bearings"] = {}
+    config["estimate"] |= {"truth": {"model": "fine"}, "measured": None}
+    for layout, waits in ((None, False), ("place", True)):
+        config["sensors"]["gauges"]["layout"] = layout
+        stages = {stage.name: stage.upstream for stage in bench_stages(config)}
+        assert ("place" in stages["simulate"]) == waits
+        assert "place" in stages["estimate"]
+        assert any(stage.name == "place" for stage in demanded("statics", config)) == waits

@@ -51,6 +51,12 @@ def test_a_filter_comes_to_claim_of_load_and_modulus_what_was_expected(bench, se
     assert expected[1] < 0.5e10
 
 
+def test_beside_a_modulus_the_advice_says_that_sigma_is_of_exact_gauges(bench):
+    exact, loose = bench()["place"], bench("estimate.tolerances={}")["place"]
+    assert loose["/advice"][0].startswith("Beside parameters σ here is that of exact gauges")
+    assert not any("exact gauges" in own for own in exact["/advice"])
+
+
 def test_the_response_to_a_modulus_is_that_of_two_equilibria(bench):
     place = bench()["place"]
     step, own = 2.1e8, place["/layouts/place/candidate"]

@@ -60,7 +60,7 @@ def static_equilibrium(
             z = np.linalg.solve(A, right)
         except np.linalg.LinAlgError:
             if before < 1e-6 * whole:
-                _refuse_free(system, q, lam, u, theta, elastic)
+                refuse_free(system, K, B)
             shift = max(4 * shift, 1e-6 * stiffness)
             continue
         x, whole = z[:n], float(np.linalg.norm(d * q)) or 1.0
@@ -71,7 +71,8 @@ def static_equilibrium(
         if shift < 1e-10 * stiffness and (
             size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)
         ):
-            _refuse_free(system, q, lam, u, theta, elastic)
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+            refuse_free(system, *in_the_metric(at, d)[:2])
             return q, lam
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
         before = size
@@ -88,17 +89,8 @@ def in_the_metric(at: Balance, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     return at.stiffness / np.outer(d, d), s[:, None] * B, s
 
 
-def _refuse_free(
-    system: System,
-    q: np.ndarray,
-    lam: np.ndarray,
-    u: np.ndarray,
-    theta: np.ndarray,
-    elastic: tuple[np.ndarray, np.ndarray],
-) -> None:
-    zero = np.zeros(system.size)
-    at = balance(system, q, zero, zero, np.zeros(system.constrained), lam, u, theta, elastic)
-    K, B, _ = in_the_metric(at, system.metric)
+def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
+    """Raise InfeasibleError, with the body, where nothing holds a motion on B x = 0; K (n, n), B (m, n) as of `in_the_metric`."""
     null = np.linalg.svd(B)[2][len(B) :].T if len(B) else np.eye(system.size)
     if not null.shape[1]:
         return

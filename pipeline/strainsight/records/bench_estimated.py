@@ -45,6 +45,15 @@ class SensorMatch:
         "what it reads, with its noise where the filter was given it",
         default=None,
     )
+    predicted: np.ndarray | None = dataset(
+        "/predicted", "<unit>", "instant × component", "readings by the other channels, NaN: it is in", default=None
+    )
+    predicted_std: np.ndarray | None = dataset(
+        "/predicted_std", "<unit>", "instant × component", "σ of measured − predicted", default=None
+    )
+    left_in: tuple[str, ...] | None = dataset(
+        "/left_in", "1", "component", "why it was not left out, empty where it was", default=None
+    )
     bias: np.ndarray | None = dataset(
         "/bias", "<unit>", "component", "estimated offset at the end, 0 of a component that has none", default=None
     )

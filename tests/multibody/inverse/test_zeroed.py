@@ -4,10 +4,19 @@ import numpy as np
 import pytest
 from tests.multibody.inverse.benches import bench
 
+from strainsight.errors import InfeasibleError
+from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.forces import Load, RelativeElement
+from strainsight.multibody.frames import Frame
 from strainsight.multibody.inverse import zeroed
+from strainsight.multibody.inverse.followed import followed, rest_at
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.zeroed import zero_at_rest
+from strainsight.multibody.joints import prismatic
+from strainsight.multibody.laws.linear import bushing
+from strainsight.multibody.relations import offset
 from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.system import assemble
 
 LOADS = np.array([2e4, -1e4, 1.5e4])
 ALL = np.ones(9, dtype=bool)
@@ -75,3 +84,25 @@ def test_only_so_many_are_remembered_and_only_zeroed_channels_count(loaded, monk
         assert np.all(offset[:4] != 0)
         assert not offset[4:].any()
         assert not slopes[4:].any()
+
+
+class Unknown:
+    """F = θρ."""
+
+    def load(self, rho, rho_dot, theta):
+        return Load(theta[0] * rho, theta[0] * np.eye(1), None, rho[:, None])
+
+
+def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
+    """Two stones on rails, one on a spring that is known, one on a spring that is not and goes."""
+    stones = [RigidBody(name, 2.0, np.zeros(3), np.eye(3)) for name in ("held", "loose")]
+    rails = [prismatic(own.name, Frame("rail"), Frame("centre", own.name)) for own in stones]
+    known = bushing("known", Frame("wall"), Frame("end", "held"), [0, 0, 100.0, 0, 0, 0], [0.0] * 6)
+    unknown = RelativeElement("unknown", (offset(Frame("wall"), 2, Frame("end", "loose")),), Unknown(), ("k",))
+    system = assemble(stones, rails, [known, unknown])
+    q = np.tile(np.concatenate([np.zeros(3), np.eye(3).ravel()]), 2)
+    rest = rest_at(system, q, np.zeros(0), np.array([50.0]))
+    assert followed(system, rest, np.zeros(0), np.array([1.0])).theta == 1.0
+    for seek, start in ((rest_at, q), (followed, rest)):
+        with pytest.raises(InfeasibleError, match="nothing holds body loose"):
+            seek(system, start, np.zeros(0), np.array([1e-11]))

@@ -160,6 +160,13 @@ def _channels(compiled: Readings) -> dict[str, slice]:
     return channels
 
 
+def units_of(entry: StatedSensor, part: slice) -> tuple[str, ...]:
+    """The unit of each of its components, whose channels are `part`."""
+    if isinstance(entry, RelativeSensor):
+        return ("m", "m", "m", "rad", "rad")
+    return (unit_of(entry),) * (part.stop - part.start)
+
+
 def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
     if isinstance(entry, StrainSensor):

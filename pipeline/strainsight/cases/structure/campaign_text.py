@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
-from strainsight.cases.structure.estimation_text import channel_table, estimation_csv, rms
-from strainsight.cases.structure.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
+from strainsight.cases.structure.estimation_text import channel_table, estimation_csv, rms, without_each
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.records.estimated import CampaignRecord
@@ -76,11 +76,7 @@ def campaign_numbers(found: Campaign) -> dict[str, Scalar]:
             numbers[f"estimate.{name}.{of}"] = rms(own.estimated.smoothed[name])
             if not found.withheld:
                 numbers[f"std.{name}.{of}"] = rms(own.estimated.smoothed_std[name])
-        if (held := own.estimated.hold_out) is not None:
-            gauge = own.estimated.gauge
-            numbers |= {
-                f"{key}.{of}": value for key, value in hold_out_numbers(held, gauge.label, gauge.measured).items()
-            }
+        numbers |= {f"{key}.{of}": value for key, value in hold_out_numbers(without_each(own.estimated)).items()}
     if found.withheld:
         numbers["withheld"] = found.withheld
     if found.undetectable:
@@ -104,9 +100,7 @@ def campaign_message(found: Campaign) -> str:
         sigma = "" if found.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {first.units[name]}{what}")
     for of, own in found.records.items():
-        if (held := own.estimated.hold_out) is not None:
-            gauge = own.estimated.gauge
-            parts += [f"{of}: {words}" for words in misfits_in_words(held, gauge.label, gauge.measured)]
+        parts += [f"{of}: {words}" for words in misfits_in_words(without_each(own.estimated), "gauges")]
     if loud := [of for of, own in found.records.items() if own.judgement.trusted and not own.verdict.consistent]:
         parts.append(f"the noise does not fit the innovations of {', '.join(loud)}")
     parts += damage_in_words(found.damage)
@@ -123,9 +117,8 @@ def campaign_tables(found: Campaign) -> tuple[Table, ...]:
     tables += damage_tables(found.damage, first.labels)
     notes: list[tuple[str, ...]] = []
     for of, own in found.records.items():
-        gauge, held = own.estimated.gauge, own.estimated.hold_out
-        if held is not None:
-            table = hold_out_table(held, gauge.label, own.channel_units, gauge.measured)
+        if held := without_each(own.estimated):
+            table = hold_out_table(held, own.channel_units, "gauge")
             tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
         table = channel_table(own.estimated, own.channel_units)
         tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))

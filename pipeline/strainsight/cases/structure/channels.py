@@ -51,12 +51,6 @@ def units_in_words(quantity: np.ndarray) -> str:
     return " or ".join(UNITS[kind] for kind in np.unique(quantity))
 
 
-def size_in_words(size: float, unit: str) -> str:
-    """Of a reading; of strain in µm/m."""
-    factor, shown = (1e6, "µm/m") if unit == UNITS[STRAIN] else (1.0, unit)
-    return f"{factor * size:.4g} {shown}"
-
-
 def training_units(quantity: np.ndarray) -> dict[str, str]:
     """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)

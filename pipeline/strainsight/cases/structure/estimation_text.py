@@ -7,12 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.cases.hold_out import (
+    Left,
+    hold_out_numbers,
+    hold_out_table,
+    left_out,
+    misfits_in_words,
+    size_in_words,
+)
 from strainsight.cases.layout.budget import budget_tables
-from strainsight.cases.structure.channels import size_in_words
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
-from strainsight.cases.structure.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.records.estimated import Estimated
 from strainsight.workflow.output import Scalar, Table
@@ -39,8 +45,7 @@ def estimation_numbers(found: Estimation) -> dict[str, Scalar]:
             numbers[f"std.{name}"] = rms(own.smoothed_std[name])
     if found.tuning:
         numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
-    if own.hold_out is not None:
-        numbers |= hold_out_numbers(own.hold_out, own.gauge.label, own.gauge.measured)
+    numbers |= hold_out_numbers(without_each(own))
     if found.withheld:
         numbers["withheld"] = found.withheld
     if found.undetectable:
@@ -62,8 +67,7 @@ def estimation_message(found: Estimation) -> str:
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {units[name]}{what}")
     if "hold_out.inside" in numbers:
         parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
-    if (held := found.estimated.hold_out) is not None:
-        parts += misfits_in_words(held, found.estimated.gauge.label, found.estimated.gauge.measured)
+    parts += misfits_in_words(without_each(found.estimated), "gauges")
     if not found.verdict.consistent and found.judgement.trusted:
         parts.append("the noise does not fit the innovations")
     parts += damage_in_words(found.estimated.damage)
@@ -89,16 +93,23 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
     # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
     blamed = bool(found.estimated.check.candidate)
     notes = tuple((note,) for note in (*found.estimated.notes, *([] if blamed else [found.verdict.text])))
-    beside, held, own = found.estimated.compared, found.estimated.hold_out, found.estimated.gauge
+    beside, held = found.estimated.compared, without_each(found.estimated)
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),
         *damage_tables(found.estimated.damage, found.labels),
         *budget_tables(found.estimated.budget),
         *([] if beside is None else [comparison_table(beside, found.units)]),
-        *([] if held is None else [hold_out_table(held, own.label, found.channel_units, own.measured)]),
+        *([hold_out_table(held, found.channel_units, "gauge")] if held else []),
         channel_table(found.estimated, found.channel_units),
         Table("measurements", ("",), notes),
     )
+
+
+def without_each(own: Estimated) -> tuple[Left, ...]:
+    """Every gauge by the others, empty where that was not asked for."""
+    if (held := own.hold_out) is None:
+        return ()
+    return left_out(held.predicted, held.std, held.left_in, own.gauge.label, own.gauge.measured)
 
 
 def channel_table(own: Estimated, units: Sequence[str]) -> Table:

@@ -76,7 +76,6 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
 
 
 def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
-    channels = 0
     for name, entry in estimate.sensors.items():
         key = f"estimate.sensors.{name}"
         yield from known(key, name, config.sensors, "sensor")
@@ -93,18 +92,28 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
                 f"set it to 0, and put what the model has wrong into the noise of {name}",
             )
         count = channels_of(config, name)
-        channels += count or 0
         for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
             own = getattr(entry, field)
             if count is not None and isinstance(own, tuple) and len(own) != count:
                 what = f"{len(own)} {many} for {count} components"
                 yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
-    if None not in [channels_of(config, name) for name in estimate.sensors] and channels < len(estimate.inputs):
+    given = [_given(config, estimate, name) for name in estimate.sensors]
+    known_counts = [count for count in given if count is not None]
+    if len(known_counts) == len(given) and sum(known_counts) < len(estimate.inputs):
         yield Problem(
             "estimate.sensors",
-            f"{channels} channels for {len(estimate.inputs)} unknown loads",
+            f"{sum(known_counts)} channels for {len(estimate.inputs)} unknown loads",
             "give the filter more sensors, or make a load known",
         )
+
+
+def _given(config: BenchConfig, estimate: Estimate, name: str) -> int | None:
+    """How many components of a sensor the filter is given; None where a placed layout says it later."""
+    if estimate.sensors[name].layout is not None:
+        return None
+    if isinstance(estimate.measured, FromFile) and name in estimate.measured.channels:
+        return sum(own is not None for own in estimate.measured.channels[name])
+    return channels_of(config, name)
 
 
 def channels_of(config: BenchConfig, name: str) -> int | None:
@@ -228,6 +237,9 @@ def _bank(estimate: Estimate) -> Iterator[Problem]:
         yield Problem(
             "estimate.tolerances", what, "leave it out, or set estimate.method.parameters: extended", at_key=True
         )
+    if estimate.hold_out is not None:
+        what = "a bank says nothing of channels that are left out"
+        yield Problem("estimate.hold_out", what, "leave it out, or set estimate.method.parameters: extended")
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if not free:

@@ -27,6 +27,16 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
         if max(place.poses) > config.simulate.duration:
             what = f"{max(place.poses):g} s is beyond the run of {config.simulate.duration:g} s"
             yield Problem("place.poses", what, "take instants of the run")
+        if (
+            config.estimate is not None
+            and config.estimate.method.noise == "as_printed"
+            and config.estimate.disturbance > 0
+        ):
+            yield Problem(
+                "estimate.disturbance",
+                "place does not know the disturbance as printed, which is on every velocity, whatever the joints",
+                "set it to 0, or method.noise: before_step, or place in a run of its own",
+            )
         inputs = () if config.estimate is None else tuple(config.estimate.inputs)
         free = [name for name, own in parameters.items() if own.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"

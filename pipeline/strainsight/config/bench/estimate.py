@@ -209,6 +209,11 @@ class Estimate(Section):
     measured: Measured | None = Field(
         None, description="Measurements instead: of another bench (from), or of a test (file)."
     )
+    hold_out: Literal["each"] | None = Field(
+        None,
+        description="each: leave every gauge and every component of another sensor out in turn, and compare what it read with "
+        "what the others say; a filter more for each.",
+    )
     method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
     runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")
     allow_unobservable: bool = Field(

@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.multibody.equations import balance, parameter_slopes
 from strainsight.multibody.inverse.start import static_response
-from strainsight.multibody.static import CONVERGED, ROUNDING, in_the_metric, static_equilibrium
+from strainsight.multibody.static import CONVERGED, ROUNDING, in_the_metric, refuse_free, static_equilibrium
 from strainsight.multibody.system import System
 
 STEPS = 8
@@ -38,7 +38,8 @@ def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> R
         [K  −Bᵀ] [Δq  ∂q]     [f  ∂f/∂θ]
         [B   0 ] [λ'  ∂λ] = − [φ  0    ]
 
-    from q + ∂q Δθ; where that does not end it is sought as by `rest_at`.
+    from q + ∂q Δθ; where that does not end it is sought as by `rest_at`. Raises InfeasibleError, as
+    that does, where nothing holds some motion at θ.
     """
     return _newton(system, known, u, theta) or rest_at(system, known.q, u, theta)
 
@@ -60,6 +61,7 @@ def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Re
         size, whole = float(np.linalg.norm(z[:n, 0])), float(np.linalg.norm(d * q)) or 1.0
         q, lam = q + z[:n, 0] / d, z[n:, 0] * s
         if size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before):
+            refuse_free(system, K, B)
             return Rest(theta, q, lam, z[:n, 1:] / d[:, None])
         if not size < before:
             return None

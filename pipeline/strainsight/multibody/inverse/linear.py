@@ -25,7 +25,8 @@ class LinearBench:
     T (n, r) [unit of q per m √kg], TᵀMT = 1; C (r, r) [1/s]; stiffness λ (r,) [rad²/s²], ascending, none of them zero;
     B (r, nu) [m √kg/s² per unit of an input]; increment (nu,) σ of the change of every input in a step of h [s]; force (n,)
     variances of the generalised force on q that is drawn in every step for 1 m/s² of white acceleration; method of the step;
-    corrected: whether the filter makes up for what the step leaves out (`left_out`).
+    corrected: whether the filter makes up for what the step leaves out (`left_out`); printed: whether its noise is the thesis's
+    Q*, by which a load that changes in a step moves nothing in it.
     """
 
     T: np.ndarray
@@ -37,6 +38,7 @@ class LinearBench:
     h: float
     method: Method
     corrected: bool = False
+    printed: bool = False
 
     @property
     def static(self) -> np.ndarray:
@@ -58,6 +60,7 @@ def linear_bench(
     h: float,
     method: Method,
     corrected: bool = False,
+    printed: bool = False,
     by_xi: np.ndarray | None = None,
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones; by_xi (nθ, p):
@@ -69,7 +72,7 @@ def linear_bench(
         pushed = -at.T.T @ parameter_slopes(system, at.at, np.asarray(q, dtype=float), np.zeros(system.size)) @ by_xi
         B = np.hstack([B, pushed])
     own = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
-    return replace(own, corrected=corrected)
+    return replace(own, corrected=corrected, printed=printed)
 
 
 def in_modes(
@@ -136,9 +139,10 @@ def in_steps(
         thesis        z' = X z + b(u + δ) + b w,                      X, b of one stage of h
         second_order  z' = X (z + c (k − z)) + b(u + δ) + b w,        k = X z + b(u + γδ) + b w,   of stages of γh,  c = (1 − γ)/γ
 
-    z = (η, η̇), u' = u + δ, with scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in what stores the energy that the
-    largest increment does at rest. There no motion grows in a step, whatever the units, and one that no input moves has no unit
-    of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which then is a unit.
+    z = (η, η̇), u' = u + δ, the step with δ = 0 where `printed`. scale (n*,), (η, η̇, u) = scale · x: u in increments, η and η̇ in
+    what stores the energy that the largest increment does at rest. There no motion grows in a step, whatever the units, and one
+    that no input moves has no unit of rounding. drawn (nu,): σ of the changes in a step, where it is not the increment, which
+    then is a unit.
     """
     r, nu = bench.B.shape
     own_drawn = bench.increment if drawn is None else drawn
@@ -169,7 +173,11 @@ def in_steps(
         return A / scale[:, None] * scale, np.hstack([own, white]) / scale[:, None], scale
     A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + shaken.shape[1]))
     A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, start + end
-    N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = end * own_drawn, np.diag(own_drawn), force
+    N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = (
+        0.0 if bench.printed else end * own_drawn,
+        np.diag(own_drawn),
+        force,
+    )
     return A / scale[:, None] * scale, N / scale[:, None], scale
 
 

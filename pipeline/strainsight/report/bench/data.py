@@ -14,6 +14,7 @@ import numpy as np
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.page.run import Run, Scalar
 from strainsight.report.placement.data import Criteria, Metric, Trend
+from strainsight.report.tested.data import HoldOut
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class BearingEstimate:
 @dataclass(frozen=True)
 class BenchEstimate:
     """What a filter made of a bench: unknowns, sensors, bearings; nis (T,) over the number of channels; violation (T+1,) of the
-    constraints at time (T+1,) [s]; numbers: its summary."""
+    constraints at time (T+1,) [s]; numbers: its summary; hold_out: channels as the others predict them."""
 
     time: FloatArray
     unknowns: tuple[BenchUnknown, ...]
@@ -76,6 +77,7 @@ class BenchEstimate:
     nis: FloatArray
     violation: FloatArray
     numbers: Mapping[str, Scalar]
+    hold_out: tuple[HoldOut, ...] = ()
 
 
 @dataclass(frozen=True)

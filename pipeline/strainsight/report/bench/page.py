@@ -29,6 +29,7 @@ from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
 from strainsight.report.space.section import STYLE, script
+from strainsight.report.tested.hold_out import held_out, hold_out_figures
 
 STYLES = ("bench/bench.css",)
 FOOTER = (
@@ -38,7 +39,7 @@ FOOTER = (
 
 
 def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
-    """Section of the page → its figures: "unknowns", "sensors", "placement", "motion"."""
+    """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
     found: dict[str, tuple[Drawing, ...]] = {}
     if (estimate := run.estimate) is not None:
         found["unknowns"] = tuple(
@@ -57,6 +58,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
             for i, sensor in enumerate(estimate.sensors)
         )
         found["sensors"] += (consistency_figure(estimate),)
+        found["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
     if (placement := run.placement) is not None:
         found["placement"] = (trend_figure(placement.trend),)
         if any(len(values) for values in placement.random.values()):
@@ -86,10 +88,14 @@ def bench_page(
 ) -> str:
     """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
     turned: the section of `space_section`, or nothing."""
+    held = () if run.estimate is None else run.estimate.hold_out
     number_of = {entry.key: i for i, entry in enumerate(entry for entries in drawings.values() for entry in entries)}
 
+    def each(key: str) -> list[str]:
+        return [figure(entry, number_of[entry.key]) for entry in drawings.get(key, ())]
+
     def cards(key: str) -> str:
-        return figures(figure(entry, number_of[entry.key]) for entry in drawings.get(key, ()))
+        return figures(each(key))
 
     sections = [
         f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
@@ -100,6 +106,7 @@ def bench_page(
         sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
         sensors = mismatch_table(run)
         sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
+        sections.append(held_out(held, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))

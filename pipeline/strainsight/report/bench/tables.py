@@ -11,9 +11,11 @@ from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
 from strainsight.report.page.positions import AXES, axes, decimals
-from strainsight.report.placement.verdicts import OVER
+from strainsight.report.placement.verdicts import CONTRADICTED, DIVERGED, LOST, OVER, UNTESTED, WEAK
 from strainsight.report.text import number
 
+NOT_GOOD = (DIVERGED, LOST, OVER, CONTRADICTED, WEAK)
+"""Verdicts on an unknown whose σ does not hold, or says that nothing is known."""
 Cell = Callable[[BenchRun, BenchUnknown], str]
 
 
@@ -55,10 +57,12 @@ def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
 
 
 def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
-    word = run.summary.get(f"claim.{unknown.name}")
+    word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    mark, style = ("✕", "bad") if word == OVER else ("✓", "good")
+    mark, style = ("✕", "bad") if word in NOT_GOOD else ("✓", "good")
+    if word == UNTESTED:
+        return word
     return f'<strong class="{style} whole">{mark} {word}</strong>'
 
 

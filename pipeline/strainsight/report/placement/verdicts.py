@@ -13,6 +13,8 @@ from strainsight.report.text import digits_apart, number
 
 OVER, CAUTIOUS = "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
+WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
+BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
 HARDLY = "the measurements hardly narrow it"
 
 Shown = Callable[[float, int], str]

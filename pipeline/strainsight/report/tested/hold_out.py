@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
 import numpy as np
@@ -83,8 +83,12 @@ def _error(own: HoldOut) -> str:
 
 
 def hold_out_section(parts: Parts) -> str:
+    """Of the page of a test."""
+    return held_out(parts.report.hold_out, chosen(parts, "hold-out-"))
+
+
+def held_out(held: Sequence[HoldOut], cards: Iterable[str]) -> str:
     """The table and the figures; nothing where no channel was left out."""
-    held = parts.report.hold_out
     if not held:
         return ""
     rows = []
@@ -103,7 +107,6 @@ def hold_out_section(parts: Parts) -> str:
     head = ("channel", "RMS error", "of its RMS", "error over σ", "inside ±2σ")
     caption = "Inside ±2σ: 95 % where σ holds; error over σ: 1."
     text = table("hold-out", head, rows, caption=caption, numeric=range(1, 5))
-    shown = cards_of(chosen(parts, "hold-out-"))
     worst = min((inside(own) for own in held), default=float("nan"))
     said = "" if np.isnan(worst) else f" Least share inside ±2σ: {number(100 * worst, 3)} %."
-    return f'<h2>Hold-out</h2><p class="lead">{LEAD}{said}</p><div class="card">{text}</div>{shown}'
+    return f'<h2>Hold-out</h2><p class="lead">{LEAD}{said}</p><div class="card">{text}</div>{cards_of(cards)}'

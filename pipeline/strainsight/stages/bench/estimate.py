@@ -8,10 +8,11 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
-from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, warnings_of
+from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, verdicts_of, warnings_of
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
+from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, FromFile
 from strainsight.errors import ArtefactError
@@ -63,10 +64,16 @@ def run(context: Context[BenchConfig]) -> Output:
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
-    warned = warnings_of(config, free, summary, result.claims, float(summary["nis"]), late, own.lost)
-    warnings = [*own.notes, *warned, *_disagreements(estimate, own)]
+    judged = config, free, summary, result.claims, float(summary["nis"]), late
+    rows = () if own.without is None else own.without.rows
+    verdicts = verdicts_of(*judged, rows)
+    warnings = [*misfits_in_words(rows, "channels"), *own.notes, *warnings_of(*judged, own.lost)]
+    warnings += _disagreements(estimate, own)
+    summary |= {f"verdict.{name}": word for name, word in verdicts.items()}
     units = dataset_units(config, load_units(config, found.inputs))
-    tables = [_table(own, result, isinstance(estimate.measured, FromFile))]
+    tables = [_table(own, result, verdicts, isinstance(estimate.measured, FromFile))]
+    if own.without is not None:
+        tables.append(hold_out_table(rows, own.without.units, "channel"))
     if offsets := _offsets(found, units):
         tables.append(offsets)
     if own.done:
@@ -128,6 +135,7 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
         "truth": _truth(estimate),
         **result.numbers,
         **claim_numbers(result.claims),
+        **(hold_out_numbers(own.without.rows) if own.without is not None else {}),
         **ratios(own.compared),
     }
 
@@ -141,7 +149,7 @@ def _truth(estimate: Estimate) -> str:
     return text + ("" if estimate.truth.noise else ", without noise")
 
 
-def _table(own: Estimated, result: Compared, in_test: bool) -> Table:
+def _table(own: Estimated, result: Compared, verdicts: Mapping[str, str], in_test: bool) -> Table:
     shown = dict.fromkeys(result.found.inputs, COLUMNS["inputs"])
     shown |= dict.fromkeys(own.elsewhere, COLUMNS["elsewhere"])
     shown |= dict.fromkeys(own.unknowns.free, COLUMNS["parameters"])
@@ -154,13 +162,13 @@ def _table(own: Estimated, result: Compared, in_test: bool) -> Table:
         load = result.found.inputs.get(name)
         if load is not None and load.smoothed is not None and load.smoothed_std is None:
             cells.append("smoothed σ withheld")
-        rows.append((name, *cells))
+        rows.append((name, verdicts.get(name, ""), *cells))
     title = "unknowns, errors and σ over the largest true value"
     if in_test or own.elsewhere:
         title = "unknowns, settled" if in_test else "unknowns"
-    width = max((len(row) for row in rows), default=1)
+    width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
-    return Table(title, ("unknown", *[""] * (width - 1)), filled)
+    return Table(title, ("unknown", "verdict", *[""] * (width - 2)), filled)
 
 
 def _offsets(found: BenchEstimated, units: Mapping[str, str]) -> Table | None:
@@ -189,7 +197,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=13,
+    version=14,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

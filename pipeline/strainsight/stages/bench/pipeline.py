@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +30,8 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
         from strainsight.stages.bench.estimate import ESTIMATE
         from strainsight.stages.bench.truth import truth_stage
 
-        estimate = _after(ESTIMATE, "place") if takes_over else ESTIMATE
+        given = config["estimate"]["sensors"].values()
+        estimate = _after(ESTIMATE, "place") if takes_over or _any_layout(given) else ESTIMATE
         truth = config["estimate"]["truth"]
         if truth["model"] == "other" and config["estimate"]["measured"] is None:
             stages.append(truth_stage(truth["duration"] is not None))
@@ -63,15 +64,22 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
 def _place(config: Mapping[str, Any]) -> Stage:
     from strainsight.stages.bench.place import place_stage
 
-    parameters = (config.get("estimate") or {}).get("parameters") or {}
+    estimate = config.get("estimate") or {}
+    constants = estimate.get("tolerances") is not None or any(
+        own.get("std") is not None for own in (estimate.get("parameters") or {}).values()
+    )
     sensors = (config.get("place") or {}).get("sensors")
-    return place_stage(any(own.get("std") is not None for own in parameters.values()), bool(sensors))
+    return place_stage(constants, bool(sensors))
 
 
 def _takes_over(config: Mapping[str, Any]) -> bool:
-    """Whether a sensor takes its gauges, or a filter its components, from the placement."""
-    given = (config.get("estimate") or {}).get("sensors") or {}
-    return any(sensor.get("layout") for sensor in (*config["sensors"].values(), *given.values()))
+    """Whether a sensor takes its gauges from the placement; of one whose components a filter alone takes from there, a simulation
+    has all."""
+    return _any_layout(config["sensors"].values())
+
+
+def _any_layout(sensors: Iterable[Mapping[str, Any]]) -> bool:
+    return any(sensor.get("layout") for sensor in sensors)
 
 
 def _after(stage: Stage, name: str) -> Stage:

@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=19,
+    version=20,
     reads=(
         "seed",
         "bodies",
@@ -43,6 +43,7 @@ PLACE = Stage(
         "estimate.method.step_error",
         "estimate.method.noise",
         "estimate.parameters",
+        "estimate.tolerances",
         "estimate.inputs.*.std",
         "estimate.inputs.*.smoothness",
         "estimate.inputs.*.damping",
@@ -59,15 +60,17 @@ PLACE = Stage(
     records=("gauges.csv",),
 )
 
-BESIDE_PARAMETERS = ("estimate.duration", "estimate.sensors", "simulate.duration", "simulate.start", "sensors")
-"""What it reads, too, where parameters are estimated: σ of a constant depends on how long it is watched, and by which gauges."""
+IN_ITS_RUN = ("estimate.duration", "estimate.sensors", "simulate.duration", "simulate.start", "sensors")
+"""What it reads, too, where parameters are estimated, or gauges have tolerances: σ depends on how long a constant is watched and
+by which gauges, what these are off by on the loads of the run."""
 
 
 OF_MOTION = ("sensors",)
 """What it reads, too, where sensors of the bench are among its candidates."""
 
 
-def place_stage(parameters: bool, sensors: bool) -> Stage:
-    """The stage, of a bench that has parameters to estimate or not, with its sensors among the candidates or without."""
-    more = BESIDE_PARAMETERS if parameters else OF_MOTION if sensors else ()
+def place_stage(constants: bool, sensors: bool) -> Stage:
+    """The stage, of a bench that has parameters to estimate or tolerances of gauges, or none, with its sensors among the
+    candidates or without."""
+    more = IN_ITS_RUN if constants else OF_MOTION if sensors else ()
     return replace(PLACE, reads=(*PLACE.reads, *more))

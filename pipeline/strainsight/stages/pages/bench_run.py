@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from strainsight.report.bench.data import (
     BenchUnknown,
     DriveMotion,
 )
+from strainsight.report.tested.data import HoldOut
 from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
 from strainsight.workflow.artefact import Artefact
 
@@ -44,7 +45,20 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
         nis=own.nis,
         violation=own.violation,
         numbers=artefact.summary,
+        hold_out=tuple(_held_out(own, kinds)),
     )
+
+
+def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[HoldOut]:
+    """Every channel that was left out, as the others predict it."""
+    for name, match in own.sensors.items():
+        if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
+            continue
+        _, units = _components(kinds[name], unit_of(match, "expected"), match.expected.shape[1])
+        for i, why in enumerate(match.left_in):
+            if not why:
+                columns = (values[:, i] for values in (match.measured, match.predicted, match.predicted_std))
+                yield HoldOut(f"{name}.{i + 1}", i + 1, units[i], own.time[1:], *columns)
 
 
 def seeds_of(artefact: Artefact) -> dict[str, np.ndarray]:

@@ -197,10 +197,14 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
         bias, bias_std = np.zeros((2, part.stop - part.start))
         at, size = offset[which] - given.start, own.trial.model.size
         bias[at], bias_std[at] = own.mean[-1, 0, size + which], own.std[-1, 0, size + which]
+    without = own.without if used else None
     return SensorMatch(
         used=used,
         expected=own.reading[1:, 0, part],
         measured=measured if there else None,
+        predicted=None if without is None else without.predicted[:, 0, given],
+        predicted_std=None if without is None else without.std[:, 0, given],
+        left_in=None if without is None else without.left_in[given],
         bias=bias,
         bias_std=bias_std,
     )

@@ -11,6 +11,7 @@ from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.balls import ring_watch, rings_estimated
 from strainsight.cases.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.cases.bench.inverse.from_file import from_file
+from strainsight.cases.bench.inverse.hold_out import HeldOut, held_out
 from strainsight.cases.bench.inverse.installed import Observed, misread, observed, toleranced
 from strainsight.cases.bench.inverse.other_truth import reality_of
 from strainsight.cases.bench.inverse.refusals import undistinguished, unfollowed
@@ -45,7 +46,8 @@ class Estimated:
     (T + 1, seeds, all channels) of every sensor at the estimate of a seed's first start; smoothed: loads of the first run by all
     samples, of an extended filter; elsewhere: loads of the other bench (T + 1,) by input; rings: what every bearing does, by the
     first run of an extended filter; compared: the parameters of the first run by bank and extended filter, where a bank has
-    filtered; done: what was done to measurements from a file; notes: doubts. Sentences.
+    filtered; without: every channel by the others, where that was asked for; done: what was done to measurements from a file;
+    notes: doubts. Sentences.
     """
 
     bench: Bench
@@ -66,6 +68,7 @@ class Estimated:
     elsewhere: Mapping[str, np.ndarray]
     rings: dict[str, RingEstimate]
     compared: Compared | None
+    without: HeldOut | None
     done: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -106,7 +109,7 @@ def estimated(
 
     reality: Reality | None = None
     elsewhere: dict[str, np.ndarray] = {}
-    first = None
+    first: np.ndarray | None = None
     done: tuple[str, ...] = ()
     if estimate.measured is not None:
         own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
@@ -126,7 +129,6 @@ def estimated(
         for name, values in read.items():
             readings[:, 0, sensors.channels[name]] = values[1:]
         first = np.concatenate([read[name][0] for name in used.channels])
-        first[~_given(config, used, placed)] = np.nan
         nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
         reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
     elif truths is not None:
@@ -143,8 +145,17 @@ def estimated(
     largest = np.zeros(len(among))
     if reality is not None:
         largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
-    trial = trial_of(config, bench, used, unknowns, known, second, largest, heaviest, zeroing, first, errors, h)
     given = _given(config, used, placed)
+    if reality is not None:
+        given &= np.isfinite(reality.readings[:, :, among]).any(axis=(0, 1))
+
+    def trial_with(there: np.ndarray) -> Trial:
+        begun = None if first is None else np.where(there, first, np.nan)
+        return trial_of(
+            config, bench, used, unknowns, known, second, largest, heaviest, zeroing, begun, there, errors, h
+        )
+
+    trial = trial_with(given)
     if reality is None:
         reality = _walked(trial, used, sensors, known, runs, config.seed)
     simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
@@ -156,8 +167,13 @@ def estimated(
         y += np.repeat(too_much, starts, axis=1)
     y[:, :, ~given] = np.nan
 
+    until = 1.0 if estimate.hold_out is None else 1 / (1 + given.sum())
+
     def filtering(share: float) -> None:
-        using.progress("filter", 0.3 + 0.7 * share)
+        using.progress("filter", 0.3 + 0.7 * until * share)
+
+    def leaving(what: str, share: float) -> None:
+        using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(config, bench, trial.model, steps)
     found = (
@@ -169,12 +185,19 @@ def estimated(
         *undistinguished(config, trial, given, unknowns, found.mean[:, 0]),
         *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
     )
+    without = None
+    if estimate.hold_out is not None:
+
+        def tells(by: Trial, there: np.ndarray) -> None:
+            list(undistinguished(config, by, there, unknowns, found.mean[:, 0]))
+
+        without = held_out(config, estimate.method, used, given, y, trial_with, tells, starts, leaving)
     reading = _expected(config, bench, sensors, unknowns, trial, found, among, zeroing)
     nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
     return Estimated(
         bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
         found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, done,
+        found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, without, done,
         (*doubts, *trial.notes, *found.notes),
     )  # fmt: skip
 

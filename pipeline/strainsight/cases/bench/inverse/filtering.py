@@ -88,6 +88,32 @@ def by_extended(
     )
 
 
+def predicted(
+    method: Method, trial: Trial, y: np.ndarray, part: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings (T, B, k) of some channels (k,) by all others of y (T, B, m), their σ with the noise of a sample, and which runs
+    (B,) diverge."""
+    D, o = trial.installed
+    others = y.copy()
+    others[:, :, part] = np.nan
+    if errors := D.shape[1]:
+        _refuse_large(trial, y)
+    found = _filter(
+        method, trial.offsets, trial.model, trial.start, trial.covariance, others,
+        keep="all" if errors else "mean", refuse=False,
+    )  # fmt: skip
+    variance = found.gauge_std[:, :, part] ** 2 + trial.noise[part] ** 2
+    if errors:
+        S, model = considered(found, others, trial.model.R, D, o), trial.offsets.model(trial.model)
+        own = np.einsum("mkn,tbn->tbmk", D[part], found.mean[1:, :, : D.shape[2]]) + o[part]
+        for k in range(len(y)):
+            # the run keeps no row of a channel that is missing
+            x = np.where(np.isfinite(found.mean[k + 1]), found.mean[k + 1], found.mean[0])
+            H = model.measure(x, k)[1][:, part]
+            variance[k] += np.sum((H @ S[k + 1] - own[k]) ** 2, axis=2)
+    return found.gauge_mean[:, :, part], np.sqrt(variance), found.lost >= 0
+
+
 def _refuse_large(trial: Trial, y: np.ndarray) -> None:
     """What errors of gauges leave is found from the covariances of all runs."""
     steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)

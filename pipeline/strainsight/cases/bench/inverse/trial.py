@@ -63,6 +63,7 @@ def trial_of(
     heaviest: np.ndarray,
     zeroing: np.ndarray,
     first: np.ndarray | None,
+    given: np.ndarray,
     errors: tuple[Toleranced, ...],
     h: float,
 ) -> Trial:
@@ -70,7 +71,8 @@ def trial_of(
     second (T + 1, nd): p̈ of driven joints;
     largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
     zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
-    start, which guesses that the config leaves open have to explain at rest; errors: of gauges.
+    start, which guesses that the config leaves open have to explain at rest; given (m,): the
+    channels that the filter has; errors: of gauges.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
@@ -87,7 +89,7 @@ def trial_of(
     raised_by[unknowns.inputs] += unknowns.std_u
     moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
     noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
-    notes = (*raised, *_felt(config, unknowns, used, moved / noise[:, None], unsolved))
+    notes = (*raised, *_felt(config, unknowns, used, given, moved / noise[:, None], unsolved))
     with blame("estimate"):
         at_zero = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)[0] if errors else None
     still = np.zeros(bench.system.size) if at_zero is None else at_zero
@@ -210,21 +212,28 @@ def _covariance(
 
 
 def _felt(
-    config: BenchConfig, unknowns: Unknowns, used: Sensors, moved: np.ndarray, unsolved: NumericalError | None
+    config: BenchConfig,
+    unknowns: Unknowns,
+    used: Sensors,
+    given: np.ndarray,
+    moved: np.ndarray,
+    unsolved: NumericalError | None,
 ) -> tuple[str, ...]:
-    """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise;
-    unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest was not found.
+    """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise, by
+    channels that are given (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest
+    was not found.
 
     Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
     other poses, rest says nothing: `undistinguished` asks along the run.
     """
-    given = [config.sensors[name] for name in used.channels]
+    there = [config.sensors[name] for name, own in used.channels.items() if given[own].any()]
     moving = any(
         isinstance(own, AccelerationSensor) or (isinstance(own, MotionSensor) and own.quantity == "velocity")
-        for own in given
+        for own in there
     )
     if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
         return ()
+    moved = np.where(given[:, None], moved, 0.0)
     names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
         if column.max() < FELT and not asked(config).allow_unobservable:
@@ -239,5 +248,5 @@ def _felt(
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
         for name, own in used.channels.items()
-        if moved[own].max(initial=0.0) < FELT and own.stop > own.start
+        if moved[own].max(initial=0.0) < FELT and given[own].any()
     )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from strainsight.cases.bench.inverse.numbers import smoothed_name
 from strainsight.cases.bench.inverse.unknowns import asked
+from strainsight.cases.hold_out import Left
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
+from strainsight.report.placement.verdicts import BORNE_OUT, CONTRADICTED, DIVERGED, LOST, UNTESTED, WEAK
 from strainsight.report.text import digits_apart, number
 
 Scalar = float | str
@@ -57,7 +59,7 @@ def warnings_of(
         for name in free
         if numbers.get(f"identified.{name}") is False
     )
-    size = judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
+    size = _size(nis, innovations)
     # Slow loads make innovations smaller, down to (m − n)/m: only of a truth that the filter's model could have made is that odd.
     if size == OVERCONFIDENT or (estimate.truth.model == "walk" and size == TOO_CAUTIOUS):
         off, noises = ("larger", "small") if nis > 1 else ("smaller", "large")
@@ -76,6 +78,47 @@ def warnings_of(
             if mismatch > MATCHES:
                 there = "in the test" if isinstance(estimate.measured, FromFile) else f"on {estimate.measured.run}"
                 yield f"these loads do not make {name} read as {there}: it is {100 * mismatch:.3g} % off"
+
+
+def _size(nis: float, innovations: int) -> str:
+    """The verdict on so many innovations, mean of their squares over their variance `nis`; empty where there is none."""
+    return judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
+
+
+def verdicts_of(
+    config: BenchConfig,
+    free: tuple[str, ...],
+    numbers: Mapping[str, Scalar],
+    claims: Mapping[str, Claim],
+    nis: float,
+    innovations: int,
+    rows: Sequence[Left],
+) -> dict[str, str]:
+    """What the estimate of every unknown is good for, in a word or two; arguments as of `warnings_of`, rows: of the hold-out.
+
+    Where the truth is known, by error over σ. Where it is not, sensors have to bear it out: it is contradicted where innovations
+    are larger than the filter claims, or the others contradict a channel that was left out.
+    """
+    estimate = asked(config)
+    # errors of gauges are in σ, and not in what innovations are held against
+    against = _size(nis, innovations) == OVERCONFIDENT and estimate.tolerances is None
+    judged_rows = [own.claim.verdict for own in rows if own.claim is not None]
+    against |= OVERCONFIDENT in judged_rows
+    found = {}
+    for name in (*estimate.inputs, *free):
+        claim = claims.get(name)
+        word = UNTESTED if claim is None and not judged_rows else BORNE_OUT if claim is None else claim.verdict
+        share = numbers.get(f"std.{name}", _float(numbers, f"rms_std.{name}") / _float(numbers, f"largest.{name}"))
+        if name in estimate.inputs and float(share) > HARDLY:
+            word = WEAK
+        if claim is None and against:
+            word = CONTRADICTED
+        if claim is not None and claim.verdict == OVERCONFIDENT:
+            word = OVERCONFIDENT
+        if numbers.get(f"identified.{name}") is False:
+            word = LOST
+        found[name] = DIVERGED if _float(numbers, "lost") > 0 else word
+    return found
 
 
 def message_of(
@@ -113,6 +156,10 @@ def message_of(
         if numbers.get(f"claim.{name}") == OVERCONFIDENT
     ]
     wrong += [f"{name} is not identified" for name in free if numbers.get(f"identified.{name}") is False]
+    against = [name for name in (*estimate.inputs, *free) if numbers.get(f"verdict.{name}") == CONTRADICTED]
+    wrong += [f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}"] if against else []
+    if "hold_out.inside" in numbers:
+        said.append(f"sensors by the others: {100 * _float(numbers, 'hold_out.inside'):.3g} % within 2σ")
     return f"{'; '.join([*wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
 
 

@@ -29,9 +29,17 @@ def scenario_of(
     return Scenario(F, Q, H, variance * bench.h, np.zeros(len(F)))
 
 
-def expected_std(bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float) -> np.ndarray:
+def expected_std(
+    bench: LinearBench,
+    H: np.ndarray,
+    noise: np.ndarray | float,
+    acceleration: float,
+    off: np.ndarray | float = 0.0,
+) -> np.ndarray:
     """σ (nu,) [N, N m] of the inputs after an update, that the filter with these gauges comes to claim,
-    where the samples begin long ago.
+    where the samples begin long ago; off (k,): σ of a constant error of each reading, of which the gain knows nothing (Schmidt):
+
+        S = (1 − K H) A S + K diag(off),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
 
     H (k, n*), noise and acceleration as of `scenario_of`, here as they are; inf where the gauges do not detect all inputs.
     Raises InfeasibleError and NumericalError as `steady_factor`.
@@ -41,6 +49,11 @@ def expected_std(bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, a
     unknown = slice(len(A) - len(bench.increment), len(A))
     if L is None:
         return np.full(len(bench.increment), np.inf)
+    G = np.broadcast_to(np.asarray(off) / noise, len(H))
+    if G.any():
+        scaled = H * scale / _column(noise)
+        K = L @ (scaled @ L).T
+        L = np.hstack([L, np.linalg.solve(np.eye(len(A)) - A + K @ (scaled @ A), K * G)])
     return np.asarray(np.linalg.norm(L[unknown], axis=1) * bench.increment)
 
 

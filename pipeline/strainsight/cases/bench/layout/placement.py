@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.bench.bench import Bench, bench_of
 from strainsight.cases.bench.inverse.unknowns import Unknowns as BenchUnknowns
 from strainsight.cases.bench.inverse.unknowns import asked, corrects_in_a_test, free_properties, unknowns_of
+from strainsight.cases.bench.layout.installed import installation_offs
 from strainsight.cases.bench.layout.known import known_of, parameter_units, zeroed
 from strainsight.cases.bench.layout.motion import MotionCandidates, motion_candidates
 from strainsight.cases.bench.layout.pool import GaugePool, gauge_pool
@@ -35,6 +36,10 @@ from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, solve_pool
 from strainsight.records.bench_placed import PLACED, BenchLayout
 from strainsight.records.bodies import ReducedBody
+
+EXACT = (
+    "Beside parameters σ here is that of exact gauges: estimate.tolerances are in the ranking, and in σ of estimate."
+)
 
 
 @dataclass(frozen=True)
@@ -75,9 +80,10 @@ def placement_of(
     modal = bench.system.modal(place.body)
     using.progress("candidates", 0.1)
     static = np.array([linear.static[modal] for linear in benches])
-    taken_off = np.zeros_like(static[0])
-    if unknowns.free and zeroed(config):
+    taken_off, zero = np.zeros_like(static[0]), np.zeros(len(static[0]))
+    if (unknowns.free or asked(config).tolerances is not None) and zeroed(config):
         at_zero = poses[0] if time[0] == 0 else _poses(config, place, bench, using, (0.0,))[1][0]
+        zero = at_zero[0][modal]
         first = _linear(config, bench, *at_zero, loads, unknowns, increment, h)
         taken_off[:, len(loads) :] = first.static[modal, len(loads) :]
     on = gauge_pool(meshes[place.body], reduced[place.body].basis, static - taken_off, inputs, place)
@@ -85,7 +91,19 @@ def placement_of(
         refuse_sizes(linear, np.abs(on.response).max(axis=0)[:, : len(loads)], float(place.noise), loads)
     peak = np.max([np.abs(on.rows @ q[modal]) for q, _ in poses], axis=0)
     motion = motion_candidates(config, bench, place, poses, benches, *_unknown_columns(bench, loads, unknowns))
-    strained = _strained(config, place, bench, on, benches, taken_off, motion, known)
+    off = installation_offs(
+        config,
+        place.body,
+        bench,
+        using.files,
+        meshes[place.body],
+        reduced[place.body].basis,
+        on.candidates,
+        time,
+        poses,
+        zero,
+    )
+    strained = _strained(config, place, bench, on, benches, taken_off, motion, off, known)
     on, peak = _with_motion(on, motion, benches), np.concatenate([peak, motion.peak])
     every = _every(place, meshes[place.body], on, inputs, strained) if place.search == "all" else None
 
@@ -105,6 +123,8 @@ def placement_of(
         names = " and ".join(unknowns.free[i] for i in untold)
         sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
         found = replace(found, advice=(sentence, *found.advice))
+    if known is not None and off.any():
+        found = replace(found, advice=(EXACT, *found.advice))
     return BenchPlacement(**vars(found), units=units, on=on, layouts=layouts, time=time, std=std, scale=strained.scale)
 
 
@@ -141,7 +161,8 @@ def _linear(
 ) -> LinearBench:
     places, by_xi = _unknown_columns(bench, loads, unknowns)
     corrected, method = corrects_in_a_test(config), config.simulate.method
-    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected, by_xi)
+    printed = asked(config).method.noise == "as_printed"
+    return linear_bench(bench.system, q, u, bench.theta, places, increment, h, method, corrected, printed, by_xi)
 
 
 def _unknown_columns(bench: Bench, loads: tuple[str, ...], unknowns: BenchUnknowns) -> tuple[list[int], np.ndarray]:
@@ -158,9 +179,11 @@ def _strained(
     benches: tuple[LinearBench, ...],
     taken_off: np.ndarray,
     motion: MotionCandidates,
+    off: np.ndarray,
     known: Known | None,
 ) -> Strained:
-    """Gauges, then sensors of motion; taken_off (r, unknowns): coordinates of the body that zeroed gauges do not tell."""
+    """Gauges, then sensors of motion; taken_off (r, unknowns): coordinates of the body that zeroed gauges do not tell; off
+    (poses, gauges): what their installation does."""
     rows = np.zeros((len(on.rows), bench.system.size))
     rows[:, bench.system.modal(place.body)] = on.rows
     readings = []
@@ -171,7 +194,8 @@ def _strained(
     noise = np.concatenate([np.full(len(rows), float(place.noise)), motion.noise])
     white = np.hstack([np.zeros((len(benches), len(rows))), motion.white])
     disturbance = float(asked(config).disturbance)
-    return Strained(benches, tuple(readings), noise, white, disturbance, place.aggregate, known)
+    off = np.hstack([off, np.zeros_like(motion.white)])
+    return Strained(benches, tuple(readings), noise, white, disturbance, place.aggregate, off, known)
 
 
 def _with_motion(on: GaugePool, motion: MotionCandidates, benches: Sequence[LinearBench]) -> GaugePool:

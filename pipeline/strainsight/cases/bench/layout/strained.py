@@ -31,7 +31,8 @@ class Known:
 class Strained:
     """benches, linear in every pose; readings: of every pose (m, n*) what candidates read of (η, η̇, unknowns); noise (m,) σ of a
     sample; white (poses, m): its variance by the white force, as of `scenario_of`; acceleration [m/s²] of that of the filter;
-    aggregate of the metric over poses; known: None where loads alone are unknown."""
+    aggregate of the metric over poses; off (poses, m): σ of a constant error of each, noise of a sample to a ranking, and to σ
+    of loads alone what it leaves of them; known: None where loads alone are unknown."""
 
     benches: tuple[LinearBench, ...]
     readings: tuple[np.ndarray, ...]
@@ -39,6 +40,7 @@ class Strained:
     white: np.ndarray
     acceleration: float
     aggregate: Aggregate
+    off: np.ndarray
     known: Known | None = None
 
     @property
@@ -54,8 +56,8 @@ class Strained:
         lost; beside parameters at the end of each pose of the run."""
         rows, noise, known = [own[gauges] for own in self.readings], self.noise[gauges], self.known
         if known is None:
-            pairs = zip(self.benches, rows, strict=True)
-            return np.array([expected_std(bench, H, noise, self.acceleration) for bench, H in pairs])
+            triples = zip(self.benches, rows, self.off[:, gauges], strict=True)
+            return np.array([expected_std(bench, H, noise, self.acceleration, off) for bench, H, off in triples])
         factors = factors_along(self.benches, rows, noise, self.acceleration, known.drawn, known.start, known.steps)
         loads = len(known.drawn) - len(known.slopes)
         own = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
@@ -91,8 +93,8 @@ class Strained:
     def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
         """Every pose with these gauges as a pool."""
         return [
-            scenario_of(bench, own[gauges], self.noise[gauges], self.acceleration, white[gauges])
-            for bench, own, white in zip(self.benches, self.readings, self.white, strict=True)
+            scenario_of(bench, own[gauges], np.hypot(self.noise, off)[gauges], self.acceleration, white[gauges])
+            for bench, own, white, off in zip(self.benches, self.readings, self.white, self.off, strict=True)
         ]
 
     def metric(self, gauges: np.ndarray, metric: Metric) -> float:

@@ -1,0 +1,150 @@
+"""Channels of a bench left out of its filter in turn: σ of what the others say covers the reading, a wrong channel is named."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.report.bench.data import BenchRun
+from strainsight.report.bench.page import bench_figures, bench_page
+from strainsight.stages.pages.bench_run import estimate_of
+from strainsight.workflow.artefact import Artefact
+from strainsight_cli.main import app
+
+from ..robustness.small import write_project
+from .test_bench_indistinct import RIG as STRAINS
+
+GAUGES = [[0.1875, 0.025, 0.08], [0.1875, 0.1, 0.06], [0.5625, 0.025, 0.08], [0.5625, 0.1, 0.06]]
+RIG = (
+    STRAINS[: STRAINS.index("  again:")]
+    + "sensors:\n"
+    + "  gauges: {type: strain, body: beam, gauges: ["
+    + ", ".join(f"{{position: {place}, direction: [1, 0, 0]}}" for place in GAUGES)
+    + "]}\n  tip: {type: motion, frame: tip}\n"
+    + STRAINS[STRAINS.index("simulate:") :]
+)
+SENSORS = {"gauges": {"noise": 2e-8}, "tip": {"noise": 1e-6}}
+EACH = "estimate.hold_out=each"
+CHANNELS = [f"gauges.{i}" for i in (1, 2, 3, 4)] + [f"tip.{i}" for i in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """The bench, and the readings of a run of it with noise: a line an instant, time, four gauges, three displacements."""
+    folder = tmp_path_factory.mktemp("held")
+    write_project(folder)
+    (folder / "bench.yaml").write_text(RIG)
+    assert run(folder, "simulate", "name=rig")[0] == 0
+    found = Artefact(folder / "results" / "rig" / "simulate.h5")
+    noise = np.random.default_rng(3).standard_normal((len(found["/time"]), 7)) * ([2e-8] * 4 + [1e-6] * 3)
+    read = np.column_stack([found["/sensors/gauges"], found["/sensors/tip"]]) + noise
+    return folder, np.column_stack([found["/time"], read])
+
+
+def run(folder, command, *changes):
+    words = [f"--set={change}" for change in changes]
+    done = CliRunner().invoke(app, [command, str(folder / "bench.yaml"), "--results", str(folder / "results"), *words])
+    return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
+
+
+def estimated(folder, *changes, sensors=SENSORS):
+    code, said = run(folder, "estimate", f"estimate.sensors={json.dumps(sensors)}", *changes)
+    assert code == 0, said
+    return Artefact(folder / "results" / "bench" / "estimate.h5"), said
+
+
+def of_test(folder, record, *changes):
+    """A record as a test of this bench."""
+    np.savetxt(folder / "test.csv", record, delimiter=",", header="t,a,b,c,d,x,y,z", comments="", fmt="%.15g")
+    units = {"gauges": [{"channel": c, "unit": "m/m"} for c in "abcd"], "tip": [{"channel": c, "unit": "m"} for c in "xyz"]}
+    file = {"file": "test.csv", "time": {"channel": "t"}, "channels": units}
+    return estimated(folder, f"estimate.measured={json.dumps(file)}", EACH, *changes)
+
+
+def ratios(found):
+    return {name: found.summary[f"hold_out.ratio.{name}"] for name in CHANNELS}
+
+
+def test_the_others_say_of_a_gauge_what_a_filter_says_that_has_never_had_it(rig):
+    folder, _ = rig
+    exact = "estimate.truth={model: own, noise: false}"
+    held, _ = estimated(folder, exact, EACH)
+    predicted = held["/sensors/gauges/predicted"][:, 3]
+    assert held["/sensors/gauges/left_in"].tolist() == [""] * 4
+    three, last = GAUGES[:3], GAUGES[3]
+    listed = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in three])
+    beside = json.dumps({"type": "strain", "body": "beam", "gauges": [{"position": last, "direction": [1, 0, 0]}]})
+    other, _ = estimated(folder, exact, f"sensors.gauges.gauges={listed}", f"sensors.beside={beside}")
+    expected = other["/sensors/beside/expected"][:, 0]
+    np.testing.assert_allclose(predicted, expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
+
+
+def test_sigma_covers_readings_of_truths_that_the_filter_could_have_made_offsets_and_all(rig):
+    folder, _ = rig
+    offsets = {"gauges": {"noise": 2e-8, "bias": 5e-8, "drift": 1e-7}, "tip": {"noise": 1e-6, "bias": 2e-6}}
+    found, _ = estimated(folder, EACH, "estimate.truth={model: walk}", "estimate.runs=16", sensors=offsets)
+    assert all(0.8 < ratio < 1.2 for ratio in ratios(found).values())
+
+
+def test_sigma_covers_gauges_that_are_installed_anew_for_every_seed(rig):
+    folder, _ = rig
+    loose = "estimate.tolerances={position: 0.004, angle: 3.0, gain: 0.03, transverse: 0.01}"
+    how = "estimate.truth={model: own}", "estimate.runs=40", "forces.side.signal.phase=1.0"
+    small = "estimate.inputs={side: {std: 1.0, increment: 20.0}, down: {std: 1.0, increment: 10.0}}"
+    found, _ = estimated(folder, EACH, loose, small, *how, sensors={"gauges": {"noise": 1e-8}})
+    held = [found.summary[f"hold_out.ratio.gauges.{i}"] for i in (1, 2, 3, 4)]
+    assert all(0.8 < ratio < 1.2 for ratio in held)
+
+
+def test_a_sound_record_is_borne_out_by_what_was_left_out(rig):
+    found, said = of_test(*rig)
+    assert found.summary["verdict.side"] == found.summary["verdict.down"] == "borne out by the sensors left out"
+    assert found.summary["hold_out.inside"] > 0.9
+    assert "contradict" not in said
+
+
+def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):
+    folder, record = rig
+    gain, exchanged = record.copy(), record.copy()
+    gain[:, 2] *= 1.1
+    exchanged[:, [3, 4]] = record[:, [4, 3]]
+    for wrong, names in ((gain, {"gauges.2"}), (exchanged, {"gauges.3", "gauges.4"})):
+        found, said = of_test(folder, wrong)
+        by_size = sorted(ratios(found).items(), key=lambda own: -own[1])
+        assert by_size[0][0] in names
+        assert f"the other channels contradict {by_size[0][0]} (error" in said
+        assert found.summary["verdict.side"] == "contradicted by its sensors"
+
+
+def test_the_page_begins_with_what_is_contradicted_and_has_a_row_and_two_figures_for_every_channel(rig):
+    folder, record = rig
+    record = record.copy()
+    record[:, 2] *= 1.2
+    found, _ = of_test(folder, record)
+    shown = BenchRun("bench", "bench", estimate=estimate_of(found))
+    drawings = bench_figures(shown)
+    page = bench_page(shown, drawings, ())
+    assert "✕ down contradicted by its sensors, side contradicted by its sensors" in page
+    table = page[page.index("<h2>Hold-out</h2>") :]
+    assert all(f">{name}<" in table[: table.index("</table>")] for name in CHANNELS)
+    assert len(drawings["hold-out"]) == 2 * len(CHANNELS)
+
+
+def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason(rig):
+    folder, _ = rig
+    two = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in GAUGES[:2]])
+    found, said = estimated(folder, EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
+    assert np.isnan(found["/sensors/gauges/predicted"]).all()
+    assert "without it estimate.inputs: the sensors cannot tell side and down together" in said
+    assert "hold_out.inside" not in found.summary
+
+
+def test_a_bank_refuses(rig):
+    folder, _ = rig
+    bank = "estimate.method.parameters=bank"
+    code, said = run(folder, "estimate", EACH, bank)
+    assert code == 2
+    assert "a bank says nothing of channels that are left out" in said
