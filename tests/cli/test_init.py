@@ -258,6 +258,17 @@ def test_a_material_is_written_for_the_regions_that_lack_one():
     assert "guess: 2.000e11" in written
 
 
+@pytest.mark.parametrize("E", [207342e6, 1e-3 / 3, 206842718795.33])
+def test_the_guess_is_the_modulus_of_the_deck_to_the_last_digit(E):
+    for written in (
+        template("a.bdf", Suggestion(youngs_modulus=E)),
+        template("a.bdf", Suggestion(lacking=(Lacking((1,), E, 0.29629629629),))),
+    ):
+        found = re.search(r"(?:guess|youngs_modulus): ([0-9.e-]+)", written)
+        assert found
+        assert float(found[1]) == E
+
+
 def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("strip.msh").write_text(gmsh())

@@ -238,7 +238,9 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
         E, nu, rho = answers.material or (None, None, None)
         E, nu = (E, nu) if own.youngs_modulus is None else (own.youngs_modulus, own.poisson_ratio)
         name, regions = f"own-{i + 1}" if i else "own", list(own.regions)
-        lines.append(MATERIAL.format(name=name, regions=regions, E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip())
+        lines.append(
+            MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
+        )
     if not found.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
         held = found.free("held") if on_face else _value(answers.held) if answers.held else ""
@@ -257,7 +259,7 @@ def _parameters(found: Suggestion, E: float | None) -> str:
     if found.several_moduli:
         return FACTOR.format(region=region)
     low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
-    return PARAMETERS.format(region=region, guess=_number(E), range=f"[{low}, {high}]" if E else "")
+    return PARAMETERS.format(region=region, guess=_exact(E), range=f"[{low}, {high}]" if E else "")
 
 
 def _load(found: Suggestion, answers: Answers) -> str:
@@ -313,9 +315,17 @@ def _quoted(text: str) -> str:
     return text if plain and text.lower() not in WORDS else f'"{_escaped(text)}"'
 
 
-def _plain(value: float | None) -> str:
+def _plain(value: float | None, digits: int = 4) -> str:
     """To four digits, as YAML reads a number: 1250.0, 1e-05; blank where there is none."""
-    return "" if value is None else repr(float(f"{value:.4g}"))
+    return "" if value is None else repr(float(f"{value:.{digits}g}"))
+
+
+def _exact(value: float | None) -> str:
+    """In as few digits, four or more, as give the number that the deck has."""
+    if value is None:
+        return ""
+    texts = (f"{value:.{digits}e}".replace("e+", "e") for digits in range(3, 17))
+    return next(text for text in texts if float(text) == value)
 
 
 def _number(value: float | None) -> str:
