@@ -48,6 +48,9 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
                 f"{other[0]} is not supported", "give the equations alone, whose right-hand side is zero"
             )
         for start, entries in _equations(keyword):
+            if all(row.integer(at + 1, "the degree of freedom") in (0, 8, 11) for row, at in entries):
+                assembly.notes.append(f"{start.where}: an equation between temperatures or pressures is left out")
+                continue
             terms = [_term(assembly, scope, *entry) for entry in entries]
             _add(assembly, start, terms, rotations, still, found)
     return found

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.effects import ENFORCED, MISSING_END, effects, spelt
+from strainsight.decks.effects import ENFORCED, HELD, MISSING_END, effects, spelt
 from strainsight.decks.moments import turning_nodes
 from strainsight.decks.nastran.anisotropic import ANISOTROPIC
 from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
@@ -71,11 +71,11 @@ STRUCTURAL = re.compile(
 UNSUPPORTED = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BE2GS|TRPLT|SPLINE|JOINT|SSCON)|DMIG|NSM"
     r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
-    r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|SPCD|TEMP|(FORCE|MOM|PRES)AX$"
+    r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|(FORCE|MOM|PRES)AX$"
 )
 """Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
 CONTROL = re.compile(
-    r"PARAM$|BGPARM|BCTPARM|BCPARA|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|TEMP"
+    r"PARAM$|BGPARM|BCTPARM|BCPARA|EIG[BCRP]|EIGRL|FREQ\d?$|TSTEP|TABDMP|TABLE|DLOAD|TLOAD|RLOAD|DAREA|DPHASE|DELAY|MOMENT|PLOAD|GRAV|SPCD|TEMP"
     r"|FORCE|RFORCE|MDLPRM|NLPARM|lines after ENDDATA"
 )
 
@@ -148,14 +148,16 @@ def read_nastran(
     averaging = averaging_elements(cards, nodes, turning_nodes(rigid, ()) | turning)
     turning |= turning_nodes(rigid, averaging)
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), left_out, ignored)
-    fixed, enforced = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc)
+    free = spelt(ENFORCED) in {spelt(name) for name in ignore}
+    fixed = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc, free)
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
     loads = static_loads(
         {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
     )
     of_parameters = _count_ignored(deck, ignored)
-    ignored.update(({ENFORCED: len(enforced)} if enforced else {}) | ({MISSING_END: 1} if cut else {}))
+    ignored.update({MISSING_END: 1} if cut else {})
+    by_temperature = any(name.startswith("MATT") for name in cards)
     return Mesh(
         node_ids=nodes.ids,
         position=grids.position,
@@ -180,9 +182,14 @@ def read_nastran(
         element_sets=element_sets,
         loads=loads,
         ignored=dict(sorted(ignored.items())),
-        effect=effects(ignored, STRUCTURAL, CONTROL) | of_parameters,
-        unsupported={name: first[name] for name in sorted(ignored) if name in first and UNSUPPORTED.match(name)}
-        | ({ENFORCED: enforced[0]} if enforced else {})
+        effect=effects(ignored, STRUCTURAL, CONTROL)
+        | of_parameters
+        | {card: "structure" for card in ignored if card in (ENFORCED, HELD)},
+        unsupported={
+            name: first[name]
+            for name in sorted(ignored)
+            if name in first and (UNSUPPORTED.match(name) or (by_temperature and name.startswith("TEMP")))
+        }
         | ({MISSING_END: deck.last.where} if cut else {}),
         notes=tuple(notes),
         source=str(path),
