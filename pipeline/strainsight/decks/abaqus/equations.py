@@ -36,12 +36,14 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
     """Σ A u = 0 along the *TRANSFORM of the nodes, the first motion follows; sets make as many equations as they have nodes.
 
     rotations: node whose translations are the rotations of another one (CalculiX) → that node; still: rows of the nodes that
-    have no rotations. Raises DeckError for options, one in a step, for a node or set that is not there, sets of unequal size or
+    have no rotations. Those of later steps are left out, with a note. Raises DeckError for options, one in the first step, for a node or set that is not there, sets of unequal size or
     without an order (UNSORTED), degrees of freedom that are none of 1 to 6, and rotations of a node that has none.
     """
     found = Equations()
-    for keyword in (keyword for step in assembly.steps for keyword in step.keywords if keyword.name == "EQUATION"):
-        raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
+    for step, keyword in [(step, k) for step in assembly.steps for k in step.keywords if k.name == "EQUATION"]:
+        if step.number == 1:
+            raise keyword.error("stands inside the first *STEP", "move it before, or take it out")
+        assembly.notes.append(f"the equations of step {step.number} ({keyword.where}) are left out: those of the model count")
     for scope, keyword in assembly.keywords("EQUATION"):
         if other := sorted(set(keyword.parameters) - {"INPUT"}):
             raise keyword.error(

@@ -58,7 +58,7 @@ def with_tied_surfaces(
             try:
                 mesh = with_surface_tie(mesh, first.nodes, second.nodes, within, name, far="left")
             except UserError as error:
-                raise row.error(error.what, error.remedy) from None
+                raise row.error(error.what, error.remedy or "") from None
             tied = (len(mesh.relations) - before) // 3
             where += [(keyword.files[row.i], keyword.numbers[row.i])] * (3 * tied)
             left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
