@@ -131,7 +131,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         file=_quoted(deck),
         length_unit=found.length_unit,
         mass_unit=found.mass_unit,
-        mesh=_mesh(found, answers),
+        mesh=_mesh(deck, found, answers),
         parameters=_parameters(found, E) if modulus else "parameters: {}\n",
         load=_load(found, answers),
         direction=_direction(answers.axis),
@@ -197,7 +197,7 @@ def run_name(deck: str) -> str:
     return name
 
 
-def _mesh(found: Suggestion, answers: Answers) -> str:
+def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
     named = _named(found, answers)
     seats = {name: place for name, place in _seats(found, answers).items() if name not in named}
@@ -232,6 +232,13 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
             f"  sections:             # of its triangles and quadrangles: {printable(', '.join(found.thin))} ← [m]"
         )
         lines.append("    shells: {regions: all, thickness: }")
+    if found.matrices:
+        dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
+        at = f", parameter: E, at: {_exact(found.youngs_modulus)}" if found.youngs_modulus else ""
+        lines += [
+            "  # Matrices of CalculiX beside the deck, in place of its elements; `region` of the parameter then goes:",
+            f"  # matrices: {{numbering: {dof}, stiffness: [{{file: {sti}{at}}}], mass: [{{file: {mas}}}]}}",
+        ]
     if found.lacking:
         lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
     for i, own in enumerate(found.lacking):

@@ -175,7 +175,8 @@ def test_nodes_in_cylindrical_coordinates(read):
 
 
 def test_every_reinterpretation_is_reported_with_its_count(read):
-    assert "1 C3D20R taken as hex20 integrated fully" in read(one_element("hex20").replace("C3D20", "C3D20R")).notes
+    note = read(one_element("hex20").replace("C3D20", "C3D20R")).notes[0]
+    assert note.startswith("1 C3D20R taken as hex20 integrated fully; frequencies of coarse meshes differ for it")
     assert any("no hourglass control" in n for n in read(one_element("hex8").replace("C3D8", "C3D8R")).notes)
     assert read(one_element("hex8").replace("C3D8", "C3D8I")).notes == ()
     assert read(one_element("tet10")).notes == ()

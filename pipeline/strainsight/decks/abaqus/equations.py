@@ -37,14 +37,16 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
 
     rotations: node whose translations are the rotations of another one (CalculiX) → that node; still: rows of the nodes that
     have no rotations. Equations of later steps are left out, with a note. Raises DeckError for options, one in the first step,
-    for a node or set that is not there, sets of unequal size or without an order (UNSORTED), degrees of freedom that are none of 1
-    to 6, and rotations of a node that has none.
+    for a node or set that is not there, sets of unequal size or without an order (UNSORTED), degrees of freedom that are none of
+    1 to 6, and rotations of a node that has none.
     """
     found = Equations()
     for step, keyword in [(own, k) for own in assembly.steps for k in own.keywords if k.name == "EQUATION"]:
         if step.number == 1:
             raise keyword.error("stands inside the first *STEP", "move it before, or take it out")
-        assembly.notes.append(f"the equations of step {step.number} ({keyword.where}) are left out: those of the model count")
+        assembly.notes.append(
+            f"the equations of step {step.number} ({keyword.where}) are left out: those of the model count"
+        )
     for scope, keyword in assembly.keywords("EQUATION"):
         if other := sorted(set(keyword.parameters) - {"INPUT"}):
             raise keyword.error(
