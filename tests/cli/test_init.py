@@ -61,10 +61,10 @@ def test_what_nobody_has_said_is_blank_and_named(init):
 
 def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
-    text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD,901,9,1,2,3,4\nCQUAD,902,9,1,2,3,4\nTEMPD,4,20.\nENDDATA")
+    text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD,901,9,1,2,3,4\nCQUAD,902,9,1,2,3,4\nACCEL1,9\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    assert re.search(r"#   CQUAD +# 2, the first at beam.bdf:\d+\n  #   TEMPD +# 1, the first at beam.bdf:\d+\n", written)
+    assert re.search(r"#   ACCEL1 +# 1, the first at beam.bdf:\d+\n  #   CQUAD +# 2, the first at beam.bdf:\d+\n", written)
 
     def imported(*changes):
         text = written
@@ -74,9 +74,9 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
         done = CliRunner().invoke(app, ["import", "own.yaml"])
         return done.exit_code, done.stderr
 
-    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [CQUAD, TEMPD]")
+    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]")
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
-    assert "mesh.ignore: [CQUAD, TEMPD]" in imported(chosen)[1]
+    assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
 
 
@@ -256,6 +256,17 @@ def test_a_material_is_written_for_the_regions_that_lack_one():
     assert "    own-2: {regions: [3, 4], youngs_modulus: 2.100e11, poisson_ratio: 0.3, density: 2700.0}" in written
     assert "poisson_ratio: 0.3, density: }" in template("a.bdf", lacking)
     assert "guess: 2.000e11" in written
+
+
+@pytest.mark.parametrize("E", [207342e6, 1e-3 / 3, 206842718795.33])
+def test_the_guess_is_the_modulus_of_the_deck_to_the_last_digit(E):
+    for written in (
+        template("a.bdf", Suggestion(youngs_modulus=E)),
+        template("a.bdf", Suggestion(lacking=(Lacking((1,), E, 0.29629629629),))),
+    ):
+        found = re.search(r"(?:guess|youngs_modulus): ([0-9.e-]+)", written)
+        assert found
+        assert float(found[1]) == E
 
 
 def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypatch):

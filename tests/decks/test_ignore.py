@@ -11,6 +11,7 @@ from strainsight.config.mesh import MeshFile
 from strainsight.decks.nastran.cards import read_deck
 from strainsight.decks.nastran.deck import TAKEN, UNSUPPORTED
 from strainsight.errors import DeckError
+from strainsight.mesh.sanity import sanity_warnings
 
 from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON
@@ -83,8 +84,7 @@ def test_bonded_faces_contact_and_preload_are_refused_as_ties_are(tmp_path, card
         "RSPLINE,1,.1",
         "CDAMP2,70,1.,4,1",
         "NSM,1",
-        "TEMP,9,1,1.",
-        "SPCD,9,1,1,.1",
+        "MATT1,1,9\nTEMP,9,1,1.",
         "ACCEL1,9",
     ],
 )
@@ -112,7 +112,7 @@ def test_a_plate_that_is_left_out_still_says_where_a_pressure_acts(tmp_path):
 
 def test_keywords_and_types_of_elements_of_abaqus(tmp_path):
     text = ABAQUS + "*ELEMENT, TYPE=M3D3, ELSET=SH\n30, 2, 3, 4\n*SHELL SECTION, ELSET=SH, MATERIAL=STEEL\n.1\n"
-    text += "*TIE, NAME=T\na, b\n"
+    text += "*TIE, NAME=T, CYCLIC SYMMETRY=YES\na, b\n"
     text += "*STEP\n*DLOAD\nEALL, BX, 1.\nEALL, P1, 1.\n*NODE PRINT\nU\n*END STEP\n"
     error = refused(tmp_path, text, name="deck.inp")
     assert f"1 × DLOAD BX (first at {tmp_path}/deck.inp:" in error.what
@@ -142,16 +142,35 @@ def test_the_decks_of_the_examples_have_nothing_of_the_kind(deck):
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "line"),
+    ("name", "text"),
     [
-        ("deck.bdf", TETRAHEDRON + "SPC,1,4,1,.1\n", 9),
-        ("deck.inp", ABAQUS + "*STEP\n*BOUNDARY, OP=MOD\n4, 3\n4, 1, 1, .1\n*END STEP\n", 22),
+        ("deck.bdf", TETRAHEDRON + "SPC,1,4,1,.1\n"),
+        ("deck.inp", ABAQUS + "*STEP\n*BOUNDARY, OP=MOD\n4, 3\n4, 1, 1, .1\n*END STEP\n"),
     ],
 )
-def test_an_enforced_displacement_holds_nothing_and_has_to_be_named(tmp_path, name, text, line):
-    error = refused(tmp_path, text, name=name)
-    assert "1 × ENFORCED DISPLACEMENT" in error.what
-    assert error.where.endswith(f"{name}:{line}")
+def test_an_enforced_displacement_is_held_with_a_warning_or_free_where_it_is_named(tmp_path, name, text):
+    mesh = imported(tmp_path, text, name=name)
+    assert [3, 0] in mesh.fixed.tolist()
+    assert sanity_warnings(mesh)[0].startswith("1 × ENFORCED DISPLACEMENT of another value than zero ignored: the motion is held")
     mesh = imported(tmp_path, text, ["enforced displacement"], name=name)
     assert [3, 0] not in mesh.fixed.tolist()
     assert mesh.ignored["ENFORCED DISPLACEMENT"] == 1
+    assert "is free" in sanity_warnings(mesh)[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "card"),
+    [
+        ("deck.bdf", TETRAHEDRON + "TEMPD,9,1.\nSPCD,9,1,1,.1\n", "TEMPD"),
+        ("deck.inp", ABAQUS + "*STEP\n*TEMPERATURE\n4, 20.\n*BASE MOTION, DOF=1\n*END STEP\n", "*TEMPERATURE"),
+    ],
+)
+def test_heat_that_changes_no_stiffness_is_listed(tmp_path, name, text, card):
+    mesh = imported(tmp_path, text, name=name)
+    assert mesh.effect[card] == "none"
+    assert not mesh.unsupported
+
+
+def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
+    text = ABAQUS.replace("*DENSITY", "1.9e11, .3, 400.\n*DENSITY") + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
+    assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what

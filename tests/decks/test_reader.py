@@ -77,6 +77,7 @@ def test_a_wrong_unit_is_found_before_the_file_is_read(tmp_path):
     [
         ("a.bdf", "GRID,1\n", "nastran"),
         ("a.BDF.gz", "", "nastran"),
+        ("a.fem", "", "nastran"),
         ("a.inp", "*NODE\n", "abaqus"),
         ("a.msh", "$MeshFormat\n2.2 0 8\n", "gmsh"),
         ("a.msh", '(0 "Fluent")\n', "meshio"),

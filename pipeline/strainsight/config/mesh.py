@@ -152,7 +152,7 @@ class MatrixTerm(Section):
     """One term of the stiffness or mass, from a file: X(θ) = Σ X_i, or X_i θ/at where it belongs to a parameter."""
 
     file: Text = Field(
-        description="OP4 (.op4), Matrix Market (.mtx) or NumPy/SciPy (.npz) file, in the units of the deck."
+        description="OP4 (.op4), Matrix Market (.mtx), NumPy/SciPy (.npz) or CalculiX (.sti, .mas) file, in the deck's units."
     )
     name: Text | None = Field(None, description="Which matrix of a file that holds several.")
     parameter: Name | None = Field(None, description="Name of the parameter that this term is proportional to.")
@@ -165,7 +165,8 @@ class Matrices(Section):
     """Stiffness and mass from another program, in place of those this package assembles from the solids."""
 
     numbering: Text = Field(
-        description="CSV file, one line a row of the matrices: node id, component 1-6; first line: node,component."
+        description="CSV file, one line a row of the matrices: node id, component 1-6; first line: node,component. Or a .dof of "
+        "CalculiX."
     )
     stiffness: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the stiffness.")
     mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the mass.")

@@ -131,7 +131,7 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
         file=_quoted(deck),
         length_unit=found.length_unit,
         mass_unit=found.mass_unit,
-        mesh=_mesh(found, answers),
+        mesh=_mesh(deck, found, answers),
         parameters=_parameters(found, E) if modulus else "parameters: {}\n",
         load=_load(found, answers),
         direction=_direction(answers.axis),
@@ -197,7 +197,7 @@ def run_name(deck: str) -> str:
     return name
 
 
-def _mesh(found: Suggestion, answers: Answers) -> str:
+def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
     named = _named(found, answers)
     seats = {name: place for name, place in _seats(found, answers).items() if name not in named}
@@ -232,13 +232,22 @@ def _mesh(found: Suggestion, answers: Answers) -> str:
             f"  sections:             # of its triangles and quadrangles: {printable(', '.join(found.thin))} ← [m]"
         )
         lines.append("    shells: {regions: all, thickness: }")
+    if found.matrices:
+        dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
+        at = f", parameter: E, at: {_exact(found.youngs_modulus)}" if found.youngs_modulus else ""
+        lines += [
+            "  # Matrices of CalculiX beside the deck, in place of its elements; `region` of the parameter then goes:",
+            f"  # matrices: {{numbering: {dof}, stiffness: [{{file: {sti}{at}}}], mass: [{{file: {mas}}}]}}",
+        ]
     if found.lacking:
         lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
     for i, own in enumerate(found.lacking):
         E, nu, rho = answers.material or (None, None, None)
         E, nu = (E, nu) if own.youngs_modulus is None else (own.youngs_modulus, own.poisson_ratio)
         name, regions = f"own-{i + 1}" if i else "own", list(own.regions)
-        lines.append(MATERIAL.format(name=name, regions=regions, E=_number(E), nu=_plain(nu), rho=_plain(rho)).rstrip())
+        lines.append(
+            MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
+        )
     if not found.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
         held = found.free("held") if on_face else _value(answers.held) if answers.held else ""
@@ -257,7 +266,7 @@ def _parameters(found: Suggestion, E: float | None) -> str:
     if found.several_moduli:
         return FACTOR.format(region=region)
     low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
-    return PARAMETERS.format(region=region, guess=_number(E), range=f"[{low}, {high}]" if E else "")
+    return PARAMETERS.format(region=region, guess=_exact(E), range=f"[{low}, {high}]" if E else "")
 
 
 def _load(found: Suggestion, answers: Answers) -> str:
@@ -313,9 +322,17 @@ def _quoted(text: str) -> str:
     return text if plain and text.lower() not in WORDS else f'"{_escaped(text)}"'
 
 
-def _plain(value: float | None) -> str:
+def _plain(value: float | None, digits: int = 4) -> str:
     """To four digits, as YAML reads a number: 1250.0, 1e-05; blank where there is none."""
-    return "" if value is None else repr(float(f"{value:.4g}"))
+    return "" if value is None else repr(float(f"{value:.{digits}g}"))
+
+
+def _exact(value: float | None) -> str:
+    """In as few digits, four or more, as give the number that the deck has."""
+    if value is None:
+        return ""
+    texts = (f"{value:.{digits}e}".replace("e+", "e") for digits in range(3, 17))
+    return next(text for text in texts if float(text) == value)
 
 
 def _number(value: float | None) -> str:

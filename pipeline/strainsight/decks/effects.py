@@ -7,6 +7,8 @@ from collections.abc import Iterable
 
 ENFORCED = "ENFORCED DISPLACEMENT"
 """What a config calls a support that is not at zero; with it left out the components are free."""
+HELD = f"{ENFORCED} of another value than zero"
+"""The same where the components are held, as in a frequency analysis of any program."""
 MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
 LINEAR = {

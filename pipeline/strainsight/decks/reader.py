@@ -12,7 +12,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor, to_si
 
 FORMATS = {
-    "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk"),
+    "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk", ".fem"),
     "abaqus": (".inp",),
     "gmsh": (".msh",),
     "frd": (".frd",),

@@ -123,6 +123,13 @@ def _lost(card: str) -> str:
     """What a model lacks without a card."""
     if card.endswith(("NLGEOM", "LGDISP")):
         return "the stiffness is that of the part without load, and not that under the preload of this step"
+    if card.startswith("ENFORCED DISPLACEMENT"):
+        if card.endswith("DISPLACEMENT"):
+            return "what moves there is free"
+        return (
+            "the motion is held at zero, as in a frequency analysis; if the test pushes there with a force, free it with "
+            "mesh.ignore: [ENFORCED DISPLACEMENT]"
+        )
     if card.endswith("INREL"):
         return "inertia relief is asked for with mesh.free: true"
     return "the stiffness, mass or tie it may add is missing"

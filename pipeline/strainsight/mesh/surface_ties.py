@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +18,14 @@ TOUCHING = 1e-12
 """Of the size of a facet: a node that is no farther off has no arm."""
 
 
-def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float, name: str) -> Mesh:
+def with_surface_tie(
+    mesh: Mesh,
+    nodes: IntArray,
+    onto: IntArray,
+    within: float,
+    name: str,
+    far: Literal["refused", "left"] = "refused",
+) -> Mesh:
     """A mesh whose nodes (k,) (index) follow the facets of solids whose nodes are all among `onto` (m,):
 
         z_i = Σ_a N_a(ξ) z_a + ω × g        at the point ξ of the nearest facet, along x, y and z
@@ -25,7 +33,8 @@ def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float,
     with the arm g = x_i − x(ξ) over a gap and the turn ω of the facet there, see `_turn`. A node that a facet has is passed over.
     Rigid motions are handed on exactly, linear fields but for their strain over the gap; constant stress, without a gap, where
     the nodal forces of the finer side integrate N_a exactly, and otherwise but for a disturbance in the elements beside.
-    Raises UserError where a node lies farther from the facets than `within` [m], or has a displacement system of its own.
+    Raises UserError where a node lies farther from the facets than `within` [m], unless those are left as they are, and where one
+    has a displacement system of its own.
     """
     facets = exterior_facets(mesh)
     chosen = np.zeros(len(mesh.position) + 1, dtype=bool)
@@ -58,10 +67,12 @@ def with_surface_tie(mesh: Mesh, nodes: IntArray, onto: IntArray, within: float,
             of[at], of[at, :k] = -1, own[row[first]]
             weight[at] = 0.0
             weight[at, :, :k] = _weights(x[first], feet.N[first], feet.dN[first], point[first] - feet.x[first])
-    far = int(np.argmax(best))
-    if best[far] > within:
+    if far == "left" and (near := best <= within).any():
+        nodes, weight, of, best = nodes[near], weight[near], of[near], best[near]
+    last = int(np.argmax(best))
+    if best[last] > within:
         raise UserError(
-            f"node {mesh.node_ids[nodes[far]]} does not lie on the surface, not within {within:g} m",
+            f"node {mesh.node_ids[nodes[last]]} does not lie on the surface, not within {within:g} m",
             remedy="name the nodes that do, or give `within` [m]",
         )
     turned = [node for node in np.unique(np.append(nodes, of[of >= 0])).tolist() if node in mesh.axes]

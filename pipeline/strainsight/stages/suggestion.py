@@ -73,6 +73,7 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
         taken=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
         thin=thin,
+        matrices=all(path.with_suffix(ending).is_file() for ending in (".sti", ".mas", ".dof")),
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
     )
 

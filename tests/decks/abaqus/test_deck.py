@@ -175,7 +175,8 @@ def test_nodes_in_cylindrical_coordinates(read):
 
 
 def test_every_reinterpretation_is_reported_with_its_count(read):
-    assert "1 C3D20R taken as hex20 integrated fully" in read(one_element("hex20").replace("C3D20", "C3D20R")).notes
+    note = read(one_element("hex20").replace("C3D20", "C3D20R")).notes[0]
+    assert note.startswith("1 C3D20R taken as hex20 integrated fully; frequencies of coarse meshes differ for it")
     assert any("no hourglass control" in n for n in read(one_element("hex8").replace("C3D8", "C3D8R")).notes)
     assert read(one_element("hex8").replace("C3D8", "C3D8I")).notes == ()
     assert read(one_element("tet10")).notes == ()
@@ -207,7 +208,8 @@ def test_regions_follow_the_sections(read):
 def test_what_changes_the_structure_is_counted_and_output_is_not(read):
     text = TETRAHEDRON.replace("*DENSITY", "*PLASTIC\n1., 0.\n*DENSITY")
     mesh = read(
-        text + "*ELEMENT, TYPE=DASHPOT1, ELSET=SP\n30, 4\n31, 3\n*DASHPOT, ELSET=SP\n3\n100.\n*TIE, NAME=T\na, b\n"
+        text + "*ELEMENT, TYPE=DASHPOT1, ELSET=SP\n30, 4\n31, 3\n*DASHPOT, ELSET=SP\n3\n100.\n"
+        "*TIE, NAME=T, CYCLIC SYMMETRY=YES\na, b\n"
         "*RESTART, WRITE\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*NODE FILE\nU\n*EL PRINT\nS\n*NODE OUTPUT\nU\n*OUTPUT, FIELD\n"
         "*DLOAD\nEALL, GRAV, 9.81, 0., 0., -1.\n*END STEP\n"
     )
@@ -296,3 +298,28 @@ def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(rea
         with pytest.raises(DeckError, match="stands before the first keyword") as caught:
             read(text)
         assert "mesh.format: nastran" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("*DENSITY", "*\n*DENSITY"),
+        ("NAME=Steel\n", "NAME=STEEL   # what it is made of\n# and more\n"),
+        ("*BOUNDARY\n", "*BOUNDARY\n4, 0, 0, 20.\n4, 11, 11, 20.\n"),
+        ("*BOUNDARY\n", "*EQUATION\n2\n1, 11, 1., 2, 11, -1.\n*BOUNDARY\n"),
+        ("10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4, 77, 78,\n"),
+    ],
+)
+def test_what_calculix_passes_over_leaves_the_model_as_it_is(read, old, new):
+    assert old in TETRAHEDRON
+    plain, mesh = read(TETRAHEDRON), read(TETRAHEDRON.replace(old, new))
+    assert np.array_equal(mesh.blocks[0].nodes, plain.blocks[0].nodes)
+    assert np.array_equal(mesh.fixed, plain.fixed)
+    assert (len(mesh.materials), mesh.relations) == (len(plain.materials), ())
+
+
+def test_lines_with_more_nodes_are_taken_where_all_of_them_go_on_into_nothing(read):
+    assert "the first 4 count" in read(TETRAHEDRON.replace("10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4, 77,\n")).notes[0]
+    for line in ("10, 1, 2, 3, 4, 77\n", "10, 1, 2, 3, 4, 77,\n11, 1, 2, 3, 4\n"):
+        with pytest.raises(DeckError, match="nodes, where a C3D4 has 4"):
+            read(TETRAHEDRON.replace("10, 1, 2, 3, 4\n", line))

@@ -92,6 +92,14 @@ def test_the_model_names_the_line_of_an_equation(read):
     assert f"deck.inp:{lines - 3}" in str(caught.value)
 
 
+def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(read):
+    own = "*EQUATION\n2\n23, 1, 1., 6, 1, -1.\n"
+    steps = "*STEP\n*STATIC\n*END STEP\n*STEP\n*EQUATION, REMOVE ALL\n*END STEP\n"
+    mesh = read(bar() + own + steps)
+    assert len(mesh.relations) == 1
+    assert "the equations of step 2" in mesh.notes[-1]
+
+
 @pytest.mark.parametrize(
     ("cards", "what", "line"),
     [
@@ -108,7 +116,7 @@ def test_the_model_names_the_line_of_an_equation(read):
         ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
         ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
         ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
-        ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside a \\*STEP", 2),
+        ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
     ],
 )
 def test_equations_that_cannot_be_taken_are_named(read, cards, what, line):

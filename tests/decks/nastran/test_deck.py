@@ -227,9 +227,11 @@ def test_a_material_system_has_to_be_in_the_deck(read, tetrahedron, cordm, there
     assert caught.value.where.endswith("deck.bdf:6")
 
 
-@pytest.mark.parametrize("lacking", ["MAT1", "PSOLID"])
-def test_materials_may_be_left_to_the_config(tmp_path, tetrahedron, lacking):
-    text = "\n".join(line for line in tetrahedron.splitlines() if not line.startswith(lacking))
+@pytest.mark.parametrize(
+    ("lacking", "instead"), [("MAT1", ""), ("PSOLID", ""), ("MAT1", "MAT1,1"), ("MAT1", "MAT1,1,,,,7850.")]
+)
+def test_materials_may_be_left_to_the_config(tmp_path, tetrahedron, lacking, instead):
+    text = "\n".join(instead if line.startswith(lacking) else line for line in tetrahedron.splitlines())
     (tmp_path / "a.bdf").write_text(text)
     mesh = read_nastran(tmp_path / "a.bdf", stated=False)
     assert [region.material in mesh.materials for region in mesh.regions.values()] == [False]

@@ -31,6 +31,12 @@ def test_what_counts_here_and_what_states_the_usual_is_not_listed(read, tetrahed
     assert read(f"{tetrahedron}{line}\nENDDATA\n").ignored == {}
 
 
+@pytest.mark.parametrize(("value", "count"), [("-1", 1), ("0", 1), ("1", 0)])
+def test_lumped_mass_that_a_deck_asks_for_is_a_note(read, tetrahedron, value, count):
+    notes = read(f"{tetrahedron}PARAM,COUPMASS,{value}\nENDDATA\n").notes
+    assert sum("lumped" in note for note in notes) == count
+
+
 def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):
     for control, count in (
         ("", 0),

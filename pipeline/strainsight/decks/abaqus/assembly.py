@@ -78,6 +78,11 @@ def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[S
             for i, word in cells.words.items():
                 line = lines[cells.line[np.searchsorted(cells.first, i, "right") - 1]]
                 words.append((base + i, word, scope, line))
+            if cells.cut:
+                notes.append(
+                    f"{cells.keyword.where}: lines of {cells.type} hold more nodes and end in a comma, as those of quadratic "
+                    f"elements do: the first {int(cells.first[1])} count, as in CalculiX"
+                )
             nodes.append(np.where(cells.nodes < 0, -1, cells.nodes + scope.first_node))
             count.append(np.diff(cells.first))
             kind.append(np.full(len(cells.ids), kind_index(cells.kind)))

@@ -50,7 +50,8 @@ class Cells:
     """Elements of one *ELEMENT keyword: type in capitals; kind, None where it is no solid; ids (m,); nodes in a
     flat (c,) array of rows (−1 where there is none), first (m + 1,) where those of each element begin; data line (m,).
 
-    words: position in nodes → entry that is no number (node of an instance, seen from the assembly).
+    words: position in nodes → entry that is no number (node of an instance, seen from the assembly); cut: each line holds more
+    nodes than an element has and ends in a comma, as the first lines of quadratic ones do: the first ones count, as in CalculiX.
     """
 
     keyword: Keyword
@@ -61,6 +62,7 @@ class Cells:
     first: IntArray
     line: IntArray
     words: dict[int, str]
+    cut: bool = False
 
 
 def read_cells(keyword: Keyword, table: IdTable) -> Cells:
@@ -86,7 +88,11 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
     tokens, counts = keyword.flat()
     ends = np.cumsum(counts)
     first = np.flatnonzero((ends - counts) % width == 0)
-    if len(first) * width != ends[-1]:
+    cut = bool(np.all(counts > width)) and all(text[-1] == "," for text in keyword.texts)
+    if cut:
+        tokens = [token for text in keyword.texts for token in split(text)[:width]]
+        first = np.arange(len(keyword.texts))
+    elif len(first) * width != ends[-1]:
         raise _miscount(keyword, counts, width, type_)
     values = integers(tokens)
     if values is None:
@@ -106,7 +112,7 @@ def read_cells(keyword: Keyword, table: IdTable) -> Cells:
             f"add the node {number}, or correct the id",
         )
     begin = np.arange(len(values) + 1) * (width - 1)
-    return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {})
+    return Cells(keyword, type_, kind, values[:, 0].copy(), rows.ravel(), begin, first, {}, cut)
 
 
 def _at(keyword: Keyword, i: int, what: str, remedy: str = "correct the line and run again") -> DeckError:

@@ -14,6 +14,7 @@ from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.loads import loads_of
+from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import read_sections
 from strainsight.decks.abaqus.springs import NODES as SPRINGS
@@ -22,8 +23,9 @@ from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, poin
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
+from strainsight.decks.abaqus.tied_surfaces import plain_ties, with_tied_surfaces
 from strainsight.decks.abaqus.ties import Ties, ties
-from strainsight.decks.effects import ENFORCED, effects, spelt
+from strainsight.decks.effects import ENFORCED, HELD, effects, spelt
 from strainsight.decks.faults import check_elements
 from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
@@ -33,7 +35,7 @@ from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION"
+    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|SECTIONPOINTS|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
@@ -43,12 +45,13 @@ HARMLESS = re.compile(
 )
 """Output, procedures and their control: they change neither stiffness, mass, ties nor supports."""
 STRUCTURAL = re.compile(
-    r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|TEMPERATURE|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT|INITIAL|AMPLITUDE)"
+    r"\*(?!CLOAD|DLOAD|DSLOAD|DFLUX|CFLUX|FILM|RADIATE|TEMPERATURE|BASE ?MOTION|EXPANSION|CONDUCTIVITY|SPECIFIC HEAT"
+    r"|INITIAL|AMPLITUDE)"
 )
 UNSUPPORTED = re.compile(
     r"\*(ELEMENT,|TIE$|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
     r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
-    r"|CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|INERTIA ?RELIEF)"
+    r"|CLOAD|DLOAD|DSLOAD|INERTIA ?RELIEF)"
 )
 """Elements, ties and loads: what a model is not the same without."""
 OF_THIN = re.compile(
@@ -59,7 +62,7 @@ OF_THIN = re.compile(
 PRELOADED = "*STEP, NLGEOM"
 """A step of large displacements: what it leaves of preload stiffens or softens what comes after it."""
 BEFORE = "lines before the first keyword"
-CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|AMPLITUDE|INITIAL)|{BEFORE}")
+CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
     "PARAMETER": ("parameters are not supported", "write their values out"),
@@ -80,8 +83,8 @@ def read_abaqus(
     Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
     *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
-    *EQUATION, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are "INSTANCE.SET" where
-    there are several instances.
+    *EQUATION, *TIE of surfaces, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are
+    "INSTANCE.SET" where there are several instances.
     required: there have to be elements, and sections of shells and beams; stated: section and material of all of them; ignore:
     keywords and types of elements that are left out; include: folders beside the deck's own that files may come from.
     Raises DeckError with file:line for what cannot be imported as it stands.
@@ -97,7 +100,13 @@ def read_abaqus(
     assembly, out = _without(assemble(keywords), named)
     dropped += out
     _check_elements(assembly, path, required)
-    ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
+    other_ties = len(list(assembly.keywords("TIE"))) - len(plain_ties(assembly))
+    ignored = (
+        _ignored(keywords, assembly)
+        + dropped
+        + Counter({"*TIE": other_ties} if other_ties else {})
+        + Counter({BEFORE: before} if before else {})
+    )
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
     left = assembly.element_ids[sections.left]
@@ -120,8 +129,7 @@ def read_abaqus(
     axes = nodal_axes(assembly)
     made: Ties = ties(assembly, found, axes, ignored)
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
-    fixed, enforced = fixed_components(assembly, made.rotations, ignored)
-    ignored.update({ENFORCED: len(enforced)} if enforced else {})
+    fixed = fixed_components(assembly, made.rotations, ignored, free=spelt(ENFORCED) in named)
     turned = set(nodes_that_turn(shells, beams).tolist())
     still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(made.rigid, made.averaging)
     related = equations(assembly, made.rotations, still)
@@ -129,7 +137,7 @@ def read_abaqus(
     turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
     loads = loads_of(assembly, found, axes, made.rotations, turning, sections, ignored)
     masses = point_masses(assembly, made.rotations)
-    return Mesh(
+    mesh = Mesh(
         node_ids=assembly.node_ids,
         position=assembly.position,
         blocks=blocks,
@@ -152,18 +160,27 @@ def read_abaqus(
         node_sets=node_sets,
         element_sets=element_sets,
         loads=loads,
-        ignored=dict(sorted(ignored.items())),
-        effect=effects(ignored, STRUCTURAL, CONTROL),
-        unsupported={
-            card: _first(card, keywords, assembly)
-            for card in sorted(ignored)
-            if (UNSUPPORTED.match(card) or ((shells or beams) and OF_THIN.match(card))) and card not in dropped
-        }
-        | ({ENFORCED: enforced[0]} if enforced else {}),
-        notes=(*_reinterpreted(assembly), *assembly.notes),
         source=str(path),
         included=included,
         origin=origin,
+    )
+    mesh = with_tied_surfaces(mesh, assembly, found, ignored)
+    return replace(
+        mesh,
+        ignored=dict(sorted(ignored.items())),
+        effect=effects(ignored, STRUCTURAL, CONTROL)
+        | {card: "structure" for card in ignored if card in (ENFORCED, HELD)},
+        unsupported={
+            card: _first(card, keywords, assembly)
+            for card in sorted(ignored)
+            if card not in dropped
+            and (
+                UNSUPPORTED.match(card)
+                or ((shells or beams) and OF_THIN.match(card))
+                or (card == "*TEMPERATURE" and by_temperature(keywords))
+            )
+        },
+        notes=(*_reinterpreted(assembly), *assembly.notes),
     )
 
 

@@ -36,18 +36,26 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
     """Σ A u = 0 along the *TRANSFORM of the nodes, the first motion follows; sets make as many equations as they have nodes.
 
     rotations: node whose translations are the rotations of another one (CalculiX) → that node; still: rows of the nodes that
-    have no rotations. Raises DeckError for options, one in a step, for a node or set that is not there, sets of unequal size or
-    without an order (UNSORTED), degrees of freedom that are none of 1 to 6, and rotations of a node that has none.
+    have no rotations. Equations of later steps are left out, with a note. Raises DeckError for options, one in the first step,
+    for a node or set that is not there, sets of unequal size or without an order (UNSORTED), degrees of freedom that are none of
+    1 to 6, and rotations of a node that has none.
     """
     found = Equations()
-    for keyword in (keyword for step in assembly.steps for keyword in step.keywords if keyword.name == "EQUATION"):
-        raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
+    for step, keyword in [(own, k) for own in assembly.steps for k in own.keywords if k.name == "EQUATION"]:
+        if step.number == 1:
+            raise keyword.error("stands inside the first *STEP", "move it before, or take it out")
+        assembly.notes.append(
+            f"the equations of step {step.number} ({keyword.where}) are left out: those of the model count"
+        )
     for scope, keyword in assembly.keywords("EQUATION"):
         if other := sorted(set(keyword.parameters) - {"INPUT"}):
             raise keyword.error(
                 f"{other[0]} is not supported", "give the equations alone, whose right-hand side is zero"
             )
         for start, entries in _equations(keyword):
+            if all(row.integer(at + 1, "the degree of freedom") in (0, 8, 11) for row, at in entries):
+                assembly.notes.append(f"{start.where}: an equation between temperatures or pressures is left out")
+                continue
             terms = [_term(assembly, scope, *entry) for entry in entries]
             _add(assembly, start, terms, rotations, still, found)
     return found

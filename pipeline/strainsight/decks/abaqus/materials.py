@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from strainsight.decks.abaqus.elastic import LINES, anisotropic_type, solid_stiffness
@@ -140,6 +141,11 @@ def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
                 )
             current.options[keyword.name] = keyword
     return found
+
+
+def by_temperature(keywords: Sequence[Keyword]) -> bool:
+    """Whether a material states its *ELASTIC for several temperatures."""
+    return any(k.name == "ELASTIC" and len(k.texts) > LINES.get(anisotropic_type(k), 1) for k in keywords)
 
 
 def _type(definition: Definition) -> str:

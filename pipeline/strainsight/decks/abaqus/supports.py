@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.decks.abaqus.parts import normal, orthonormal
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
+from strainsight.decks.effects import ENFORCED, HELD
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import PointMass
 from strainsight.mesh.model import FloatArray, IntArray
@@ -72,13 +73,13 @@ def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Ro
 
 
 def fixed_components(
-    assembly: Assembly, rotations: dict[int, int], ignored: Counter[str]
-) -> tuple[IntArray, tuple[str, ...]]:
-    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds at zero, each once, sorted; and file:line of the data lines that
-    enforce a displacement, whose components are free here.
+    assembly: Assembly, rotations: dict[int, int], ignored: Counter[str], free: bool = False
+) -> IntArray:
+    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds, each once, sorted. A displacement that it enforces is held at
+    zero, or free, and counted.
 
     Those of the model and of the first step that has any count; OP=NEW there removes those of the model. rotations: node
-    whose translations are the rotations of another one (CalculiX) → that node.
+    whose translations are the rotations of another one (CalculiX) → that node; free: what is not held at zero is not held.
     Raises DeckError for motions of another model or a subroutine, for nodes that are not there and for a support of unknown name.
     """
     own = list(assembly.keywords("BOUNDARY"))
@@ -95,7 +96,7 @@ def fixed_components(
             f"the supports of step {step.number} ({other[0].where}) are left out: those of step {first.number} count"
             for step, other in steps[1:]
         ]
-    pairs, enforced = [np.zeros((0, 2), dtype=np.int64)], []
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
     for scope, keyword in own:
         if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
             raise keyword.error("motions of another model are not supported", "only supports at zero are imported")
@@ -103,14 +104,15 @@ def fixed_components(
             nodes = assembly.node_rows(row.text(0), scope, row)
             held = _held(row, ignored)
             if row.real(3, "the value", 0.0) != 0 and held:
-                enforced.append(row.where)
-                continue
+                ignored[ENFORCED if free else HELD] += 1
+                if free:
+                    continue
             for component in held:
                 pairs.append(np.column_stack([nodes, np.full(len(nodes), component)]))
     fixed = np.concatenate(pairs)
     for i in np.flatnonzero(np.isin(fixed[:, 0], list(rotations))):
         fixed[i] = rotations[int(fixed[i, 0])], fixed[i, 1] + 3
-    return np.unique(fixed[fixed[:, 1] < 6], axis=0), tuple(enforced)
+    return np.unique(fixed[fixed[:, 1] < 6], axis=0)
 
 
 def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
@@ -122,11 +124,11 @@ def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
         return TYPES[label]
     first = row.integer(1, "the first degree of freedom")
     last = row.integer(2, "the last degree of freedom", first) or first
-    if first < 1 or last < first:
+    if last < first or (first < 1 and last != 0):
         raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
-    if last > 6:
-        ignored[f"*BOUNDARY of degree of freedom {last}"] += 1
-    return tuple(c - 1 for c in range(first, min(last, 6) + 1))
+    for other in {first, last} - {*range(1, 7)}:  # temperature (0, 11), pressure (8) …
+        ignored[f"*BOUNDARY of degree of freedom {other}"] += 1
+    return tuple(c - 1 for c in range(max(first, 1), min(last, 6) + 1))
 
 
 def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:

@@ -38,6 +38,8 @@ WITH_INPUT = {
 """Keywords that are imported and whose data may stand in a file of their own."""
 
 _QUOTED = re.compile(r'"[^"]*"')
+_COMMENT = re.compile(r"(^|\s)#(\s.*)?$")
+"""A remark at the end of a line, behind a # that stands alone, as decks for CalculiX have it."""
 _CORRECT = "correct the line and run again"
 
 
@@ -209,8 +211,8 @@ def _lines(path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], tak
     file = str(path)
     pending: Line | None = None
     for number, raw in enumerate(text_lines(path), start=1):
-        text = raw.strip()
-        if not text or text.startswith("**"):
+        text = _COMMENT.sub("", raw).strip()
+        if not text or text == "*" or text.startswith("**"):
             continue
         line = Line(text, file, number)
         if pending is not None:

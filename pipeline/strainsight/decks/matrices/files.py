@@ -1,4 +1,4 @@
-"""Matrices and tables that another program wrote: OP4, Matrix Market, NumPy and SciPy archives, and CSV beside them."""
+"""Matrices and tables that another program wrote: OP4, Matrix Market, NumPy and SciPy archives, CalculiX, CSV beside them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 from scipy import sparse
 
+from strainsight.decks.matrices.calculix import read_calculix, read_dofs
 from strainsight.decks.matrices.market import read_market
 from strainsight.decks.matrices.op4 import read_op4
 from strainsight.decks.matrices.op4_parts import LARGEST
@@ -20,7 +21,7 @@ from strainsight.decks.numbers import no_integer, parse_integer
 from strainsight.decks.text import text_lines
 from strainsight.errors import DeckError
 
-SUFFIXES = ".op4, .mtx, .mtx.gz, .npz"
+SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"
 SYMMETRIC = 1e-8
 """Largest |X − Xᵀ| over the largest |X| that is rounding of the file."""
 NOTED = 1e-12
@@ -102,13 +103,15 @@ def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]
 
 
 def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What each row of the matrices is: node id (r,) and component 0-5 (r,); line i + 2 of the CSV is row i.
+    """What each row of the matrices is: node id (r,) and component 0-5 (r,), of the lines of a CSV below its header, or of a .dof
+    of CalculiX.
 
-    Raises DeckError with file:line for anything but "node,component" lines, a scalar point (component 0), and a pair that
-    occurs twice.
+    Raises DeckError with file:line for anything but "node,component" or "node.component" lines, a scalar point (component 0),
+    and a pair that occurs twice.
     """
-    rows = []
-    for number, cells in csv_lines(path, ("node", "component")):
+    rows, lines = [], []
+    calculix = path.suffix.lower() == ".dof"
+    for number, cells in read_dofs(path) if calculix else csv_lines(path, ("node", "component")):
         node, component = (_integer(cell, path, number) for cell in cells)
         if component == 0:
             raise DeckError(
@@ -123,6 +126,7 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 remedy="components are 1-3 for translations x, y, z and 4-6 for rotations",
             )
         rows.append((node, component - 1))
+        lines.append(number)
     pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
     if len(pairs) == 0:
         raise DeckError("no row is numbered", where=str(path), remedy="one line a row: node,component")
@@ -132,8 +136,8 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
         row = int(again[0])
         raise DeckError(
             f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is numbered twice",
-            where=f"{path}:{row + 2}",
-            remedy=f"line {first[inverse.ravel()[row]] + 2} has it too: every row has its own",
+            where=f"{path}:{lines[row]}",
+            remedy=f"line {lines[int(first[inverse.ravel()[row]])]} has it too: every row has its own",
         )
     return pairs[:, 0], pairs[:, 1]
 
@@ -237,4 +241,11 @@ def _csr(matrix: Any) -> sparse.csr_array:
     return found
 
 
-_READERS = {".op4": read_op4, ".mtx": _from_matrix_market, ".mtx.gz": _from_matrix_market, ".npz": _from_archive}
+_READERS = {
+    ".op4": read_op4,
+    ".mtx": _from_matrix_market,
+    ".mtx.gz": _from_matrix_market,
+    ".npz": _from_archive,
+    ".sti": read_calculix,
+    ".mas": read_calculix,
+}

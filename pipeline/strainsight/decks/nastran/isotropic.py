@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from strainsight.decks.faults import elastic_fault
+from strainsight.decks.faults import OR_CONFIG, elastic_fault
 from strainsight.decks.nastran.cards import Card
 from strainsight.mesh.model import Material
+
+
+def states_moduli(card: Card) -> bool:
+    """Whether a MAT1 says E, G or ν; mesh generators write it blank."""
+    return any(card.text(i) for i in (1, 2, 3))
 
 
 def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
@@ -22,7 +27,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
         alone = "G alone, and E is 0 then" if given[1] else "NU alone"
         raise card.error(f"states {alone}: nothing can be made of it", "give E and NU")
     if not any(given):
-        raise card.error("needs E, and G or NU", "give E and NU")
+        raise card.error("needs E, and G or NU", f"give E and NU{OR_CONFIG}")
     if given == [True, False, False]:
         notes.append(
             f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "

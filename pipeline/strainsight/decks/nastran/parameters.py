@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.errors import DeckError
+from strainsight.decks.numbers import parse_real
 
 HONOURED = ("WTMASS",)
 """Those that count here as in Nastran."""
@@ -75,10 +75,15 @@ def mass_scale(deck: Deck) -> float:
     return factors[0] if factors else 1.0
 
 
+def lumped(deck: Deck) -> bool:
+    """Whether a deck says that its mass is lumped: COUPMASS that is not positive."""
+    return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS"))
+
+
 def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
     """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`)."""
     effect = {}
-    for card in (*deck.cards.get("PARAM", []), *_of_case_control(deck)):
+    for card in _parameters(deck):
         name = card.text(0).upper()
         if name in HONOURED or (name in SCALES and _is(card, 1.0)) or (name in STRUCTURE and _is(card, 0.0)):
             continue
@@ -88,12 +93,13 @@ def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
     return effect
 
 
+def _parameters(deck: Deck) -> tuple[Card, ...]:
+    return (*deck.cards.get("PARAM", []), *_of_case_control(deck))
+
+
 def _named(cards: Sequence[Card], name: str) -> list[Card]:
     return [card for card in cards if card.text(0).upper() == name]
 
 
 def _is(card: Card, value: float) -> bool:
-    try:
-        return card.real(1, "the value") == value
-    except DeckError:
-        return False
+    return parse_real(card.text(1)) == value

@@ -14,7 +14,7 @@ from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.composite_solids import composite_solid, layers_of
 from strainsight.decks.nastran.composites import lamina
 from strainsight.decks.nastran.grids import resolved_system
-from strainsight.decks.nastran.isotropic import isotropic_material
+from strainsight.decks.nastran.isotropic import isotropic_material, states_moduli
 from strainsight.decks.nastran.solids import SOLIDS
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
@@ -231,13 +231,13 @@ def _materials(
                     if other
                     else f"add a MAT1 card with id {mid}{OR_CONFIG}",
                 )
-        elif mid not in materials:
+        elif mid not in materials and (stated or states_moduli(material_cards[mid])):
             materials[mid], shear[mid] = isotropic_material(material_cards[mid], mid in only_beams, notes)
             if material_cards[mid].real(7, "the structural damping GE", 0.0) != 0:
                 damped.append(f"{mid} (GE {material_cards[mid].text(7)})")
     if damped:
         notes.append(f"MAT1 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
-    if unused := len({*material_cards} - {*materials} - {*in_general}):
+    if unused := len({*material_cards} - {mid for _, mid in named} - {*in_general}):
         ignored["MAT1 that no property refers to"] += unused
     return materials, shear
 

@@ -7,6 +7,7 @@ from collections import Counter
 
 import numpy as np
 
+from strainsight.decks.effects import ENFORCED, HELD
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.nastran.sets import expand
@@ -32,29 +33,30 @@ def fixed_components(
     ignored: Counter[str],
     notes: list[str],
     chosen: int | None = None,
-) -> tuple[IntArray, tuple[str, ...]]:
-    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold at zero, each once, sorted; and file:line of the
-    cards that enforce a displacement, whose components are free here.
+    free: bool = False,
+) -> IntArray:
+    """(f, 2) pairs (row, component) that SPC, SPC1 and the GRID cards hold, each once, sorted. A displacement that is enforced is
+    held at zero, or free, and counted.
 
-    chosen: the set that counts. Otherwise the case control selects it; without a selection the only set counts. `ignored` has
-    the cards that the reader was asked to leave out; notes: that a set counts which nothing selects.
+    free: what is not held at zero is not held; chosen: the set that counts. Otherwise the case control selects it; without a
+    selection the only set counts. `ignored` has the cards that the reader was asked to leave out; notes: that a set counts
+    which nothing selects.
     Raises ChoiceError for several selections, and for several sets without one, DeckError for sets and nodes that are not there.
     """
     pairs: list[tuple[int, int]] = []
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
-    enforced: list[str] = []
     selected = _selected_sets(deck, chosen, notes, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
     for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
             continue
-        for row, wanted in _supports(card, nodes, enforced):
+        for row, wanted in _supports(card, nodes, ignored, free):
             pairs += [(row, c) for c in wanted]
-    return np.unique(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=0), tuple(enforced)
+    return np.unique(np.array(pairs, dtype=np.int64).reshape(-1, 2), axis=0)
 
 
-def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[int, tuple[int, ...]]]:
+def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -> list[tuple[int, tuple[int, ...]]]:
     if card.name == "SPC1":
         ids, _ = expand(card.fields[2:], nodes.sorted, card.where)
         if not ids.size:
@@ -67,9 +69,10 @@ def _supports(card: Card, nodes: NodeTable, enforced: list[str]) -> list[tuple[i
         if not card.text(i):
             continue
         row, wanted = nodes.row(card.integer(i, "the node id"), card), components(card.text(i + 1), card)
-        if card.real(i + 2, "the enforced displacement", 0.0) != 0:
-            enforced.append(card.where)
-        else:
+        moves = card.real(i + 2, "the enforced displacement", 0.0) != 0
+        if moves:
+            ignored[ENFORCED if free else HELD] += 1
+        if not (moves and free):
             found.append((row, wanted))
     return found
 

@@ -1,0 +1,81 @@
+"""*TIE: two blocks, one on the other, joined."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from strainsight.errors import DeckError
+from strainsight.fem.model import build_model
+from strainsight.fem.modes import modes
+from strainsight.mesh.additions import node_indices
+from strainsight.mesh.merging import merged
+from strainsight.mesh.surface_ties import with_surface_tie
+
+HEX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+REST = (
+    "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7850.\n*SOLID SECTION, ELSET=LOWER, MATERIAL=M\n"
+    "*SOLID SECTION, ELSET=UPPER, MATERIAL=M\n*SURFACE, NAME=TOP\nTOPS, S2\n*SURFACE, NAME=BOTTOM\nBOTTOMS, S1\n"
+)
+
+
+def block(name: str, cells: int, low: float, first: int) -> str:
+    """cells × cells × 1 hexahedra over a square metre, 1 m high; nodes and elements from `first` + 1."""
+    step = 1 / cells
+    at = {point: first + 1 + i for i, point in enumerate(product(range(cells + 1), range(cells + 1), range(2)))}
+    lines = ["*NODE", *(f"{number}, {x * step!r}, {y * step!r}, {low + z!r}" for (x, y, z), number in at.items())]
+    lines.append(f"*ELEMENT, TYPE=C3D8, ELSET={name}")
+    for i, (x, y) in enumerate(product(range(cells), range(cells))):
+        lines.append(", ".join(map(str, [first + 1 + i, *(at[x + a, y + b, c] for a, b, c in HEX)])))
+    for level in (0, 1):
+        lines += [f"*NSET, NSET={name}{level}", *(str(n) for point, n in at.items() if point[2] == level)]
+    return "\n".join([*lines, f"*ELSET, ELSET={'TOPS' if low == 0 else 'BOTTOMS'}", name, ""])
+
+
+def deck(upper: int, tie: str = "*TIE, NAME=T\nBOTTOM, TOP\n", gap: float = 0.0) -> str:
+    both = block("LOWER", 1, 0.0, 0) + block("UPPER", upper, 1.0 + gap, 1000)
+    return both + REST + tie + "*BOUNDARY\nLOWER0, 1, 3\n"
+
+
+def frequencies(mesh, count=10):
+    model = build_model(mesh)
+    return modes(model.stiffness.constant, model.mass.constant, count)[0]
+
+
+def test_blocks_of_one_mesh_that_are_tied_move_as_one(read):
+    tied, loose = read(deck(1)), read(deck(1, tie=""))
+    assert frequencies(tied) == pytest.approx(frequencies(merged(loose, 1e-9)), rel=1e-9)
+    assert any("4 nodes of BOTTOM follow TOP (*TIE T)" in note for note in tied.notes)
+    assert tied.where("relation", 1).endswith(str(deck(1).splitlines().index("BOTTOM, TOP") + 1))
+
+
+def test_a_finer_block_is_tied_as_by_a_tie_of_the_config(read):
+    mesh, loose = read(deck(3)), read(deck(3, tie=""))
+    own = with_surface_tie(loose, node_indices(loose, "BOTTOM"), node_indices(loose, "TOP"), 1e-6, "")
+    for a, b in zip(mesh.relations, own.relations, strict=True):
+        assert np.array_equal(a.node, b.node)
+        assert np.array_equal(a.value, b.value)
+
+
+def test_nodes_beyond_the_tolerance_are_left_with_a_note(read):
+    assert len(read(deck(2, gap=0.03)).relations) == 27
+    assert len(read(deck(2, "*TIE, NAME=T, POSITION TOLERANCE=0.2\nBOTTOM, TOP\n", gap=0.1)).relations) == 27
+    with pytest.raises(DeckError, match="does not lie on the surface"):
+        read(deck(2, gap=0.1))
+    mesh = read(deck(2).replace("BOTTOM\nBOTTOMS, S1", "BOTTOM, TYPE=NODE\nUPPER0\nUPPER1"))
+    assert any("9 others lie more than" in note for note in mesh.notes)
+
+
+@pytest.mark.parametrize("option", [", CYCLIC SYMMETRY=YES", ", MULTISTAGE"])
+def test_a_symmetry_is_not_taken_for_a_joint(read, option):
+    mesh = read(deck(1, f"*TIE, NAME=T{option}\nBOTTOM, TOP\n"))
+    assert (mesh.relations, list(mesh.unsupported)) == ((), ["*TIE"])
+
+
+def test_surfaces_that_are_not_there_are_named_with_their_line(read):
+    text = deck(1, "*TIE, NAME=T\nBOTTOM, OTHER\n")
+    with pytest.raises(DeckError, match="surface 'OTHER' is not in the deck") as caught:
+        read(text)
+    assert caught.value.where.endswith(str(text.splitlines().index("BOTTOM, OTHER") + 1))
