@@ -11,9 +11,10 @@ import numpy as np
 from strainsight.cases.structure.contact import contact_warnings
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.cases.structure.references import READS, check_references, on_one_node
+from strainsight.cases.structure.references import READS, beyond_range, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
+from strainsight.fem.quality import Quality
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -31,11 +32,9 @@ def run(context: Context[PlacementConfig]) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
     mesh = mesh_of(config, context.files["mesh.file"], base=context.base)
-    weight, quality = checked(mesh, config)
-    check_references(context.config, mesh)
+    weight, quality, found = looked_at(context.config, mesh)
     for text in on_one_node(context.config.loads, mesh):
         warnings.warn(f"{text}.", stacklevel=2)
-    found = _warnings(mesh, config)
     faces = None
     if mesh.has_surface:
         facets = exterior_facets(mesh)
@@ -63,6 +62,16 @@ def run(context: Context[PlacementConfig]) -> Output:
     )
 
 
+def looked_at(
+    config: PlacementConfig, mesh: Mesh
+) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...], tuple[str, ...]]:
+    """Mass [kg] with centre (3,) [m], shapes of the elements, and what is more likely a mistake than meant, in sentences. Raises
+    UserError for what cannot be computed."""
+    weight, quality = checked(mesh, config.mesh)
+    check_references(config, mesh)
+    return weight, quality, (*_warnings(mesh, config.mesh), *beyond_range(config, mesh))
+
+
 def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
     """Sentences for a warning; with ready matrices or results the materials and the unused nodes of the file mean nothing."""
     if config.matrices is not None or config.results is not None:
@@ -83,5 +92,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=14, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=15, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -24,7 +24,7 @@ from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.effects import ENFORCED, effects, spelt
-from strainsight.decks.faults import check_elements
+from strainsight.decks.faults import check_elements, notes_and_doubts
 from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
@@ -129,6 +129,7 @@ def read_abaqus(
     turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
     loads = loads_of(assembly, found, axes, made.rotations, turning, sections, ignored)
     masses = point_masses(assembly, made.rotations)
+    said, doubts = notes_and_doubts([*_reinterpreted(assembly), *assembly.notes])
     return Mesh(
         node_ids=assembly.node_ids,
         position=assembly.position,
@@ -160,7 +161,9 @@ def read_abaqus(
             if (UNSUPPORTED.match(card) or ((shells or beams) and OF_THIN.match(card))) and card not in dropped
         }
         | ({ENFORCED: enforced[0]} if enforced else {}),
-        notes=(*_reinterpreted(assembly), *assembly.notes),
+        notes=said,
+        doubts=doubts,
+        read=_read(keywords, assembly, ignored),
         source=str(path),
         included=included,
         origin=origin,
@@ -215,6 +218,13 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count
     return counted
+
+
+def _read(keywords: Sequence[Keyword], assembly: Assembly, ignored: Collection[str]) -> dict[str, int]:
+    """Keywords and types of elements that were taken → how many."""
+    taken = Counter(k.title for k in keywords if TAKEN.fullmatch(k.name) and k.title not in ignored)
+    types = Counter(f"{ELEMENT}{own}" for own in assembly.type if own)
+    return dict(taken + Counter({name: count for name, count in types.items() if name not in ignored}))
 
 
 def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:

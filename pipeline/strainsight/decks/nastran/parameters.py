@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from difflib import get_close_matches
 
+from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.errors import DeckError
 
@@ -75,8 +77,9 @@ def mass_scale(deck: Deck) -> float:
     return factors[0] if factors else 1.0
 
 
-def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
-    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`)."""
+def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
+    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`); a name that is nearly
+    one of those that count is a doubt."""
     effect = {}
     for card in (*deck.cards.get("PARAM", []), *_of_case_control(deck)):
         name = card.text(0).upper()
@@ -85,6 +88,8 @@ def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
         ignored[f"PARAM {name}"] += 1
         if name in STRUCTURE or name in NONE:
             effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
+        elif meant := get_close_matches(name, (*HONOURED, *STRUCTURE), n=1, cutoff=0.8):
+            notes.append(Doubt(f"PARAM {name} ({card.where}) is not known and has no effect: did you mean {meant[0]}?"))
     return effect
 
 
