@@ -33,8 +33,12 @@ def grounded(mesh: Mesh) -> tuple[Grounded, ...]:
     What has one node alone leads to the ground, and is a support. Elements, rigid and averaging elements follow a rigid motion
     exactly.
     """
-    found = [own for own in _each(mesh) if own.share > EXACT]
-    return tuple(sorted(found, key=lambda own: -own.share))
+    return tuple(own for own in links(mesh) if own.share > EXACT)
+
+
+def links(mesh: Mesh) -> tuple[Grounded, ...]:
+    """All springs and relations between several nodes, the one that a rigid motion stretches most first."""
+    return tuple(sorted(_each(mesh), key=lambda own: -own.share))
 
 
 def _each(mesh: Mesh) -> Iterator[Grounded]:
