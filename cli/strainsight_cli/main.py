@@ -14,6 +14,7 @@ import typer
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
+from strainsight_cli.check_modes import check_modes
 from strainsight_cli.example import example
 from strainsight_cli.failures import CONTRADICTED, USER, reported, saying
 from strainsight_cli.options import (
@@ -263,6 +264,9 @@ for _name, _what in pipelines.STAGES.items():
         _add_stage(_name, _what)
 
 
+app.command("check-modes", help="Compare natural frequencies and shapes of another program with those of the deck.")(
+    check_modes
+)
 app.command("view", help="Show what a run has computed, in a window or as a picture.")(view)
 app.command("figures", help="Write the figures of a run's page as SVG and PNG files, with their numbers as CSV.")(
     figures
