@@ -14,7 +14,7 @@ parameters: {{E: {{property: {property}, region: 1, guess: {guess}, range: {rang
 damping: {{type: modal, ratio: {ratio}}}
 rom: {{modes: 2}}
 train: {{duration: 0.1, time_step: 1.0e-3}}
-gauges: {{direction: {{type: axis, axis: [1, 0, 0]}}, noise_std: {{value: {noise}}}{gauges}}}
+gauges: {{direction: {{type: axis, axis: [1, 2, 3]}}, noise_std: {{value: {noise}}}{gauges}}}
 place: {{estimate: [E], keep: 1}}
 validate: {{time_step: 1.0e-3, duration: 0.1, initial_std: {{E: 0.1}}}}
 """

@@ -118,7 +118,8 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary, own = validate.summary, read(Validated, validate)
     units = {name: unit_of(own, "estimate", name) for name in names}
-    notes = [f"{capital(text)}." for text in posterior_doubts(own.posterior, units)]
+    beyond = str(summary.get("out_of_range", ""))
+    notes = [f"{capital(text)}." for text in (*filter(None, (beyond,)), *posterior_doubts(own.posterior, units))]
     for name in names:
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
