@@ -110,6 +110,7 @@ lowest:
 fuzz: $(READY)
 	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --only-binary :all: 'atheris>=3.0' || true
 	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.campaign $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/python -W ignore -m tests.fuzz.structured
 	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.commands
 	@$(ONE_THREAD) $(VENV)/$(BIN)/python -m tests.fuzz.guided
 

@@ -14,6 +14,7 @@ import typer
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
+from strainsight_cli.check_modes import check_modes
 from strainsight_cli.example import example
 from strainsight_cli.failures import CONTRADICTED, USER, reported, saying
 from strainsight_cli.options import (
@@ -34,7 +35,7 @@ from strainsight_cli.options import (
 from strainsight_cli.status import show_plan
 from strainsight_cli.surroundings import missing, prepare_streams
 from strainsight_cli.view import figures, view
-from strainsight_cli.work import Work, bring_up_to_date, contradicted, say, show_results
+from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_warned, say, show_results
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
@@ -233,10 +234,39 @@ def _add_stage(name: str, what: str) -> None:
             _one_stage(work, name, force, dry_run, as_json, verbose)
 
 
+_IMPORTS = pipelines.STAGES["import"]
+
+
+@app.command("import", short_help=f"{_IMPORTS}.", help=f"{_IMPORTS}, and say what the model assumes.")
+def import_(
+    config: ConfigFile,
+    strict: Annotated[bool, typer.Option("--strict", help="End with 2 where there is a warning.")] = False,
+    force: Force = False,
+    dry_run: DryRun = False,
+    results: Results = DEFAULT_RESULTS,
+    as_json: Json = False,
+    overrides: Set = None,
+    jobs: Jobs = None,
+    dask: Dask = None,
+    verbose: Verbose = False,
+    quiet: Quiet = False,
+    log_level: LogLevel = None,
+) -> None:
+    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
+        work = replace(pipelines.work_of_one(config, results, overrides, "import"), where=Where(jobs, dask))
+        _one_stage(work, "import", force, dry_run, as_json, verbose)
+        if strict and not dry_run:
+            refuse_warned(work)
+
+
 for _name, _what in pipelines.STAGES.items():
-    _add_stage(_name, _what)
+    if _name != "import":
+        _add_stage(_name, _what)
 
 
+app.command("check-modes", help="Compare natural frequencies and shapes of another program with those of the deck.")(
+    check_modes
+)
 app.command("view", help="Show what a run has computed, in a window or as a picture.")(view)
 app.command("figures", help="Write the figures of a run's page as SVG and PNG files, with their numbers as CSV.")(
     figures

@@ -171,6 +171,22 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
                 print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
 
 
+def refuse_warned(work: Work) -> None:
+    """Raise UserError where the import of a run has warnings, with the first three."""
+    from strainsight.errors import UserError
+    from strainsight.workflow.artefact import Artefact
+
+    found = Artefact(work.job.folder / "import.h5")
+    said = [row[-1] for table in found.tables for row in table.rows if row[0] == "warning"]
+    if said:
+        more = f"; and {len(said) - 3} more" if len(said) > 3 else ""
+        raise UserError(
+            f"{len(said)} warning{'s' * (len(said) > 1)}, and --strict takes none: {'; '.join(said[:3])}{more}",
+            where=work.job.locate("mesh"),
+            remedy="do what each says, or leave --strict out",
+        )
+
+
 def contradicted(artefact: Artefact) -> bool:
     """Whether a record of a test contradicts its model, and nobody has accepted that."""
     return artefact.summary.get("trusted") is False and not artefact.summary.get("accepted")

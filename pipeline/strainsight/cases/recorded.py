@@ -12,6 +12,7 @@ from strainsight.config.loads import Recorded
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
+from strainsight.measurements.marks import check_marks
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import meant_by, required_unit
 from strainsight.signals.histories import FromSamples
@@ -53,6 +54,9 @@ def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) 
                 where=found.place(int(missing[0])),
                 remedy="a load history has no gaps: give the value, or drop the line",
             )
+        check_marks(
+            found, column, found.units[column] or "", "a load history has no gaps: give the value, or drop the line"
+        )
         back = np.flatnonzero(np.diff(found.time) <= 0)
         if back.size:
             i = int(back[0])

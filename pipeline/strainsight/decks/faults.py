@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -36,6 +36,17 @@ class IdTable:
             return np.zeros(ids.shape, dtype=np.int64), np.ones(ids.shape, dtype=bool)
         at = np.minimum(np.searchsorted(self.sorted, ids), self.sorted.size - 1)
         return self._order[at].astype(np.int64), self.sorted[at] != ids
+
+
+class Doubt(str):
+    """A note on what a deck says that is more likely a mistake than meant: it is among the warnings of an import."""
+
+
+def notes_and_doubts(found: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Notes, and those of them that are doubts, as plain strings."""
+    both = list(found)
+    doubts = tuple(str(text) for text in both if isinstance(text, Doubt))
+    return tuple(text for text in both if not isinstance(text, Doubt)), doubts
 
 
 def repeated(ids: IntArray) -> tuple[int, int] | None:

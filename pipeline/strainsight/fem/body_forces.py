@@ -86,6 +86,25 @@ def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
     return np.asarray(body.acceleration + np.cross(np.cross(body.rotation, x - body.centre), body.rotation))
 
 
+def odd_gravity(mesh: Mesh) -> list[str]:
+    """A sentence for every load of the file whose acceleration is that of gravity in another unit of length."""
+    found = []
+    for name, load in mesh.loads.items():
+        for body in load.body:
+            size = float(np.linalg.norm(body.acceleration) * abs(body.factor))
+            for unit, factor in ELSEWHERE.items():
+                if abs(size * factor / 9.81 - 1) < 0.01:
+                    found.append(
+                        f"load {name} pulls with {size:.4g} m/s²: gravity is 9.81 m/s², and the deck seems to state it in "
+                        f"{unit}/s², beside another mesh.length_unit"
+                    )
+    return found
+
+
+ELSEWHERE = {"m": 1e3, "mm": 1e-3, "in": 0.0254, "cm": 1e-2}
+"""Unit in which an acceleration seems to be meant → what makes g of it: 9.81 in a deck in mm, 9810 in one in m."""
+
+
 def with_body_forces(mesh: Mesh) -> Mesh:
     """The mesh with the body forces of its loads among their forces: as its densities are now."""
     loads = {}

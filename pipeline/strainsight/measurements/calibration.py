@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.bridges import Bridge, strain_of
 from strainsight.measurements.delay import NO_DELAY, Delay
+from strainsight.measurements.marks import check_marks
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import SI, known_unit, required_unit, spelling
 
@@ -91,6 +92,8 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
     notes = list(_check_unit(recording, name, settings))
     values = np.array(recording.channels[name], dtype=float)
     _check_size(recording, name, settings, values)
+    if not settings.override:
+        check_marks(recording, name, settings.unit)
     if settings.offset:
         values -= settings.offset
         notes.append(f"{name}: {settings.offset:g} {settings.unit} were subtracted")

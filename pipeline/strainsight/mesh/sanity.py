@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import IntArray, Material, Mesh
+from strainsight.mesh.sane_sections import section_warnings
 from strainsight.mesh.thin import GeneralShell
 from strainsight.mesh.units import length_factor, mass_factor
 
@@ -26,6 +27,9 @@ LOCKING = 0.495
 """Poisson's ratio of solids above which elements without pressure of their own are much too stiff; rubber is taken at 0.49."""
 SHEAR_EXCESS = 2.0
 """How many times too stiff in shear across its layers a composite solid may be without a warning."""
+GRAVITY = 9.80665
+METAL = 1e10
+"""[Pa] What is stiffer is no mass that is smeared over something soft."""
 LIKELY_MODULUS = (1e9, 6e11)
 LIKELY_DENSITY = (500.0, 2.5e4)
 USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft", "slug"), ("cm", "kg"), ("m", "t"))
@@ -33,14 +37,14 @@ USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft
 
 def unused_nodes(mesh: Mesh) -> IntArray:
     """Indices of the nodes that no element, rigid or averaging element, relation, mass, spring or support refers to."""
-    used = _attached(mesh)
+    used = attached(mesh)
     used[[point.node for point in mesh.point_masses]] = True
     return np.flatnonzero(~used)
 
 
 def without_loose_masses(mesh: Mesh) -> Mesh:
     """The mesh without point masses on nodes that nothing else refers to, which move nothing; and a note on them."""
-    held = _attached(mesh)
+    held = attached(mesh)
     loose = [point for point in mesh.point_masses if not held[point.node]]
     if not loose:
         return mesh
@@ -54,7 +58,7 @@ def without_loose_masses(mesh: Mesh) -> Mesh:
     return replace(mesh, point_masses=kept, notes=(*mesh.notes, note))
 
 
-def _attached(mesh: Mesh) -> NDArray[np.bool_]:
+def attached(mesh: Mesh) -> NDArray[np.bool_]:
     """Nodes (n,) that an element, tie, spring or support refers to."""
     used = np.zeros(len(mesh.node_ids), dtype=bool)
     used[mesh.arms[:, 0]] = True
@@ -85,6 +89,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     has to hold it.
     """
     found = [f"{count} × {card} ignored: {_lost(card)}" for card, count in ignored_structure(mesh).items()]
+    found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
         found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
@@ -98,6 +103,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     for solid in mesh.anisotropic.values():
         found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit)
     found += _stiff_cores(mesh)
+    found += section_warnings(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
     found += _outside("the structure's extent", extent, EXTENT, "m", "check mesh.length_unit")
     found += _far_references(mesh)
@@ -121,7 +127,7 @@ def ignored_structure(mesh: Mesh) -> dict[str, int]:
 
 def _lost(card: str) -> str:
     """What a model lacks without a card."""
-    if card.endswith(("NLGEOM", "LGDISP")):
+    if card.endswith(("NLGEOM", "LGDISP")) or card.startswith("STATSUB"):
         return "the stiffness is that of the part without load, and not that under the preload of this step"
     if card.startswith("ENFORCED DISPLACEMENT"):
         if card.endswith("DISPLACEMENT"):
@@ -204,6 +210,11 @@ def _material_warnings(name: str, E: float, rho: float, length_unit: str, mass_u
     if rho == 0:
         return [*found, f"{name} has no density: it adds stiffness and no mass"]
     found += _outside(f"{name}: density", rho, DENSITY, "kg/m³", remedy)
+    if not found and rho > LIKELY_DENSITY[1] and E > METAL:
+        found = [
+            f"{name}: density is {rho:.3g} kg/m³, and no metal has more than {LIKELY_DENSITY[1]:g}: a weight per volume over g "
+            f"would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS): check the deck"
+        ]
     if not found:
         found = _outside(f"{name}: the speed of sound √(E/ρ)", float(np.sqrt(E / rho)), WAVE_SPEED, "m/s", remedy)
     return found

@@ -109,7 +109,7 @@ def doubled(mesh: Mesh, joints: Joints, coincident: Coincident) -> Iterator[Doub
         if len(a):
             nodes = np.column_stack([block.nodes[a, 0], block.nodes[b, 0]])
             found.append((block.kind, np.sort(np.column_stack([block.ids[a], block.ids[b]]), axis=1), nodes))
-    part = _parts(mesh, joints) if found else np.zeros(0, dtype=np.int64)
+    part = joined_parts(mesh, joints) if found else np.zeros(0, dtype=np.int64)
     for joined in (False, True):
         for kind, ids, nodes in found:
             own = ids[(part[nodes[:, 0]] == part[nodes[:, 1]]) == joined]
@@ -118,7 +118,7 @@ def doubled(mesh: Mesh, joints: Joints, coincident: Coincident) -> Iterator[Doub
                 yield Doubled(kind, first, second, len(own), joined)
 
 
-def _parts(mesh: Mesh, joints: Joints) -> IntArray:
+def joined_parts(mesh: Mesh, joints: Joints) -> IntArray:
     """(n,): a number of the part of each node, all that elements and ties lead to from it; the ground is none."""
     links = [joints.edges]
     for nodes, _ in _corners(mesh):

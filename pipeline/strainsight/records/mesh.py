@@ -134,6 +134,9 @@ class MeshColumns:
     faces: NamedFaces = group("/faces/named")
     ignored: Ignored = group("/ignored")
     notes: tuple[str, ...] = dataset("/notes", "1", "note", "how something of the deck was read")
+    doubts: tuple[str, ...] = dataset(
+        "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
+    )
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:
@@ -205,6 +208,7 @@ class MeshColumns:
                 effect=tuple(mesh.effect.get(card, "") for card in mesh.ignored),
             ),
             notes=tuple(mesh.notes),
+            doubts=tuple(mesh.doubts),
         )
 
     def made(self) -> Mesh:
@@ -258,6 +262,7 @@ class MeshColumns:
                 for name, nodes, force, moment, regions in zip(loads.name, *columns, strict=True)
             },
             notes=self.notes,
+            doubts=self.doubts,
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
             effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},
         )

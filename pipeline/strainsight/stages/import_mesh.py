@@ -11,9 +11,11 @@ import numpy as np
 from strainsight.cases.structure.contact import contact_warnings
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.cases.structure.references import READS, check_references, on_one_node
+from strainsight.cases.structure.references import READS, beyond_range, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
+from strainsight.decks.reader import format_of
+from strainsight.fem.quality import Quality
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -22,6 +24,7 @@ from strainsight.records.faces import FoundFaces, Imported
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
+from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.pages.found import faces_table, found_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
@@ -30,12 +33,12 @@ from strainsight.workflow.stage import Context, Stage
 def run(context: Context[PlacementConfig]) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
-    mesh = mesh_of(config, context.files["mesh.file"], base=context.base)
-    weight, quality = checked(mesh, config)
-    check_references(context.config, mesh)
-    for text in on_one_node(context.config.loads, mesh):
+    file = context.files["mesh.file"]
+    mesh = mesh_of(config, file, base=context.base)
+    weight, quality, found = looked_at(context.config, mesh)
+    alone = on_one_node(context.config.loads, mesh)
+    for text in alone:
         warnings.warn(f"{text}.", stacklevel=2)
-    found = _warnings(mesh, config)
     faces = None
     if mesh.has_surface:
         facets = exterior_facets(mesh)
@@ -50,17 +53,33 @@ def run(context: Context[PlacementConfig]) -> Output:
     if weight is not None:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
+    tables = found_tables(mesh, weight, quality, (*found, *alone))
+    summary["warnings"] = sum(row[0] == "warning" for table in tables for row in table.rows)
+    program = format_of(file) if config.format == "auto" else config.format
+    computed = config.matrices is None and config.results is None
+    assumed = assumed_table(mesh, program, config.free) if computed else None
     return Output(
         datasets=written(Imported(mesh=MeshColumns.of(mesh), found=FoundFaces.of(faces) if faces else None)) | grid,
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),
         tables=(
-            *found_tables(mesh, weight, quality, found),
+            *tables,
             *((faces_table(faces),) if faces else ()),
+            *((assumed,) if assumed else ()),
         ),
         inputs=tuple(Path(name) for name in mesh.included),
     )
+
+
+def looked_at(
+    config: PlacementConfig, mesh: Mesh
+) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...], tuple[str, ...]]:
+    """Mass [kg] with centre (3,) [m], shapes of the elements, and what is more likely a mistake than meant, in sentences. Raises
+    UserError for what cannot be computed."""
+    weight, quality = checked(mesh, config.mesh)
+    check_references(config, mesh)
+    return weight, quality, (*_warnings(mesh, config.mesh), *beyond_range(config, mesh))
 
 
 def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
@@ -83,5 +102,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=14, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=15, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

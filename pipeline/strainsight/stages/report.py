@@ -66,7 +66,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 REPORT = Stage(
     "report",
-    version=24,
+    version=25,
     reads=(
         "name",
         "seed",

@@ -9,6 +9,7 @@ from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
+from strainsight.cases.structure.out_of_range import validated_out_of_range
 from strainsight.cases.structure.sweeps import sweep_table
 from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
@@ -40,6 +41,9 @@ def run(context: Context[PlacementConfig]) -> Output:
     labels = layout_labels(training.name, found.trial.gauges)
     own, repeats = found.validated, found.validated.repeats
     numbers = validation_numbers(found, config.validation.truth.model)
+    values = {name: own.estimate for name, own in found.accuracy.items()}
+    beyond = validated_out_of_range(config, found.trial.problem, values)
+    numbers |= {"out_of_range": beyond} if beyond else {}
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
     numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own}
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER}
@@ -54,7 +58,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         datasets=grid | written(own, found.units),
         attributes=attributes,
         summary=numbers,
-        message=validation_message(found, doubts),
+        message="; ".join(filter(None, (beyond, validation_message(found, doubts)))),
         tables=(
             validation_table(found),
             *budget_tables(own.budget, found.without),
@@ -67,7 +71,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=26,
+    version=27,
     reads=(
         "damping",
         *(

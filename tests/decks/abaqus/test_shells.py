@@ -218,7 +218,7 @@ def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
 
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
-    (note,) = read(FLAT + "*ELEMENT, TYPE=S4, ELSET=QUAD\n12, 3, 4, 1, 2\n").notes
+    (note,) = read(FLAT + "*ELEMENT, TYPE=S4, ELSET=QUAD\n12, 3, 4, 1, 2\n").doubts
     assert note.startswith("S4 12 is on the nodes of S4 10 (1 such element)")
 
 

@@ -209,7 +209,8 @@ def test_a_deck_without_enddata_is_refused_at_its_last_line(read, text, line):
 def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_shows_its_last_line(read, tetrahedron):
     mesh = read(f"SOL 103\nCEND\nBEGIN BULK\n{tetrahedron}", ignore=["missing enddata"])
     assert list(mesh.node_ids) == [1, 2, 3, 4]
-    note, _ = mesh.notes  # and that nothing selects its supports
+    (note,) = mesh.notes
+    assert "selects no supports" in mesh.doubts[0]
     assert note.startswith("the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' (")
     assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()

@@ -44,6 +44,6 @@ def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, te
         ("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\n", 0),
     ):
         mesh = read(f"{control}{tetrahedron}ENDDATA\n")
-        notes = [note for note in mesh.notes if "the case control selects no supports" in note]
+        notes = [note for note in mesh.doubts if "the case control selects no supports" in note]
         assert len(notes) == count
         assert len(mesh.fixed) > 0

@@ -113,7 +113,7 @@ def test_corners_as_thick_as_the_property_are_accepted(read):
 
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
-    (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").notes[1:]
+    (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").doubts
     assert note.startswith("CQUAD4 12 is on the nodes of CQUAD4 10 (1 such element)")
 
 

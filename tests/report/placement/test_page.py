@@ -253,3 +253,12 @@ def test_every_sigma_on_the_page_has_a_name_and_a_denominator(full):
     first = words(first_screen(page(full())))
     assert "± claimed σ of its RMS" in first
     assert "± claimed σ of its true value" in first
+
+
+def test_what_the_model_assumes_is_a_table_of_its_own(full):
+    rows = (("card GRID", "20", "read"), ("differs", "", "mass is <consistent>"))
+    assert "What this model assumes" not in page(full())
+    text = page(replace(full(), assumes=rows))
+    table = text[text.index('id="assumes"') : text.index('id="warnings"')]
+    assert "card GRID" in table
+    assert "mass is &lt;consistent&gt;" in table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -116,6 +117,7 @@ def _check_records(config: PlacementConfig, base: Path) -> None:
     """Channels and units of every record that is there; which sensor is which is known without motion sensors alone."""
     from strainsight.cases.recorded_channels import signals_of
     from strainsight.cases.structure.measured import check_quantities, wanted_of
+    from strainsight.cases.structure.odd_channels import odd_channels
     from strainsight.cases.structure.records_of_test import in_record, records_of
 
     settings = config.estimate
@@ -129,5 +131,7 @@ def _check_records(config: PlacementConfig, base: Path) -> None:
         with in_record(own.name):
             wanted = wanted_of(own, known, units)
             signals = signals_of(own.settings, own.file.removesuffix(".file"), path, wanted)
+            for text in odd_channels(config, signals, list(wanted)):
+                warnings.warn(f"{text}.", stacklevel=2)
             if not config.motion_sensors and config.gauges.given is None:
                 check_quantities(wanted, signals, ["strain"] * len(own.settings.channels), known, units)

@@ -27,6 +27,8 @@ LONGEST_GAP = 10
 """Samples of a known load that may be missing in a row; they are put on a straight line."""
 LARGEST_STRAIN = 0.1
 """[m/m] Foil gauges end at a few per cent."""
+LEAST_STRAIN = 1e-8
+"""[m/m] A tenth of what amplifiers resolve."""
 QUANTITY = ("strain", "acceleration", "displacement")
 
 
@@ -200,7 +202,7 @@ def check_quantities(
     units: Mapping[str, str],
 ) -> None:
     """sensors: what the channels of gauges are to be. Raises ConfigError for another quantity, and for a strain that no metal
-    has: its unit is another one."""
+    has, or no amplifier shows: its unit is another one."""
     quantity = {unit: own for own, unit in SI.items()}
     expected = [*sensors, *(quantity[units[name]] for name in known)]
     for i, ((key, entry), found, should) in enumerate(zip(wanted.items(), signals.quantities, expected, strict=True)):
@@ -211,6 +213,12 @@ def check_quantities(
                 key=f"{key}.unit",
                 remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
                 "load, with `zero` or `offset`",
+            )
+        if found == should == "strain" and 0 < largest < LEAST_STRAIN:
+            raise ConfigError(
+                f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
+                key=f"{key}.unit",
+                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)?",
             )
         if found != should:
             raise ConfigError(

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.cases.structure.grounds import grounding_warnings, heavy_points, loose_warnings
 from strainsight.cases.structure.sections import given_sections
 from strainsight.config.mesh import Face, Material, MaterialAxes, MeshFile, Support
 from strainsight.decks.effects import LINEAR, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError, DeckError, UserError, blame
-from strainsight.fem.body_forces import with_body_forces
+from strainsight.fem.body_forces import odd_gravity, with_body_forces
 from strainsight.fem.checks import check_geometry, check_mesh
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.hinges import hinge_warnings
@@ -86,6 +87,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
     if config.matrices is None:
         mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
+        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
 
@@ -136,10 +138,18 @@ def checked(
 
 
 def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
-    """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, and the
-    rest of `sanity_warnings`."""
+    """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, what moves
+    freely or resists a rigid motion, and the rest of `sanity_warnings`."""
     sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(ignored_structure(mesh))
-    return (*sane[:first], *connectivity_warnings(mesh), *hinge_warnings(mesh), *sane[first:])
+    return (
+        *sane[:first],
+        *connectivity_warnings(mesh),
+        *hinge_warnings(mesh),
+        *(() if free else loose_warnings(mesh)),
+        *grounding_warnings(mesh),
+        *sane[first:],
+        *heavy_points(mesh),
+    )
 
 
 def _with_material(mesh: Mesh, own: Material, name: str) -> Mesh:

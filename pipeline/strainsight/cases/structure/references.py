@@ -21,7 +21,8 @@ from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import OF_MASS
+from strainsight.mesh.properties import OF_MASS, value_of
+from strainsight.mesh.sanity import attached
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 READS = (
@@ -60,6 +61,12 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
         with blame(f"loads.{name}"):
             if load.moment is None:
                 forces = nodal_forces(mesh, load)
+                if len(forces.nodes) and not (held := attached(mesh)[forces.nodes]).any():
+                    node = mesh.node_ids[forces.nodes[np.flatnonzero(~held)[0]]]
+                    raise UserError(
+                        f"it acts on node {node}, which belongs to no element, tie, spring or support",
+                        remedy="load a node of the structure, or tie this one to it (RBE2, RBE3, mesh.ties)",
+                    )
                 if not load.of_mass:
                     _check_mass(config, mesh, forces)
             else:
@@ -107,6 +114,22 @@ def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:
                     f"loads.{name} acts on node {load.node} of a {what} alone: strain beside it grows with a finer mesh. Spread "
                     f"the force over a face (mesh.faces, loads.{name}.set), or tie its nodes to a reference node (mesh.ties)"
                 )
+    return tuple(found)
+
+
+def beyond_range(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
+    """A sentence for every parameter whose value in the deck lies outside of its range."""
+    found = []
+    known = {name: own for name, own in config.parameters.items() if own.property != DAMPING and not own.springs}
+    for name, own in known.items() if config.mesh.matrices is None and config.mesh.results is None else ():
+        for region in places_of(name, own, mesh, config.mesh)[0]:
+            value, (low, high) = value_of(mesh, region, own.property, own.material), own.range
+            if not low <= value <= high:
+                found.append(
+                    f"{name} is {value:.4g} in {mesh.regions[region]} of the deck, outside parameters.{name}.range, {low:g} to "
+                    f"{high:g}: widen the range, or correct the deck, the region or the guess"
+                )
+                break
     return tuple(found)
 
 

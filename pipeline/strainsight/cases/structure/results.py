@@ -171,7 +171,7 @@ def _gather(wanted: list[Wanted], default: str, mesh: Mesh, length: float, files
                             response.rounding,
                             response.where,
                         )
-                placed = _on_nodes(mesh, response, known[1], known[2])
+                placed = on_nodes(mesh, response, known[1], known[2])
                 for own in takers:
                     own.found.append(replace(response, motion=np.zeros((0, 3))))  # which would be there twice
                     own.motion.append(placed)
@@ -190,7 +190,7 @@ def _fits(own: Wanted, response: Response) -> bool:
     return own.step is None or own.step == (response.label if isinstance(own.step, str) else response.step)
 
 
-def _on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, there: np.ndarray) -> np.ndarray:
+def on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, there: np.ndarray) -> np.ndarray:
     """Motion (n, 3 or 6) along the basic axes, NaN of nodes without."""
     found = np.full((len(mesh.position), response.motion.shape[1]), np.nan)
     found[rows[there]] = response.motion[there]

@@ -26,7 +26,7 @@ from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
 from strainsight.decks.abaqus.tied_surfaces import plain_ties, with_tied_surfaces
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.effects import ENFORCED, HELD, effects, spelt
-from strainsight.decks.faults import check_elements
+from strainsight.decks.faults import check_elements, notes_and_doubts
 from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
@@ -165,6 +165,7 @@ def read_abaqus(
         origin=origin,
     )
     mesh = with_tied_surfaces(mesh, assembly, found, ignored)
+    said, doubts = notes_and_doubts([*_reinterpreted(assembly), *assembly.notes])
     return replace(
         mesh,
         ignored=dict(sorted(ignored.items())),
@@ -180,7 +181,9 @@ def read_abaqus(
                 or (card == "*TEMPERATURE" and by_temperature(keywords))
             )
         },
-        notes=(*_reinterpreted(assembly), *assembly.notes),
+        notes=said,
+        doubts=doubts,
+        read=_read(keywords, assembly, ignored),
     )
 
 
@@ -232,6 +235,13 @@ def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count
     return counted
+
+
+def _read(keywords: Sequence[Keyword], assembly: Assembly, ignored: Collection[str]) -> dict[str, int]:
+    """Keywords and types of elements that were taken → how many."""
+    taken = Counter(k.title for k in keywords if TAKEN.fullmatch(k.name) and k.title not in ignored)
+    types = Counter(f"{ELEMENT}{own}" for own in assembly.type if own)
+    return dict(taken + Counter({name: count for name, count in types.items() if name not in ignored}))
 
 
 def _nodes_with_normals(keywords: Sequence[Keyword]) -> int:

@@ -8,7 +8,7 @@ from strainsight.decks.abaqus.cells import NODES
 from strainsight.decks.abaqus.composites import default_axes
 from strainsight.decks.abaqus.scopes import Assembly
 from strainsight.decks.abaqus.sections import Sections
-from strainsight.decks.faults import coincident, folded, plural
+from strainsight.decks.faults import Doubt, coincident, folded, plural
 from strainsight.mesh.beam_axes import ALONG, axes_along
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
@@ -155,6 +155,5 @@ def _note_shared(assembly: Assembly, rows: IntArray, nodes: IntArray) -> None:
     if pair := coincident(nodes):
         count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
         first, second = (assembly.element(int(rows[i])) for i in pair)
-        assembly.notes.append(
-            f"{second} is on the nodes of {first} ({plural(count, 'such element')}): stiffness and mass of both count"
-        )
+        shared = f"{second} is on the nodes of {first} ({plural(count, 'such element')})"
+        assembly.notes.append(Doubt(f"{shared}: stiffness and mass of both count"))

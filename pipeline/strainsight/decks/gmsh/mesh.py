@@ -62,6 +62,7 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(file.skipped.items())),
+        read={kind.name: sum(len(c.ids) for c in solids if c.type == kind.gmsh) for kind in ELEMENTS},
         notes=(*note_doubled(doubled), *notes, *more),
         source=str(path),
         origin=_origin(str(path), nodes, [*solids, *thin.chunks]),

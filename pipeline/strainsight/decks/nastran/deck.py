@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.effects import ENFORCED, HELD, MISSING_END, effects, spelt
+from strainsight.decks.faults import notes_and_doubts
 from strainsight.decks.moments import turning_nodes
 from strainsight.decks.nastran.anisotropic import ANISOTROPIC
 from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
@@ -31,6 +32,7 @@ from strainsight.decks.nastran.supports import fixed_components
 from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import averaging_elements, rigid_elements
+from strainsight.decks.nastran.unused import structural_lines, unused_systems
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
@@ -155,9 +157,11 @@ def read_nastran(
     loads = static_loads(
         {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
     )
-    of_parameters = _count_ignored(deck, ignored)
+    of_parameters = _count_ignored(deck, ignored, notes)
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
+    sprung = springs(cards, grids, notes)
+    said, doubts = notes_and_doubts(notes)
     return Mesh(
         node_ids=nodes.ids,
         position=grids.position,
@@ -173,7 +177,7 @@ def read_nastran(
         averaging=averaging,
         relations=relations,
         point_masses=masses,
-        springs=springs(cards, grids, notes),
+        springs=sprung,
         shells=thin.shells,
         beams=thin.beams,
         sections=found.sections,
@@ -191,7 +195,9 @@ def read_nastran(
             if name in first and (UNSUPPORTED.match(name) or (by_temperature and name.startswith("TEMP")))
         }
         | ({MISSING_END: deck.last.where} if cut else {}),
-        notes=tuple(notes),
+        notes=said,
+        doubts=doubts,
+        read={name: len(found) for name, found in cards.items() if name in TAKEN},
         source=str(path),
         included=deck.included,
         origin={
@@ -222,11 +228,16 @@ def _unended(deck: Deck, ignore: Sequence[str]) -> list[str]:
     ]
 
 
-def _count_ignored(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
-    """Count what is not imported; the effect of PARAM cards by their names."""
+def _count_ignored(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
+    """Count what is not imported; the effect of PARAM cards, and of lines of the case control, by their names."""
     for name, found in deck.cards.items():
         if name not in TAKEN and name != "PARAM":
             ignored[name] += len(found)
     if deck.after_end:
         ignored["lines after ENDDATA"] += deck.after_end
-    return count_parameters(deck, ignored)
+    lines = structural_lines(deck)
+    ignored.update(lines)
+    systems = unused_systems(deck.cards)
+    ignored.update(systems)
+    effect = dict.fromkeys(lines, "structure") | dict.fromkeys(systems, "none")
+    return count_parameters(deck, ignored, notes) | effect

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strainsight.decks.faults import OR_CONFIG, elastic_fault
+from strainsight.decks.faults import OR_CONFIG, Doubt, elastic_fault
 from strainsight.decks.nastran.cards import Card
 from strainsight.mesh.model import Material
 
@@ -30,8 +30,10 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
         raise card.error("needs E, and G or NU", f"give E and NU{OR_CONFIG}")
     if given == [True, False, False]:
         notes.append(
-            f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "
-            "Nastran has G = 0 in torsion of beams and in shear across shells; give NU if it should be another"
+            Doubt(
+                f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "
+                "Nastran has G = 0 in torsion of beams and in shear across shells; give NU if it should be another"
+            )
         )
     if given[1] and G <= 0:
         raise card.error(f"the shear modulus is {G:g}, not positive", "give a positive modulus")
@@ -56,8 +58,10 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
     elif contradicts and not of_beams:
         ratio = 2 * (1 + nu) * G / E
         notes.append(
-            f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU), which E = {E:.5g} and NU = {nu:g} give: solids, and "
-            "shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
+            Doubt(
+                f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU), which E = {E:.5g} and NU = {nu:g} give: solids, "
+                "and shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
+            )
         )
     density = card.real(4, "the density", 0.0)
     if density < 0:

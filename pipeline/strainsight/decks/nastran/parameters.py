@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
+from difflib import get_close_matches
 
+from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.numbers import parse_real
 
@@ -80,8 +82,9 @@ def lumped(deck: Deck) -> bool:
     return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS"))
 
 
-def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
-    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`)."""
+def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
+    """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`); a name that is nearly
+    one of those that count is a doubt."""
     effect = {}
     for card in _parameters(deck):
         name = card.text(0).upper()
@@ -90,6 +93,8 @@ def count_parameters(deck: Deck, ignored: Counter[str]) -> dict[str, str]:
         ignored[f"PARAM {name}"] += 1
         if name in STRUCTURE or name in NONE:
             effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
+        elif meant := get_close_matches(name, (*HONOURED, *STRUCTURE), n=1, cutoff=0.8):
+            notes.append(Doubt(f"PARAM {name} ({card.where}) is not known and has no effect: did you mean {meant[0]}?"))
     return effect
 
 

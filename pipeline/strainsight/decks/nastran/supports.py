@@ -8,6 +8,7 @@ from collections import Counter
 import numpy as np
 
 from strainsight.decks.effects import ENFORCED, HELD
+from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.nastran.sets import expand
@@ -121,8 +122,10 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     number = next(iter(top), 0)
     if top and deck.case_control:
         notes.append(
-            f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds here; "
-            "leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
+            Doubt(
+                f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds "
+                "here; leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
+            )
         )
     return combined.get(number, {number})
 

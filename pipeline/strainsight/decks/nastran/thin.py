@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.decks.faults import coincident, plural
+from strainsight.decks.faults import Doubt, coincident, plural
 from strainsight.decks.nastran.beams import BEAMS, DEFAULTS, RODS, read_beams, with_defaults
 from strainsight.decks.nastran.cards import Card, origin, unique_ids
 from strainsight.decks.nastran.composites import COMPOSITES, laminate, middle_of, one_ply
@@ -224,7 +224,5 @@ def _note_shared(cards: Sequence[Card], blocks: Sequence[ShellBlock | BeamBlock]
             first, second = (int(block.ids[i]) for i in pair)
             ordered = np.sort(block.nodes, axis=1)
             count = len(ordered) - len(np.unique(ordered, axis=0))
-            notes.append(
-                f"{names[second]} {second} is on the nodes of {names[first]} {first} ({plural(count, 'such element')}): "
-                "stiffness and mass of both count"
-            )
+            shared = f"{names[second]} {second} is on the nodes of {names[first]} {first}"
+            notes.append(Doubt(f"{shared} ({plural(count, 'such element')}): stiffness and mass of both count"))

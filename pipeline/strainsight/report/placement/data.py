@@ -241,7 +241,7 @@ class PlacementReport:
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     test: what the test of this layout said, empty before one;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
-    provenance: versions, seed, keys.
+    provenance: versions, seed, keys; assumes: rows of what the model assumes, how many, and a detail.
     """
 
     name: str
@@ -272,6 +272,7 @@ class PlacementReport:
     facts: Mapping[str, str] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    assumes: tuple[tuple[str, ...], ...] = ()
 
     @property
     def units(self) -> Mapping[str, str]:

@@ -59,6 +59,7 @@ def placement_page(
         filters_section(report.filters),
         _observability(report),
         _facts(report),
+        _assumes(report),
         _warnings(report),
     )
     lost = lost_of(report)
@@ -202,6 +203,15 @@ def _facts(report: PlacementReport) -> str:
         text = pairs("provenance", report.provenance.items())
         cards += f'<section class="card"><h3>Provenance</h3>{text}</section>'
     return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
+
+
+def _assumes(report: PlacementReport) -> str:
+    """The fate of every card, connections, rigid-body check, mass by part, and what differs from the program of the deck."""
+    if not report.assumes:
+        return ""
+    rows = [[escape(cell) for cell in row] for row in report.assumes]
+    text = table("assumptions", ("what", "how many", "detail"), rows, numeric=(1,))
+    return f'<h2 id="assumes">What this model assumes</h2><div class="card">{text}</div>'
 
 
 def _time(report: PlacementReport) -> str:

@@ -27,6 +27,7 @@ from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.verdicts import OVER, in_words
 from strainsight.report.text import capital, listed
+from strainsight.stages.pages.assumed import ASSUMES
 from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page, measured
 from strainsight.stages.pages.page_numbers import (
@@ -89,6 +90,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         },
         provenance={"strainsight": __version__, "seed": str(context.config.seed)}
         | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+        assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
 
 
@@ -116,7 +118,8 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary, own = validate.summary, read(Validated, validate)
     units = {name: unit_of(own, "estimate", name) for name in names}
-    notes = [f"{capital(text)}." for text in posterior_doubts(own.posterior, units)]
+    beyond = str(summary.get("out_of_range", ""))
+    notes = [f"{capital(text)}." for text in (*filter(None, (beyond,)), *posterior_doubts(own.posterior, units))]
     for name in names:
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))

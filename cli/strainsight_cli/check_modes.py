@@ -1,0 +1,82 @@
+"""`strainsight check-modes`: frequencies and shapes of another program beside those of the deck of a config."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from strainsight_cli import pipelines
+from strainsight_cli.failures import CONTRADICTED, reported
+from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
+from strainsight_cli.render import print_tables
+from strainsight_cli.work import bring_up_to_date
+
+
+def check_modes(
+    config: ConfigFile,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="Its modes: .f06, .op2, .pch, .dat or .frd of CalculiX, .unv, .rst, .vtu, also as .gz."
+        ),
+    ],
+    tolerance: Annotated[
+        float, typer.Option("--tolerance", min=0.0, help="Largest difference of a frequency [%].")
+    ] = 1.0,
+    mac: Annotated[
+        float, typer.Option("--mac", min=0.0, max=1.0, help="Least MAC of a shape, where there are some.")
+    ] = 0.9,
+    step: Annotated[int | None, typer.Option("--step", help="Step or subcase, where several have modes.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a mode.")] = False,
+    results: Results = DEFAULT_RESULTS,
+    overrides: Set = None,
+    verbose: Verbose = False,
+) -> None:
+    with reported(verbose):
+        from strainsight.cases.structure.modes_compared import modes_compared, modes_of_file
+        from strainsight.config.placement import PlacementConfig
+        from strainsight.errors import ConfigError
+        from strainsight.records.mesh import mesh_from
+        from strainsight.workflow.output import Table
+
+        work = pipelines.work_of_one(config, results, overrides, "import")
+        model = work.job.model
+        if not isinstance(model, PlacementConfig):
+            raise ConfigError(
+                "modes are compared of a placement", key="kind", where=str(config), remedy="give its config"
+            )
+        theirs = modes_of_file(file, step)
+        only = replace(work, stages=work.stages[:1])
+        (imported,) = bring_up_to_date(only, [], as_json, verbose, lambda _: None, lambda *_: None)
+        pairs = modes_compared(model, mesh_from(imported), theirs)
+        with_shapes = all(own.mac == own.mac for own in pairs)
+        worst, least = max(abs(own.off) for own in pairs), min(own.mac for own in pairs)
+        agrees = 100 * worst <= tolerance and not (with_shapes and least < mac)
+        if as_json:
+            for own in pairs:
+                print(json.dumps({**asdict(own), "mac": own.mac if with_shapes else None}))
+        else:
+            head = ("theirs", "Hz", "ours", "Hz", "off [%]", *(("MAC",) * with_shapes))
+            rows = [
+                (
+                    str(own.number),
+                    f"{own.theirs:.6g}",
+                    str(own.mode),
+                    f"{own.ours:.6g}",
+                    f"{100 * own.off:+.3g}",
+                    *((f"{own.mac:.4f}",) * with_shapes),
+                )
+                for own in pairs
+            ]
+            print_tables([Table(f"modes of {file.name} beside those of the deck", head, tuple(rows))])
+            shapes = (
+                f", shapes to a MAC of {least:.4f} (at least {mac:g})" if with_shapes else "; the file has no shapes"
+            )
+            verdict = "agree" if agrees else "do not agree"
+            print(f"{len(pairs)} modes {verdict}: frequencies to {100 * worst:.3g} % (at most {tolerance:g} %){shapes}")
+        if not agrees:
+            raise typer.Exit(CONTRADICTED)

@@ -1,0 +1,147 @@
+"""Modes of other programs beside those of a deck: CalculiX itself, and an .f06 of a cantilever whose modes are known."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.decks.reader import read_mesh
+from strainsight.decks.results.printed import printed_modes
+from strainsight.errors import DeckError
+from strainsight_cli.main import app
+
+from ..edges.beam import TIP, bricks
+from ..frd import calculix
+from ..wrong.decks import config, frame
+
+ROOTS = (1.87510406871196, 4.69409113297418)
+"""βL of a cantilever: cos βL cosh βL = −1."""
+L, A, E, RHO = 0.4, 4e-4, 2.1e11, 7850.0
+MOMENTS = {"y": 2e-8, "z": 1e-8}
+"""Of the section that `frame` has: I1 resists bending along its z, I2 along y."""
+HEAD = "1    A CANTILEVER                                              NOVEMBER  27, 2026  MSC NASTRAN  PAGE     3\n"
+
+
+def cantilever():
+    """Frequency [Hz] and shape along x (5,) of the four lowest modes of bending, with the direction in which each moves."""
+    found = []
+    x = np.linspace(0.0, 1.0, 5)
+    for way, inertia in (("z", MOMENTS["y"]), ("y", MOMENTS["z"])):
+        for root in ROOTS:
+            s = (np.cos(root) + np.cosh(root)) / (np.sin(root) + np.sinh(root))
+            shape = np.cosh(root * x) - np.cos(root * x) - s * (np.sinh(root * x) - np.sin(root * x))
+            found.append((root**2 / (2 * np.pi * L**2) * np.sqrt(E * inertia / (RHO * A)), shape, way))
+    return sorted(found, key=lambda own: own[0])
+
+
+def f06(modes, shapes=True) -> str:
+    """As Nastran prints them, over two pages."""
+    rows = []
+    for i, (f, _, _) in enumerate(modes, start=1):
+        lam = (2 * np.pi * f) ** 2
+        rows.append(f"{i:9d}{i:10d}{lam:20.6E}{2 * np.pi * f:20.6E}{f:20.6E}{1.0:20.6E}{lam:20.6E}\n")
+    title = "                                              R E A L   E I G E N V A L U E S\n"
+    names = "   MODE    EXTRACTION      EIGENVALUE            RADIANS             CYCLES            GENERALIZED\n"
+    text = [HEAD, "0                                                      SUBCASE 1\n", title, names, *rows[:3]]
+    text += [HEAD, title, names, *rows[3:]]
+    for i, (f, shape, way) in enumerate(modes if shapes else [], start=1):
+        text += [HEAD, f"      EIGENVALUE = {(2 * np.pi * f) ** 2:13.6E}\n"]
+        text.append(f"          CYCLES = {f:13.6E}         R E A L   E I G E N V E C T O R   N O . {i:10d}\n \n")
+        text.append("      POINT ID.   TYPE          T1             T2             T3             R1             R2\n")
+        for node, value in enumerate(shape, start=1):
+            y, z = (value, 0.0) if way == "y" else (0.0, value)
+            text.append(f"{node:14d}      G   {0.0:15.6E}{y:15.6E}{z:15.6E}{0.0:15.6E}{0.0:15.6E}{0.0:15.6E}\n")
+    return "".join([*text, HEAD])
+
+
+def compared(folder: Path, *words: str):
+    done = CliRunner().invoke(
+        app, ["check-modes", str(folder / "own.yaml"), *words, "--results", str(folder / "results")]
+    )
+    assert "Traceback" not in done.output
+    return done.exit_code, done.output
+
+
+@pytest.fixture
+def beams(tmp_path) -> Path:
+    (tmp_path / "deck.bdf").write_text(frame(), encoding="utf-8")
+    (tmp_path / "own.yaml").write_text(config(), encoding="utf-8")
+    (tmp_path / "own.f06").write_text(f06(cantilever()), encoding="utf-8")
+    return tmp_path
+
+
+def test_an_f06_with_the_modes_of_the_formula_agrees_at_the_modulus_of_the_deck(beams):
+    code, said = compared(beams, str(beams / "own.f06"), "--json")
+    assert code == 0, said
+    rows = [json.loads(line) for line in said.splitlines()]
+    assert [row["theirs"] for row in rows] == pytest.approx([own[0] for own in cantilever()], rel=1e-6)
+    # the formula lacks the rotary inertia of the sections, which takes off less than I/A β², and four beams add 1e-3 at most
+    rotary = MOMENTS["y"] / A * (ROOTS[1] / L) ** 2
+    assert all(-rotary < row["off"] < 1e-3 for row in rows)
+    assert min(row["mac"] for row in rows) > 0.9999
+
+
+def test_modes_in_another_order_are_found_by_their_shapes_alone(beams):
+    second, first, *rest = cantilever()
+    (beams / "own.f06").write_text(f06([first, (first[0] * 1.0001, *second[1:]), *rest]), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"), "--json")
+    rows = [json.loads(line) for line in said.splitlines()]
+    assert (code, [row["mode"] for row in rows]) == (3, [2, 1, 3, 4])
+
+
+def test_what_is_beyond_the_tolerance_ends_with_3(beams):
+    softer = [(0.98 * f, shape, way) for f, shape, way in cantilever()]
+    (beams / "own.f06").write_text(f06(softer, shapes=False), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"))
+    assert code == 3
+    assert "4 modes do not agree: frequencies to 2.0" in said
+    assert "the file has no shapes" in said
+    code, said = compared(beams, str(beams / "own.f06"), "--tolerance", "3")
+    assert code == 0
+    assert "4 modes agree" in said
+
+
+def test_a_shape_that_is_another_ends_with_3(beams):
+    modes = [(f, shape[::-1].copy(), way) for f, shape, way in cantilever()]
+    (beams / "own.f06").write_text(f06(modes), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"))
+    assert code == 3
+    assert "shapes to a MAC of 0." in said
+
+
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+def test_calculix_agrees_on_the_same_bricks_by_its_dat_and_its_frd(tmp_path):
+    """Quadratic bricks of both programs are the same but for the rule of their mass: 1e-5, as of the hub."""
+    text = "\n".join(line for line in bricks((6, 2, 2), "hex20").splitlines() if not line.startswith("RBE2"))
+    (tmp_path / "deck.bdf").write_text(text.replace(f"GRID,{TIP}", f"$GRID,{TIP}"), encoding="ascii")
+    (tmp_path / "own.yaml").write_text(config(load="node: 2, direction: [0, 0, 1]"), encoding="utf-8")
+    mesh = read_mesh(tmp_path / "deck.bdf")
+    frd = calculix(tmp_path, mesh, [], 6)
+    for file, shapes in ((frd, True), (frd.with_suffix(".dat"), False)):
+        code, said = compared(tmp_path, str(file), "--tolerance", "0.01", "--mac", "0.99999", "--json")
+        assert code == 0, said
+        rows = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
+        assert len(rows) == 6
+        assert all((row["mac"] is not None) == shapes for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a.f06", "no modes\n", "no table R E A L"),
+        ("a.dat", "GRID,1\n", "no table E I G E N V A L U E"),
+        ("a.f06", "R E A L   E I G E N V A L U E S\n 1 1 x.1 1. 1. 1. 1.\n", "'x.1' is no finite number"),
+        ("a.f06", "C O M P L E X   E I G E N V A L U E   S U M M A R Y\n", "complex eigenvalues"),
+        ("a.dat", "E I G E N V A L U E   O U T P U T\n 1 1.E4 1. 1. 2.\n", "complex frequencies"),
+        ("a.f06", "R E A L   E I G E N V A L U E S\0", "no line of printed output"),
+    ],
+)
+def test_what_is_no_table_of_modes_is_refused(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text, encoding="latin-1")
+    with pytest.raises(DeckError, match=words):
+        list(printed_modes(tmp_path / name))

@@ -1,0 +1,56 @@
+"""python -m tests.workflow.numbers: write what every stage makes of a small beam and a small bench, with its version, to
+numbers.json, once a version was raised."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG, bricks, finished
+
+KEPT = Path(__file__).parent / "numbers.json"
+RUNS: dict[str, tuple[Any, str]] = {"placement": (PLACEMENT_CONFIG, "validate"), "bench": (BENCH_CONFIG, "estimate")}
+"""Config, and the last stage whose numbers are kept; pages have no numbers of their own."""
+AGREES, ROUNDING = 1e-5, 1e-10
+"""Relative difference up to which machines agree (docs/trust.md has 1e-7 of the largest number), and what is rounding alone."""
+
+
+def numbers_of(folder: Path) -> dict[str, dict[str, Any]]:
+    """"run/stage" → version, and dataset → [how many numbers, root of their mean square]; of names, whole numbers and flags too
+    where they are numbers."""
+    found: dict[str, dict[str, Any]] = {}
+    for name, (base, until) in RUNS.items():
+        for stage, artefact in finished(folder / name, until, bricks((5, 2, 2), "hex8"), base=base).items():
+            own = {path: artefact[path] for path in artefact.paths() if not path.startswith("/VTKHDF")}
+            found[f"{name}/{stage}"] = {
+                "version": artefact.header.version,
+                "numbers": {path: _size(array) for path, array in own.items() if array.dtype.kind in "fiub"},
+            }
+    return found
+
+
+def _size(array: np.ndarray) -> list[float]:
+    values = np.asarray(array, dtype=float)
+    values = values[np.isfinite(values)]
+    return [array.size, float(f"{np.sqrt(np.mean(values**2)):.9g}") if values.size else 0.0]
+
+
+def differs(one: list[float], other: list[float]) -> bool:
+    return one[0] != other[0] or abs(one[1] - other[1]) > AGREES * abs(other[1]) + ROUNDING
+
+
+def main() -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        found = numbers_of(Path(folder))
+    lines = [f"{json.dumps(stage)}: {json.dumps(own, sort_keys=True)}" for stage, own in found.items()]
+    KEPT.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,24 @@
+"""A parameter of a validation that has left the range which the reduced model was made for."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from strainsight.cases.structure.out_of_range import validated_out_of_range
+from strainsight.config.load import load_config
+
+from .decks import config
+
+
+@pytest.mark.parametrize(("value", "said"), [(2.9e11, False), (3.1e11, True), (0.9e11, True)])
+def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
+    (tmp_path / "own.yaml").write_text(config(), encoding="utf-8")
+    model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
+    problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
+    found = validated_out_of_range(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
+    assert bool(found) == said
+    if said:
+        assert f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
+        assert "widen parameters.E.range" in found
