@@ -192,7 +192,11 @@ CONNECTIONS = {
         {},
         "coordinate system 8 is no CORD1 or CORD2",
     ),
-    "parts tied in another program": (inp(more="*TIE, NAME=T\nA, B"), ABAQUS, "not the same without: 1 × TIE"),
+    "parts tied by faces that are not there": (
+        inp(more="*TIE, NAME=T\nA, B"),
+        ABAQUS,
+        "surface 'A' is not in the deck",
+    ),
     "contact": (inp(more="*CONTACT PAIR, INTERACTION=I\nA, B"), ABAQUS, "not the same without: 1 × CONTACT PAIR"),
     "bonded faces": (bar("BGSET,1,1,2"), {}, "not the same without: 1 × BGSET"),
     "a relation that grounds": (
@@ -239,9 +243,9 @@ LOADS = {
         {"load": "deck_load: FORCE-7"},
         "acts on node 99, which belongs to no element",
     ),
-    "temperatures": (bar("TEMP,3,1,100."), {}, "not the same without: 1 × TEMP"),
-    "temperatures in Abaqus": (
-        inp(more="*STEP\n*STATIC\n*TEMPERATURE\nNALL, 100.\n*END STEP"),
+    "temperatures that change a modulus": (bar("TEMP,3,1,100.", "MATT1,1,5"), {}, "× TEMP"),
+    "temperatures that change a modulus in Abaqus": (
+        inp(elastic="2.1e11, 0.3, 20.\n1.9e11, 0.3, 200.", more="*STEP\n*STATIC\n*TEMPERATURE\nNALL, 100.\n*END STEP"),
         ABAQUS,
         "1 × TEMPERATURE",
     ),
