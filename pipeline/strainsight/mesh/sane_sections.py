@@ -123,20 +123,22 @@ def _stiff_springs(mesh: Mesh) -> Iterator[str]:
 
 
 def _turned_shells(mesh: Mesh) -> list[str]:
-    """Neighbours whose normals point to opposite sides: they run along their common side the same way."""
-    ids, ends = [], []
+    """Neighbours of one region whose normals point to opposite sides: they run along their common side the same way. Where parts
+    meet at a corner, as a web and a skin, each has its own."""
+    ids, regions, ends = [], [], []
     for block in mesh.shells:
         ring = np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2)
         ids.append(np.repeat(block.ids, ring.shape[1]))
+        regions.append(np.repeat(block.region, ring.shape[1]))
         ends.append(ring.reshape(-1, 2))
     if not ids:
         return []
-    element, pair = np.concatenate(ids), np.concatenate(ends)
+    element, region, pair = np.concatenate(ids), np.concatenate(regions), np.concatenate(ends)
     _, side, count = np.unique(np.sort(pair, axis=1), axis=0, return_inverse=True, return_counts=True)
     side = side.ravel()
     order = np.argsort(side, kind="stable")
     order = order[count[side[order]] == 2].reshape(-1, 2)
-    same = order[pair[order[:, 0], 0] == pair[order[:, 1], 0]]
+    same = order[(pair[order[:, 0], 0] == pair[order[:, 1], 0]) & (region[order[:, 0]] == region[order[:, 1]])]
     if not len(same):
         return []
     a, b = element[same[0]].tolist()
