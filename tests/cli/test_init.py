@@ -80,6 +80,14 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     assert imported(ignored, chosen)[0] == 0
 
 
+def test_modes_says_which_ignored_cards_may_change_the_structure(init):
+    text = bricks((4, 2, 2)).replace("ENDDATA", "SPC,1,20,3,.01\nPARAM,POST,-1\nENDDATA")
+    assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
+    done = CliRunner().invoke(app, ["modes", "own.yaml"])
+    assert done.exit_code == 0, done.output
+    assert "2 cards ignored (ENFORCED DISPLACEMENT of another value than zero may change the structure" in done.output
+
+
 @pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
 def test_a_name_of_the_deck_stays_a_name(sign):
     name = f"a{sign}  evil: 1"
