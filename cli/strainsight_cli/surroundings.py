@@ -6,7 +6,10 @@ import io
 import os
 import stat
 import sys
-from typing import IO
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 LAST_STREAM = 2
 """Number of the last of the three that a process is born with."""
@@ -18,12 +21,12 @@ class Pipe(io.FileIO):
     """What is written to a pipe whose reader has gone, as with `| head`, goes nowhere: the work is not in vain, since its results
     are files. Every other failure is one."""
 
-    def write(self, content: bytes | bytearray | memoryview, /) -> int:  # type: ignore[override]
+    def write(self, content: ReadableBuffer, /) -> int:
         try:
-            return super().write(content) or 0
+            return super().write(content)
         except BrokenPipeError:
             self.to_nowhere()
-            return super().write(content) or 0
+            return super().write(content)
 
     def to_nowhere(self) -> None:
         """The same number, another end."""
