@@ -7,7 +7,6 @@ import hashlib
 import io
 import json
 import os
-import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +19,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-import strainsight
 from strainsight.errors import StrainsightError, UserError
 from strainsight.workflow.artefact import (
     FORMAT,
@@ -34,6 +32,7 @@ from strainsight.workflow.artefact import (
     plain_name,
 )
 from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.provenance import provenance
 from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
 
@@ -283,14 +282,12 @@ def _write_header(file: h5py.File, header: Header, message: str) -> None:
     attributes = file.attrs
     attributes["format"] = FORMAT
     attributes["format_version"] = FORMAT_VERSION
-    attributes["package_version"] = strainsight.__version__
     attributes["stage"] = header.stage
     attributes["stage_version"] = header.version
     attributes["key"] = header.key
     attributes["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    attributes["python"] = platform.python_version()
-    attributes["numpy"] = np.__version__
-    attributes["h5py"] = h5py.__version__
+    for name, said in provenance().items():
+        attributes[name] = said
     if header.seed is not None:
         attributes["seed"] = header.seed
     if header.seconds is not None:
