@@ -63,7 +63,7 @@ def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
     assert {part for part in parts if part.startswith(("page/", "space/"))} <= report
 
 
-def test_what_of_code_is_said_of_an_artefact_that_another_run_made(tmp_path, monkeypatch):
+def test_of_an_artefact_that_another_run_made_other_code_is_reported(tmp_path, monkeypatch):
     for name, own, said in (("first", "one", ""), ("second", "two", f" ({OTHER_CODE})"), ("third", "one", "")):
         monkeypatch.setattr("strainsight.workflow.runner.code_of", lambda run, own=own: own)
         monkeypatch.setattr("strainsight.workflow.plan.code_of", lambda run, own=own: own)

@@ -36,7 +36,7 @@ def provenance() -> dict[str, str]:
 
 
 def commit_of(checkout: Path) -> str:
-    """Of a git checkout, read without git; "" where there is none. What was altered since is told by the digest of the code."""
+    """Of a git checkout, read without git; "" where there is none. What was altered since shows in the digest of the code."""
     with suppress(OSError, ValueError, IndexError):
         git = checkout / ".git"
         if git.is_file():  # a worktree: "gitdir: …"
