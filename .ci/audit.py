@@ -27,7 +27,8 @@ def asked(lines):
             return []
 
 
-pins = [line for line in LOCK.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+lines = LOCK.read_text(encoding="utf-8").splitlines()
+pins = [line.removesuffix(" \\") for line in lines if not line.startswith(("#", " "))]  # without their hashes
 # one package first: a hundred that nobody answers for would take their time
 first = asked([pin for pin in pins if pin.startswith("numpy==")])
 found = asked(pins) if any("vulns" in package for package in first) else []

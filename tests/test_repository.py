@@ -148,3 +148,16 @@ def test_what_a_benchmark_takes_from_the_package_is_there(script):
             for name in node.names:
                 if not hasattr(module, name.name):
                     importlib.import_module(f"{node.module}.{name.name}")
+
+
+@pytest.mark.parametrize("lock", ["requirements-dev.lock", ".ci/lowest.lock"])
+def test_every_package_of_a_lock_has_hashes(lock):
+    """One without would have pip refuse all, one more than there is would be another package."""
+    head, *packages = re.split(r"\n(?=\S)", (ROOT / lock).read_text(encoding="utf-8").rstrip())
+    assert head.startswith("# What `make")
+    assert len(packages) > 100
+    for package in packages:
+        pin, *hashes = package.replace(" \\", "").splitlines()
+        assert re.match(r"[\w.-]+==[\w.]+( ; |$)", pin)
+        assert hashes
+        assert all(re.fullmatch(r"    --hash=sha256:[0-9a-f]{64}", line) for line in hashes)

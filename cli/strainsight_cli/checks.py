@@ -100,7 +100,7 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
 
 def check_memory() -> list[Finding]:
     """Memory that can still be taken, and the largest model that fits into it."""
-    from strainsight.fem.memory import available_memory
+    from strainsight.memory import available_memory
 
     there = available_memory() / GIB
     if math.isinf(there):

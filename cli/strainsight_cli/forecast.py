@@ -78,7 +78,7 @@ def in_words(seconds: float) -> str:
 
 
 def _short_of(peak: float) -> str:
-    from strainsight.fem.memory import available_memory
+    from strainsight.memory import available_memory
 
     there = available_memory() / GIB
     return (

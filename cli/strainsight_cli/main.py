@@ -16,7 +16,7 @@ from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.check_modes import check_modes
 from strainsight_cli.example import example
-from strainsight_cli.failures import CONTRADICTED, USER, reported, saying
+from strainsight_cli.failures import CONTRADICTED, USER, failure_of, reported, saying, tell
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -33,7 +33,7 @@ from strainsight_cli.options import (
     Verbose,
 )
 from strainsight_cli.status import show_plan
-from strainsight_cli.surroundings import missing, prepare_streams
+from strainsight_cli.surroundings import missing, prepare_streams, unwritten
 from strainsight_cli.view import figures, view
 from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_warned, say, show_results
 
@@ -383,7 +383,17 @@ def main() -> None:
         raise SystemExit(USER)
     # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
     sys.warnoptions.append("ignore:resource_tracker")
-    app()
+    code: int | str | None = 0
+    try:
+        app()
+    except SystemExit as ended:
+        code = ended.code
+    except OSError as error:  # of what is printed outside of a command, as by --help
+        code = tell(failure_of(error), verbose=False).exit_code
+    if (text := unwritten()) and not code:
+        print(text, file=sys.stderr)
+        code = USER
+    raise SystemExit(code)
 
 
 if __name__ == "__main__":

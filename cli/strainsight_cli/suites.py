@@ -119,7 +119,7 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
     """What would run and why, run by run; the page follows wherever a run will do anything."""
-    from strainsight.workflow.plan import OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
+    from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
 
     pending = []
     for work in works[:-1]:
@@ -136,7 +136,8 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
             print_statuses(statuses, verbose, indent=2, head=False)
     (own,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
     if pending:
-        besides = [reason for reason in own.reasons if not reason.endswith(" is missing") and reason != OTHER_CODE]
+        passed = (OTHER_CODE, NO_CODE)
+        besides = [reason for reason in own.reasons if not reason.endswith(" is missing") and reason not in passed]
         own = replace(own, status=WILL_RUN, reasons=(*besides, *pending))
     if as_json:
         print(render.status_json(own, works[-1].run))

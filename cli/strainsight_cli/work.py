@@ -92,7 +92,7 @@ def bring_up_to_date(
     if text := elsewhere(work):
         note(text)
     from strainsight.errors import StrainsightError
-    from strainsight.fem.memory import available_memory
+    from strainsight.memory import available_memory
     from strainsight.workflow.runner import RUNNING
     from strainsight.workflow.runner import run as run_stages
 

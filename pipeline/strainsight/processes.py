@@ -7,11 +7,12 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from threading import Timer
+from threading import Event, Thread
 from typing import IO, Any, Protocol, TypeVar
 
 T = TypeVar("T")
@@ -22,6 +23,10 @@ PROC = Path("/proc")
 PS_LIMIT = 2.0
 """[s] for a list of all processes."""
 READY = b"ready\n"
+LONGER = 10.0
+"""By the clock a reader may take so many times its limit of processor time: others use the machine, and disks are slow."""
+LOOK = 0.1
+"""[s] between two looks at what a reader has used."""
 
 
 def python(module: str) -> list[str]:
@@ -36,7 +41,8 @@ def inherited() -> dict[str, str]:
 
 
 class Within(Protocol):
-    """within(limit, read) is what `read` makes of a reader's answer, which ends after limit [s] at the latest."""
+    """within(limit, read) is what `read` makes of a reader's answer, which ends after limit [s] of processor time, and
+    LONGER times that by the clock, at the latest."""
 
     def __call__(self, limit: float, read: Callable[[IO[bytes]], T]) -> T: ...
 
@@ -56,23 +62,43 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
     answer = process.stdout
 
     def within(limit: float, read: Callable[[IO[bytes]], T]) -> T:
-        timer = Timer(limit, process.kill)
-        timer.start()
+        done = Event()
+        watching = Thread(target=_end_at, args=(process, limit, done), daemon=True)
+        watching.start()
         try:
             return read(answer)
         finally:
-            timer.cancel()
+            done.set()
+            watching.join()
 
     with process:
         try:
             with suppress(BrokenPipeError), process.stdin:
                 process.stdin.write(json.dumps(asked).encode())
-            if within(start_limit, lambda stream: stream.readline()) != READY:
+            if within(start_limit / LONGER, lambda stream: stream.readline()) != READY:
                 process.kill()
                 answer.read()
             yield within
         finally:
             process.kill()
+
+
+def _end_at(process: subprocess.Popen[bytes], limit: float, done: Event) -> None:
+    """End a process that is not done after limit [s] of processor time, or LONGER times that by the clock; on systems that do not
+    say what it has used only the second."""
+    used, started = _used(process.pid), time.monotonic()
+    while not done.wait(min(LOOK, limit)):
+        if _used(process.pid) - used > limit or time.monotonic() - started > LONGER * limit:
+            process.kill()
+            return
+
+
+def _used(pid: int) -> float:
+    """Processor time of a process [s], 0 where the system does not say."""
+    with suppress(OSError, ValueError, IndexError):
+        fields = (PROC / str(pid) / "stat").read_bytes().rpartition(b")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return 0.0
 
 
 def asked_of_reader(*modules: str) -> Any:

@@ -130,7 +130,7 @@ def test_the_memory_model_is_what_was_measured():
 
 @pytest.mark.parametrize(("gib", "verdict"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
 def test_memory(gib, verdict, monkeypatch):
-    monkeypatch.setattr("strainsight.fem.memory.available_memory", lambda: gib * checks.GIB)
+    monkeypatch.setattr("strainsight.memory.available_memory", lambda: gib * checks.GIB)
     assert checks.check_memory()[0].verdict == verdict
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.fem import memory
+from strainsight import memory
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
 from strainsight.workflow.artefact import Header

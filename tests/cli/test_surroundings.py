@@ -65,3 +65,34 @@ def test_files_do_not_get_the_numbers_of_streams_that_are_closed(tmp_path):
     line = f'{sys.executable} -c "{code}" <&- >&- 2>&-'
     assert subprocess.run(["sh", "-c", line], cwd=tmp_path, timeout=60).returncode == 0
     assert int((tmp_path / "n").read_text()) > 2
+
+
+@posix
+def test_a_reader_that_has_gone_ends_nothing_and_is_no_failure(tmp_path):
+    """As with `| head -1`: the command ends as it would, and nobody hears of a pipe."""
+    for words, streams, code in ((("schema",), "", 0), (("status", "nothing.yaml"), "2>&1", 2)):
+        done = shell(f'{{ "$@" {streams}; echo $? >&3; }} 3>code | true', tmp_path, *words)
+        assert (tmp_path / "code").read_text() == f"{code}\n"
+        assert done.stderr == ""
+
+
+@posix
+def test_a_run_goes_on_when_its_reader_has_gone(tmp_path):
+    """The stages that follow the line which was read are done, too, and their tables go nowhere."""
+    shell('"$@"', tmp_path, "example", "cantilever")
+    done = shell('{ "$@"; echo $? >&3; } 3>code | head -1', tmp_path, "modes", "cantilever.yaml")
+    assert (tmp_path / "code").read_text() == "0\n"
+    assert len(done.stdout.splitlines()) == 1
+    assert done.stderr == ""
+    assert {path.name for path in tmp_path.glob("results/*/*.h5")} == {"import.h5", "modes.h5"}
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
+@pytest.mark.parametrize("words", [("schema",), ("--help",)])
+def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
+    """More than the buffer holds, and less."""
+    done = shell('unset PYTHONUNBUFFERED; "$@" >/dev/full', tmp_path, *words)
+    assert done.returncode == 2
+    assert "No space left on device" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight import memory
 from strainsight.errors import DeckError, UserError
-from strainsight.fem import memory
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble, assemble_stiffness
 from strainsight.fem.mass import mass_properties

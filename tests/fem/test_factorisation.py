@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from strainsight import memory
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import factorisation, memory, pardiso
+from strainsight.fem import factorisation, pardiso
 from strainsight.fem.factorisation import factorise
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from strainsight import memory
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import memory
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, modes, turned

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight import processes
 from strainsight.errors import UserError
 from strainsight.measurements import daq_file
 from strainsight.measurements.daq_file import read_daq
@@ -96,6 +97,7 @@ def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path
     monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-c", does])
     for limit in ("START_LIMIT", "TIME_LIMIT"):
         monkeypatch.setattr(daq_file, limit, 0.5)
+    monkeypatch.setattr(processes, "LONGER", 1.0)
     refused(FILES["a.tdms"](tmp_path / "a.tdms"), "the TDMS library crashed, or did not come to an end", sandboxed=True)
 
 

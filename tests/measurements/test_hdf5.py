@@ -8,8 +8,9 @@ import h5py
 import numpy as np
 import pytest
 
+from strainsight import memory, processes
 from strainsight.errors import UserError
-from strainsight.measurements import hdf5_file
+from strainsight.measurements import hdf5_datasets, hdf5_file
 from strainsight.measurements.hdf5_file import read_hdf5
 
 T = np.arange(100) * 1e-3
@@ -186,8 +187,52 @@ def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(make, mo
     monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", does])
     for limit in ("START_LIMIT", "TIME_LIMIT"):
         monkeypatch.setattr(hdf5_file, limit, 0.5)
+    monkeypatch.setattr(processes, "LONGER", 1.0)
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
         read_hdf5(path, ["a"], time="time")
+
+
+BUSY = "import time, sys; sys.stdin.read(); print('ready', flush=True)\nwhile True: pass"
+
+
+def test_the_limit_is_one_of_processor_time(make, monkeypatch):
+    """A library that goes round in circles is ended by what it has used, long before the clock would."""
+    path = make(lambda file: file.__setitem__("a", A))
+    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", BUSY])
+    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
+    monkeypatch.setattr(processes, "LONGER", 1e6)
+    with pytest.raises(UserError, match="crashed, or did not come to an end"):
+        read_hdf5(path, ["a"], time="time")
+
+
+def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, monkeypatch):
+    """It takes three times its limit by the clock, and nothing of the processor."""
+    path = make(lambda file: file.__setitem__("a", A))
+    answers = (
+        "import sys, time, json\nsys.stdin.read()\n"
+        "def say(text): print(text, flush=True)\n"
+        "say('ready'); say(json.dumps({'declared': [16, 16]}))\n"
+        "for i in range(2): time.sleep(1.5); say(json.dumps({'samples': 2, 'unit': 's'})); "
+        "sys.stdout.buffer.write(b'\\0' * 15 + b'?'); sys.stdout.flush()\n"
+    )
+    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", answers])
+    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
+    assert read_hdf5(path, ["a"], time="time").time.shape == (2,)
+
+
+def test_time_and_memory_follow_from_what_the_file_declares(make, monkeypatch):
+    """20 MB of a table of which one column is asked for, in a file of 100 kB: a second more for every so many bytes unpacked, and
+    refused before a sample is read where memory does not hold them."""
+
+    def fill(file):
+        file.create_dataset("time", data=np.arange(10**5) * 1e-3, compression="gzip").attrs["units"] = "s"
+        file.create_dataset("table", (10**5, 25), "f8", chunks=(10**4, 25), compression="gzip")[...] = 1.0
+
+    path = make(fill)
+    assert hdf5_datasets.declared(path, ["time", "table[3]"]) == [800_000, 20_000_000]
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e6)
+    with pytest.raises(UserError, match=r"a channel of 100000 samples: .* GiB of memory are needed"):
+        hdf5_datasets.declared(path, ["time", "table[3]"])
 
 
 def test_sandboxed_and_here_give_the_same(make):

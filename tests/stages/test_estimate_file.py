@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from strainsight.fem import memory
+from strainsight import memory
 
 from ..measurements.written import mat5, mat73, mdf, signal, tdms
 from .tested_beam import as_written, estimated, result, table, validated, write

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.server
 import os
+import signal
 import sys
 import threading
 import time
@@ -115,6 +116,22 @@ def test_a_worker_that_comes_later_is_asked_too(cluster, monkeypatch):
         monkeypatch.setattr(module, "versions", lambda: HERE | {"scipy": "0.1"})
         with pytest.raises(UserError, match=r"worker .* is another installation: scipy .* there, 0\.1 here"):
             sweep(tasks.product, [1], MATRIX)
+
+
+def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monkeypatch):
+    with opened(Where(dask=cluster.address)) as sweep:
+        monkeypatch.setattr(module, "sources", lambda: "0" * 16)
+        with pytest.raises(UserError, match=r"worker .* is another installation: code of strainsight .* there, 0+ here"):
+            sweep(tasks.product, [1], MATRIX)
+
+
+def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
+    """Not gone: its connections stay open. The sweep ends, and with it the stage, of which nothing is written."""
+    monkeypatch.setattr(module, "SILENT", 2.0)
+    began = time.monotonic()
+    with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match="has not answered for 2 s"):
+        sweep(tasks.slow_product, list(range(40)), MATRIX, lambda share: doomed.scheduler.send_signal(signal.SIGSTOP))
+    assert time.monotonic() - began < 60.0
 
 
 def test_distributed_is_not_installed(monkeypatch):

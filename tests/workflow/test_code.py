@@ -14,7 +14,7 @@ from strainsight.stages.modes import MODES
 from strainsight.workflow import code
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.plan import OTHER_CODE, UP_TO_DATE, Job, plan
+from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.workflow.runner import run as run_stages
 from strainsight.workflow.stage import Stage
 
@@ -50,6 +50,34 @@ def test_another_source_of_a_module_within_makes_another_code_and_one_beside_doe
             lambda name, other=module: code.hashlib.sha256(source(name) + b"#" * (name == other)).digest(),
         )
         assert (code.code_of(MODES.run) == before) is same
+
+
+def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
+    """Readers of measurements, processes of their own, styles and scripts: all that lie in the package."""
+    estimate, report = (code.closure(f"strainsight.stages.{name}") for name in ("estimate", "report"))
+    assert {f"strainsight.measurements.{name}" for name in ("mdf", "tdms", "mat", "hdf5_file")} <= estimate
+    parts = {path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.suffix in (".css", ".js")}
+    assert len(parts) >= 6
+    benches = code.closure("strainsight.stages.bench.report")
+    assert parts <= report | benches
+    assert {part for part in parts if part.startswith(("page/", "space/"))} <= report
+
+
+def test_of_an_artefact_that_another_run_made_other_code_is_reported(tmp_path, monkeypatch):
+    for name, own, said in (("first", "one", ""), ("second", "two", f" ({OTHER_CODE})"), ("third", "one", "")):
+        monkeypatch.setattr("strainsight.workflow.runner.code_of", lambda run, own=own: own)
+        monkeypatch.setattr("strainsight.workflow.plan.code_of", lambda run, own=own: own)
+        (_, event) = run_stages([stage()], Job({"name": name}, tmp_path, tmp_path / "results"))
+        assert event.reason == "never run" + (f", reused from first{said}" if name != "first" else "")
+
+
+def test_an_artefact_without_a_digest_is_not_one_of_other_code(tmp_path, monkeypatch):
+    job = Job({"name": "own"}, tmp_path, tmp_path / "results")
+    with monkeypatch.context() as without:
+        without.setattr("strainsight.workflow.runner.code_of", lambda run: "")
+        list(run_stages([stage()], job))
+    (status,) = plan([stage()], job)
+    assert status.reasons == (NO_CODE,)
 
 
 def test_what_other_code_of_the_same_version_made_is_up_to_date_and_reported_so(tmp_path, monkeypatch):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -11,15 +13,19 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from strainsight.errors import ArtefactError
 from strainsight.workflow import artefact as artefacts
 from strainsight.workflow import reuse
+from strainsight.workflow.artefact import header_of
 from strainsight.workflow.lock import computing
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
+from strainsight.workflow.seal import seal
 from strainsight.workflow.stage import Stage
 
 KEY = "0" * 14 + "7" + "0" * 49
@@ -87,17 +93,105 @@ def test_a_link_is_followed_to_the_file(results):
 def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, monkeypatch):
     source_of(job_of(results, "second"))
     source_of(job_of(results, "other", by=2))
-    real = reuse._part
+    name = {"look.h5": "_shared", "page.html": "_beside"}[changed]
+    real = getattr(reuse, name)
 
-    def late(source: Path, folder: Path) -> Path:
+    def late(source: Path, *rest):
         if source == results / "first" / changed:
             os.replace(results / "other" / changed, source)
             source.write_bytes(source.read_bytes() + b"x" * (changed == "page.html"))
-        return real(source, folder)
+        return real(source, *rest)
 
-    monkeypatch.setattr(reuse, "_part", late)
+    monkeypatch.setattr(reuse, name, late)
     assert source_of(job_of(results, "third")) == "second"
     assert {path.name for path in (results / "third").iterdir()} == {"look.h5", "page.html"}
+
+
+def sealed_anew(path: Path, **attributes) -> None:
+    """As a stranger writes it, who can seal what he likes."""
+    with h5py.File(path, "r+") as file:
+        file.attrs.update({name: json.dumps(value) for name, value in attributes.items()})
+    seal(path)
+
+
+def digest_of(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+SECRET = b"what lies outside"
+LONGER = b"<html> and more"
+
+
+def at(name: str, content: bytes, make, stated: bytes | None = None):
+    """A file beside `look.h5` and what the artefact says of it."""
+    stated = content if stated is None else stated
+    return name, digest_of(stated), len(stated), make
+
+
+def link_to(target: str):
+    return lambda path, outside: path.symlink_to(outside if target == "file" else target)
+
+
+STRANGE = {
+    "a device": at("/dev/null", b"", lambda path, outside: None),
+    "a link to a device": at("page.html", b"", link_to("/dev/null")),
+    "a link to a file outside": at("page.html", SECRET, link_to("file")),
+    "a path to a file outside": at("../../outside", SECRET, lambda path, outside: None),
+    "a pipe": at("page.html", b"", lambda path, outside: os.mkfifo(path)),
+    "a folder": at("page.html", b"", lambda path, outside: path.mkdir()),
+    "a file larger than stated": at("page.html", b"", lambda path, outside: path.write_bytes(LONGER), LONGER[:6]),
+    "a file of other content": at("page.html", b"", lambda path, outside: path.write_bytes(LONGER[::-1]), LONGER),
+    "a hidden file": at(".lock", SECRET, lambda path, outside: path.write_bytes(SECRET)),
+    "another artefact": at("place.h5", SECRET, lambda path, outside: path.write_bytes(SECRET)),
+}
+
+
+@pytest.mark.parametrize("case", STRANGE)
+def test_only_plain_files_of_the_stated_size_and_digest_are_copied(tmp_path, case):
+    """Whatever a sealed artefact of a folder beside says lies beside it: the stage runs itself, at once, and nothing is left."""
+    name, digest, size, make = STRANGE[case]
+    results = tmp_path / "results"
+    source_of(job_of(results, "first"))
+    outside = tmp_path / "outside"
+    outside.write_bytes(SECRET)
+    (results / "first" / "page.html").unlink()
+    make(results / "first" / name, outside)
+    sealed_anew(results / "first" / "look.h5", beside={name: digest}, sizes={name: size})
+    assert source_of(job_of(results, "second")) == ""
+    assert {path.name for path in (results / "second").iterdir()} == {"look.h5", "page.html"}
+    assert (results / "second" / "page.html").read_bytes() == b"<html>"
+
+
+def test_a_file_that_is_mostly_holes_is_not_copied(results):
+    """Its size and digest may be as stated, and the copy would fill the disk."""
+    page = results / "first" / "page.html"
+    with page.open("wb") as stream:
+        stream.truncate(reuse.LARGEST + 1)
+    with pytest.raises(ArtefactError, match="not the file"):
+        reuse._beside(page, reuse.LARGEST + 1, "0" * 64)
+
+
+def test_an_artefact_without_sizes_is_not_(results):
+    """It is of an earlier release: its own run goes on with it, another one computes its own."""
+    with h5py.File(results / "first" / "look.h5", "r+") as file:
+        del file.attrs["sizes"]
+    seal(results / "first" / "look.h5")
+    (*_, event) = run((stage(),), job_of(results, "first"))
+    assert event.status == "up to date"
+    assert source_of(job_of(results, "second")) == ""
+
+
+def test_an_artefact_has_nothing_outside_its_folder_removed(tmp_path):
+    """What the old artefact had beside it and the new has not is removed where nobody altered it: below its folder only."""
+    outside = tmp_path / "outside"
+    outside.write_bytes(SECRET)
+    source_of(job_of(tmp_path / "results", "first"))
+    artefact = tmp_path / "results" / "first" / "look.h5"
+    sealed_anew(artefact, beside={"../../outside": digest_of(SECRET)}, sizes={"../../outside": len(SECRET)})
+    with pytest.raises(ArtefactError, match="as a file beside it"):
+        header_of(artefact)
+    source_of(job_of(tmp_path / "results", "first"))
+    assert outside.read_bytes() == SECRET
 
 
 def test_a_disk_without_links_gets_a_copy(results, monkeypatch):

@@ -107,6 +107,12 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
             "python",
             "numpy",
             "h5py",
+            "scipy",
+            "numba",
+            "mkl",
+            "blas",
+            "processor",
+            "commit",
             "seed",
         }
         assert provenance <= set(file.attrs)

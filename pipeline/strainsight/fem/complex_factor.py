@@ -9,8 +9,8 @@ from scipy import sparse
 
 from strainsight.errors import NumericalError
 from strainsight.fem.factorisation import SUPERLU_LIMIT, scaled_upper, superlu, too_large
-from strainsight.fem.memory import require_memory
 from strainsight.fem.pardiso import MECHANISM, factorised
+from strainsight.memory import require_memory
 
 COMPLEX_SYMMETRIC = 6
 PERTURBATION, PERTURBED, PIVOTING = 10, 14, 21

@@ -12,8 +12,8 @@ from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.memory import require_memory
 from strainsight.fem.pardiso import MECHANISM, pardiso
+from strainsight.memory import require_memory
 
 SUPERLU_LIMIT = 100_000
 BLOCK = 32

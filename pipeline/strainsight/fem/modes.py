@@ -10,8 +10,8 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.factorisation import Factor, Factorise, factorise
 from strainsight.fem.krylov import largest
-from strainsight.fem.memory import require_memory
 from strainsight.fem.relief import Relief, factorise_free, pinned, relief_of
+from strainsight.memory import require_memory
 
 DENSE_LIMIT = 300
 GUARD = 4

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.memory import require_memory
+from strainsight.memory import require_memory
 
 MECHANISM = "the structure has a mechanism or an element of no stiffness: check supports, connections and materials"
 POSITIVE_DEFINITE = 2

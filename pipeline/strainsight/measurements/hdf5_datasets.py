@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.records import plain
 from strainsight.measurements.sandbox import DAMAGED
+from strainsight.memory import require_memory
 
 MOST_SAMPLES = 200_000_000
 """Of one channel: five and a half hours at 10 kHz."""
@@ -19,6 +21,8 @@ LARGEST_CHUNK = 1 << 28
 """[bytes] that the library holds at once."""
 PACKING = 1100
 """Bytes that one of the file may stand for: the most that deflate makes of it."""
+AT_ONCE = 3
+"""Copies of a channel that are there at once: as it stands, as numbers, and while it is sent."""
 _HOPS = 16
 _COLUMN = re.compile(r"(.*)\[(\d{1,9})\]")
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS", "UNIT")
@@ -32,15 +36,42 @@ def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str 
     Raises UserError for links to other files, shapes, types and packed values that cannot be imported, and for damage,
     as far as the library survives it.
     """
+    with _opened(path) as file:
+        samples: int | None = None
+        for name in names:
+            values, unit = _signal(file, name, path, samples)
+            samples = values.size
+            yield values, unit
+
+
+def declared(path: Path, names: Sequence[str]) -> list[int]:
+    """Bytes that each name unpacks to, its whole table where it is a column.
+
+    Raises UserError as `signals` does before it reads a sample, and where memory does not hold all of them.
+    """
+    found = []
+    with _opened(path) as file:
+        samples: int | None = None
+        for name in names:
+            item, _ = _checked(file, name, path, samples)
+            samples = item.shape[0]
+            found.append(int(item.nbytes))
+    require_memory(
+        AT_ONCE * np.dtype(float).itemsize * (samples or 0) + max(found, default=0),
+        f"{path}: a channel of {samples} samples",
+        "cut the record, average samples, or take a larger machine",
+    )
+    return found
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The file; what the library says of a damaged one is a UserError."""
     import h5py
 
     try:
         with h5py.File(path, "r") as file:
-            samples: int | None = None
-            for name in names:
-                values, unit = _signal(file, name, path, samples)
-                samples = values.size
-                yield values, unit
+            yield file
     except UserError:
         raise
     except Exception as error:  # the library has no class of its own for damaged files
@@ -48,8 +79,8 @@ def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str 
         raise UserError(reason, where=str(path), remedy=DAMAGED) from None
 
 
-def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.ndarray, str | None]:
-    """Values (T,) of a dataset, or of a column of it, NaN where missing, and its unit."""
+def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any, int | None]:
+    """The dataset of a name, and which column of it. Raises UserError where there is none that can be imported."""
     where = place_of(path, name)
     item, column = resolved(file, name, where), None
     if item is None and (found := _COLUMN.fullmatch(name)):
@@ -62,6 +93,13 @@ def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.n
             remedy=did_you_mean(name, known, f"it has {', '.join(map(plain, known[:20]))}" if known else "it has none"),
         )
     _check(item, column, samples, path, where)
+    return item, column
+
+
+def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.ndarray, str | None]:
+    """Values (T,) of a dataset, or of a column of it, NaN where missing, and its unit."""
+    where = place_of(path, name)
+    item, column = _checked(file, name, path, samples)
     raw = item[...] if column is None else item[:, column]
     with np.errstate(over="ignore"):
         values = np.asarray(raw).reshape(-1).astype(float)

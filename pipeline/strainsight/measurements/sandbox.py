@@ -25,6 +25,8 @@ Signals = Iterator[tuple[np.ndarray, str | None]]
 """Values (T,) and their unit, None where the file states none."""
 Read = Callable[[Path, Sequence[Any]], Signals]
 """File, names → their signals; the first name is that of the time, None where the format has one of its own."""
+Declared = Callable[[Path, Sequence[Any]], list[int]]
+"""File, names → bytes that each unpacks to, by what the file declares, before any is read."""
 
 
 def read_apart(
@@ -34,44 +36,64 @@ def read_apart(
     places: Sequence[str],
     limits: tuple[float, float],
     library: str,
+    unpacked: float | None = None,
 ) -> Signals:
-    """What `answer` in a child process reads under `names`; places: of each, for a message; limits [s] until it is there and
-    of every answer.
+    """What `answer` in a child process reads under `names`; places: of each, for a message; limits [s] of processor time until it
+    is there and of every answer; unpacked [bytes/s]: a second more for so many of those that it declares, where it does.
 
     Raises UserError as it does, and where the process fails.
     """
     with reader(command, [str(path), *names], limits[0]) as within:
-        for where in places:
-            yield within(limits[1], partial(_received, where=where, library=library))
+        more = [0.0] * len(places)
+        if unpacked is not None:
+            said = within(limits[1], partial(_said, where=places[0], library=library))
+            more = [size / unpacked for size in said["declared"]]
+        for where, longer in zip(places, more, strict=True):
+            yield within(limits[1] + longer, partial(_received, where=where, library=library))
+
+
+def _said(stream: IO[bytes], where: str, library: str) -> dict[str, Any]:
+    """A line of JSON. Raises UserError where it is one, and where nothing came."""
+    line = stream.readline()
+    try:
+        said: dict[str, Any] = json.loads(line)
+    except ValueError:
+        raise _failed(where, library) from None
+    if "what" in said:
+        raise UserError(said["what"], where=said["where"], remedy=said["remedy"])
+    return said
+
+
+def _failed(where: str, library: str) -> UserError:
+    return UserError(f"the {library} library crashed, or did not come to an end", where=where, remedy=DAMAGED)
 
 
 def _received(stream: IO[bytes], where: str, library: str) -> tuple[np.ndarray, str | None]:
     """A signal: a line of JSON, {samples, unit} or the error, then the samples."""
-    line = stream.readline()
-    try:
-        said = json.loads(line)
-    except ValueError:
-        said = {}
-    if "what" in said:
-        raise UserError(said["what"], where=said["where"], remedy=said["remedy"])
-    values = np.empty(said.get("samples", 0))
+    said = _said(stream, where, library)
+    values = np.empty(said["samples"])
     view, filled = values.view(np.uint8), 0
     while filled < len(view) and (count := stream.readinto(view[filled:])):  # type: ignore[attr-defined]
         filled += count
-    if not said or filled < len(view):
-        raise UserError(f"the {library} library crashed, or did not come to an end", where=where, remedy=DAMAGED)
+    if filled < len(view):
+        raise _failed(where, library)
     return values, said["unit"]
 
 
-def answer(read: Read, modules: Sequence[str], memory: Callable[[int], int] | None = None) -> None:
-    """In the child process: what `read` gives, with the modules imported before; memory: bytes of the file → bytes that
-    reading may take."""
+def answer(
+    read: Read, modules: Sequence[str], memory: Callable[[int], int] | None = None, declared: Declared | None = None
+) -> None:
+    """In the child process: what `read` gives, with the modules imported before, and before that what is declared; memory: bytes
+    of the file → bytes that reading may take."""
     path, *names = asked_of_reader(*modules)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
     if memory is not None:
         limit_memory(memory(Path(path).stat().st_size))
     try:
+        if declared is not None:
+            out.write(json.dumps({"declared": declared(Path(path), names)}).encode() + b"\n")
+            out.flush()
         for values, unit in read(Path(path), names):
             out.write(json.dumps({"samples": values.size, "unit": unit}).encode() + b"\n")
             out.write(np.ascontiguousarray(values, dtype=float).data)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import logging
 import time
 import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
+import strainsight
 from strainsight.errors import StrainsightError, UserError
 from strainsight.sweep.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
 
@@ -22,6 +25,13 @@ DESERTED = 60.0
 """[s] without any worker after which a sweep is given up: where workers die, others often follow."""
 SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
 """Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
+CODE = "code of strainsight"
+SILENT = 30.0
+"""[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
+
+
+class _SilentError(Exception):
+    """The scheduler is there, and does not answer."""
 
 
 @contextmanager
@@ -109,6 +119,15 @@ def versions() -> dict[str, str | None]:
     return {name: found[name] for name in ("python", *SAME)}
 
 
+@cache
+def sources() -> str:
+    """Sixteen digits of sha256 over all modules of this package: one version stands for many states of a checkout."""
+    root, sha = Path(strainsight.__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        sha.update(path.relative_to(root).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return sha.hexdigest()[:16]
+
+
 def _shown(version: str | None) -> str:
     return "missing" if version is None else version.removesuffix(".final.0")
 
@@ -127,11 +146,18 @@ def _sweep(
     run = f"{task.__name__}-{uuid.uuid4().hex}"
     # Pairs of name and place: the scheduler sees that they are alike, and spreads them over all workers.
     keys = [(run, place) for place in range(len(points))]
+    ours = versions() | {CODE: sources()}
     with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
         kept = client.submit(_kept, shared, key=f"shared-{run}")
-        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=versions(), pure=False)
+        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=ours, pure=False)
     try:
         return _collected(client, futures, progress)
+    except _SilentError:
+        raise UserError(
+            f"the Dask scheduler has not answered for {SILENT:g} s",
+            key="--dask",
+            remedy="look whether its machine still runs, or start it anew, then run again: finished stages are kept",
+        ) from None
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
@@ -148,7 +174,7 @@ def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapp
     """A task on a worker, which may have come after the first ones were asked for their versions."""
     from distributed import get_worker
 
-    _refuse_others(versions(), f"worker {get_worker().address}", ours)
+    _refuse_others(versions() | {CODE: sources()}, f"worker {get_worker().address}", ours)
     return captured(task, shared, point)
 
 
@@ -184,9 +210,13 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
 
 
 def _look_for_workers(client: Any, last_seen: float) -> float:
-    """When a worker was last there; raises UserError where that is too long ago."""
+    """When a worker was last there; raises UserError where that is too long ago, _SilentError where nobody answers."""
+    try:
+        there = client.sync(client.scheduler.identity, n_workers=1, callback_timeout=SILENT)["workers"]
+    except TimeoutError:
+        raise _SilentError from None
     now = time.monotonic()
-    if client.scheduler_info(n_workers=1)["workers"]:
+    if there:
         return now
     if now - last_seen > DESERTED:
         raise UserError(

@@ -48,6 +48,7 @@ class Header:
     seed      the run's seed where the stage reads it
     found     input files found while running (path relative to the config's folder → digest)
     beside    file written beside the artefact → sha256
+    sizes     the same files → their length [bytes]
     seconds   how long the stage took when it was computed [s]; neither part of the key nor of the digest
     code      digest of the code of the stage (`workflow.code`), "" where none is recorded; no part of them either
     """
@@ -61,6 +62,7 @@ class Header:
     seed: int | None = None
     found: Mapping[str, str] | None = None
     beside: Mapping[str, str] | None = None
+    sizes: Mapping[str, int] | None = None
     seconds: float | None = None
     code: str = ""
 
@@ -145,6 +147,11 @@ class Artefact:
                 remedy=f"run it again: strainsight {self.header.stage} CONFIG --force",
             )
         return file[path]
+
+
+def plain_name(name: str) -> bool:
+    """Whether a file of that name can lie beside an artefact: no folder, nothing hidden, no other artefact."""
+    return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
 
 
 def header_of(path: Path) -> Header:
@@ -275,9 +282,12 @@ def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
         seed=int(attributes["seed"]) if "seed" in attributes else None,
         found=json.loads(attributes["found"]),
         beside=json.loads(attributes["beside"]),
+        sizes={name: int(size) for name, size in json.loads(attributes.get("sizes", "{}")).items()},
         seconds=float(attributes["seconds"]) if "seconds" in attributes else None,
         code=str(attributes.get("code", "")),
     )
+    if foreign := [name for name in header.beside or {} if not plain_name(name)]:
+        raise _damaged(path, f"it names {foreign[0]!r} as a file beside it")
     return header, str(attributes["digest"]), str(attributes["message"])
 
 

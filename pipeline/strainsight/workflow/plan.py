@@ -22,6 +22,8 @@ UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
 OTHER_CODE = "by other code of the same stage version: --force computes it anew"
 """Of what is up to date by its version, and was not made by the code that is here."""
+NO_CODE = "by code that was not recorded: --force computes it anew"
+"""Of what an earlier release made."""
 
 Locate = Callable[[str], str | None]
 
@@ -128,8 +130,14 @@ def judge(
     reasons += [f"{_shown(file)} is missing" for key, file in inputs.files.items() if key not in inputs.digests]
     if artefact is None or reasons:
         return Status(stage.name, WILL_RUN, tuple(reasons), path), None
-    other = () if artefact.header.code == code_of(stage.run) else (OTHER_CODE,)
-    return Status(stage.name, UP_TO_DATE, other, path), artefact
+    return Status(stage.name, UP_TO_DATE, tuple(filter(None, [other_code(stage, artefact)])), path), artefact
+
+
+def other_code(stage: Stage, artefact: Artefact) -> str:
+    """What is to be said of the code that made it; empty of that which is here."""
+    if not artefact.header.code:
+        return NO_CODE
+    return "" if artefact.header.code == code_of(stage.run) else OTHER_CODE
 
 
 def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finished: Mapping[str, Artefact]) -> list[str]:

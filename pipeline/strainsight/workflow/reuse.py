@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
+import stat
 import tempfile
+from functools import partial
 from pathlib import Path
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of, sha256_of
+from strainsight.file_lock import NO_LINK
+from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
-from strainsight.workflow.store import TEMPORARY, former, named_together
+from strainsight.workflow.store import TEMPORARY, former, named_together, temporary, umask, write_bytes
+
+NO_WAIT, BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
+"""A pipe is opened without waiting for its other end; Windows alters the ends of lines if it is not asked for bytes."""
+LARGEST = 1 << 30
+"""[bytes] Pages, tables and drawings are far from it; a file that is mostly holes can state any size."""
 
 
 def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
     """The artefact of a run beside this one that was made from exactly the same, reused here; `source` is that run.
 
     key: of the stage as it would run now. It has to agree, and so has every file that the stage found while running; a file
-    written beside it is copied too, its sha256 checked. An artefact that is damaged is passed over: its own run will notice.
+    written beside it is copied too: a plain file of that name, of the size and sha256 that the artefact states. An artefact that
+    is damaged is passed over: its own run will notice.
     """
     for path in sorted(job.results.glob(f"*/{stage.name}.h5")):
         if path.parent == job.folder:
@@ -41,30 +51,42 @@ def _taken(source: Path, folder: Path, header: Header, records: tuple[str, ...])
     records said before stays."""
     folder.mkdir(parents=True, exist_ok=True)
     with named_together() as parts:
-        parts.append((_part(source, folder), folder / source.name))
+        parts.append((_shared(source, folder), folder / source.name))
         own = Artefact(parts[0][0])
         if own.header != header:
             raise ArtefactError("replaced while it was copied", where=str(source))
         for name, digest in (own.header.beside or {}).items():
-            parts.append((_part(source.parent / name, folder), folder / name))
-            if Path(name).name != name or sha256_of(parts[-1][0]) != digest:
-                raise ArtefactError(f"{name} beside it was altered", where=str(source))
+            content = _beside(source.parent / name, (own.header.sizes or {}).get(name, -1), digest)
+            parts.append((temporary(folder / name, partial(write_bytes, content)), folder / name))
             if name in records:
-                parts += former(folder / name, parts[-1][0].read_bytes())
+                parts += former(folder / name, content)
     own.path = folder / source.name
     return own
 
 
-def _part(source: Path, folder: Path) -> Path:
-    """A file as a temporary one in `folder`. An artefact is replaced and never written into: where the disk can, it gets a
-    second name and no copy. People write into what lies beside it."""
+def _beside(path: Path, size: int, digest: str) -> bytes:
+    """What a file beside an artefact holds. Raises ArtefactError where it is none of that size and sha256, or no plain file: a
+    link may lead anywhere, and a device has no end."""
+    handle = os.open(path, os.O_RDONLY | NO_LINK | NO_WAIT | BINARY)
+    with open(handle, "rb") as stream:
+        found = os.fstat(handle)
+        plain = stat.S_ISREG(found.st_mode) and found.st_size == size
+        content = stream.read(size + 1) if plain and size <= LARGEST else None
+    if content is None or len(content) != size or hashlib.sha256(content).hexdigest() != digest:
+        raise ArtefactError(f"{path.name} is not the file that was written beside it", where=str(path))
+    return content
+
+
+def _shared(source: Path, folder: Path) -> Path:
+    """An artefact as a temporary file in `folder`. It is replaced and never written into: where the disk can, it gets a second
+    name and no copy. People write into what lies beside it."""
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{source.name}-", dir=folder)
     os.close(handle)
     part = Path(name)
     try:
-        if source.suffix != ".h5" or not _linked(source, part):
+        if not _linked(source, part):
             shutil.copyfile(source, part)
-            shutil.copymode(source, part)
+            part.chmod(0o666 & ~umask())
     except OSError:
         part.unlink(missing_ok=True)
         raise

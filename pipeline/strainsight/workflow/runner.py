@@ -15,7 +15,7 @@ from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact, Header, file_digest
 from strainsight.workflow.code import code_of
 from strainsight.workflow.lock import computing, locked
-from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge
+from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge, other_code
 from strainsight.workflow.reuse import reused
 from strainsight.workflow.slices import Slice, declared
 from strainsight.workflow.stage import Context, Stage
@@ -90,6 +90,8 @@ def run(
                 if taken is not None:
                     finished[stage.name] = taken
                     reason += f", reused from {taken.source}"
+                    if other := other_code(stage, taken):
+                        reason += f" ({other})"
                 else:
                     with _placed(job):
                         finished[stage.name] = _execute(

@@ -7,7 +7,6 @@ import hashlib
 import io
 import json
 import os
-import platform
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,7 +19,6 @@ from typing import Any
 import h5py
 import numpy as np
 
-import strainsight
 from strainsight.errors import StrainsightError, UserError
 from strainsight.workflow.artefact import (
     FORMAT,
@@ -31,8 +29,10 @@ from strainsight.workflow.artefact import (
     content_digest,
     digest_or_none,
     header_of,
+    plain_name,
 )
 from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.provenance import provenance
 from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
 
@@ -56,29 +56,30 @@ def write_artefact(path: Path, output: Output, header: Header, records: tuple[st
     if any(map(_raw, output.datasets)):
         output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name, output)})
     beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
-    header = replace(header, beside=beside, found=header.found or {})
+    sizes = {name: len(content) for name, content in output.files.items()}
+    header = replace(header, beside=beside, sizes=sizes, found=header.found or {})
     size = _most_bytes(output, header)
 
-    def write(temporary: Path) -> None:
-        _reserve(temporary, size)
-        with h5py.File(temporary, "w", track_order=False, userblock_size=BLOCK):
+    def write(part: Path) -> None:
+        _reserve(part, size)
+        with h5py.File(part, "w", track_order=False, userblock_size=BLOCK):
             pass  # this gives back what was reserved
-        _reserve(temporary, size)
-        with h5py.File(temporary, "r+", track_order=False) as file:
+        _reserve(part, size)
+        with h5py.File(part, "r+", track_order=False) as file:
             _write_content(file, output)
             _write_header(file, header, output.message)
             file.attrs["digest"] = content_digest(file)
-        seal(temporary)
+        seal(part)
 
     gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
     with kept_on_disk(path), named_together() as parts:
         path.parent.mkdir(parents=True, exist_ok=True)
-        parts.append((_temporary(path, write), path))
+        parts.append((temporary(path, write), path))
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
             if name in records:
                 parts += former(path.parent / name, content)
-            parts.append((_temporary(path.parent / name, partial(_write_bytes, content)), path.parent / name))
+            parts.append((temporary(path.parent / name, partial(write_bytes, content)), path.parent / name))
     written.path = path
     for name, digest in gone.items():
         with kept_on_disk(path.parent / name):
@@ -91,7 +92,7 @@ def former(path: Path, content: bytes) -> list[tuple[Path, Path]]:
     """A copy of a file that other content is about to replace, under a name of its own: what it says may have been built."""
     old = path.read_bytes() if path.is_file() and not path.is_symlink() else content
     kept = path.with_name(f"{path.stem}-{hashlib.sha256(old).hexdigest()[:8]}{path.suffix}")
-    return [] if old == content or kept.exists() else [(_temporary(kept, partial(_write_bytes, old)), kept)]
+    return [] if old == content or kept.exists() else [(temporary(kept, partial(write_bytes, old)), kept)]
 
 
 def _grid_of(artefact: str, output: Output) -> bytes:
@@ -167,7 +168,7 @@ def _reserve(path: Path, size: int) -> None:
             os.posix_fallocate(stream.fileno(), 0, size)
 
 
-def _temporary(path: Path, write: Callable[[Path], Any]) -> Path:
+def temporary(path: Path, write: Callable[[Path], Any]) -> Path:
     """A finished, synced file beside `path`, not yet under its name."""
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.name}-", dir=path.parent)
     part = Path(name)
@@ -176,14 +177,15 @@ def _temporary(path: Path, write: Callable[[Path], Any]) -> Path:
         write(part)
         with part.open("r+b") as stream:  # Windows syncs only what may be written
             os.fsync(stream.fileno())
-        part.chmod(0o666 & ~_umask())
+        part.chmod(0o666 & ~umask())
     except BaseException:
         part.unlink(missing_ok=True)
         raise
     return part
 
 
-def _write_bytes(content: bytes, part: Path) -> None:
+def write_bytes(content: bytes, part: Path) -> None:
+    """For `temporary`."""
     part.write_bytes(content)
 
 
@@ -198,7 +200,8 @@ def _replace(part: Path, path: Path) -> None:
         os.close(folder)
 
 
-def _umask() -> int:
+def umask() -> int:
+    """What new files are not allowed; there is no way to ask without setting it."""
     current = os.umask(0)
     os.umask(current)
     return current
@@ -222,7 +225,7 @@ def _check(output: Output) -> None:
         if len(dataset.scales) > np.ndim(dataset.array):
             raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
     for name in output.files:
-        if Path(name).name != name or name.startswith(".") or name.endswith(".h5"):
+        if not plain_name(name):
             raise ValueError(f"'{name}' cannot be the name of a file beside an artefact")
 
 
@@ -279,20 +282,18 @@ def _write_header(file: h5py.File, header: Header, message: str) -> None:
     attributes = file.attrs
     attributes["format"] = FORMAT
     attributes["format_version"] = FORMAT_VERSION
-    attributes["package_version"] = strainsight.__version__
     attributes["stage"] = header.stage
     attributes["stage_version"] = header.version
     attributes["key"] = header.key
     attributes["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    attributes["python"] = platform.python_version()
-    attributes["numpy"] = np.__version__
-    attributes["h5py"] = h5py.__version__
+    for name, said in provenance().items():
+        attributes[name] = said
     if header.seed is not None:
         attributes["seed"] = header.seed
     if header.seconds is not None:
         attributes["seconds"] = header.seconds
     if header.code:
         attributes["code"] = header.code
-    for name in ("config", "upstream", "files", "found", "beside"):
+    for name in ("config", "upstream", "files", "found", "beside", "sizes"):
         attributes[name] = canonical(getattr(header, name))
     attributes["message"] = message

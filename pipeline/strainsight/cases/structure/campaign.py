@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -23,7 +24,7 @@ from strainsight.cases.structure.filtered_test import (
     filtered_by_verdict,
     model_of,
 )
-from strainsight.cases.structure.forecast import forecast_in_words
+from strainsight.cases.structure.forecast import CHECKED, FILTERED, HELD, LATER, forecast_in_words, forecast_of, paced
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
@@ -94,6 +95,7 @@ def campaign_of(
     if settings is None or not records:
         raise ConfigError("no measurements of a test", key="estimate.file", remedy="name the file of the test")
     using.progress("reading", 0.0)
+    began = time.perf_counter()
     problem = problem_of(config, using.files, reduced, training, screened)
     named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
     tests, units = [], {name: load.unit for name, load in config.loads.items()}
@@ -112,10 +114,21 @@ def campaign_of(
         virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance), free)
     thickness = thickness_at(mesh, free, problem.model.reference)
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels, thickness), [], []
+
+    def wanted(given: Filtering, run: FilterRun) -> Wanted:
+        return wanted_of(settings, config.loads, given, virtual, run)
+
+    passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
+    # damage asks for the other walk of every unknown load, too
+    passes += len(problem.unknowns.inputs) if settings.damage is not None else 0
+    if (seconds := forecast_of(each, wanted)) is not None:
+        using.notice(forecast_in_words(each, passes * seconds))
+        using = paced(using, time.perf_counter() - began, seconds, passes, settings.hold_out is not None)
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
 
         def checking(share: float, i: int = i) -> None:
-            using.progress(_named("channels", records, i), 0.4 + 0.2 * (i + share) / len(records))
+            done = (i + share) / len(records)
+            using.progress(_named("channels", records, i), CHECKED + (FILTERED - CHECKED) * done)
 
         suspects.append(suspect_of(config, mesh, reduced, training, given, turning))
         judgements.append(judgement_of(own, given.test, problem, suspects[-1], tolerances.discrepancy, checking))
@@ -129,27 +142,19 @@ def campaign_of(
             remedy="leave out what is of another part or of gauges that were bonded anew, correct its known loads and units, "
             f"{ACCEPT}",
         )
-    using.progress("filter", 0.6)
+    using.progress("filter", FILTERED)
     untold = "" if settings.loads_as_stated else withheld_in_words(problem)
 
-    def wanted(given: Filtering, run: FilterRun) -> Wanted:
-        return wanted_of(settings, config.loads, given, virtual, run)
-
     def filtering(share: float) -> None:
-        using.progress("filter and smoother", 0.6 + 0.1 * share)
+        using.progress("filter and smoother", FILTERED + (LATER - FILTERED) * share)
 
-    passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
-    # damage asks for the other walk of every unknown load, too
-    passes += len(problem.unknowns.inputs) if settings.damage is not None else 0
-    if forecast := forecast_in_words(each, passes, wanted):
-        using.notice(forecast)
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
     contradicted = _contradicted(records, judgements)
     untold = untold or out_of_range_in_words(config, each, found)
     withheld = (f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else "") or untold
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)
-    using.progress("field", 0.95 if settings.hold_out else 0.7)
+    using.progress("field", HELD if settings.hold_out else LATER)
 
     def otherwise(changed: PlacementConfig) -> list[Filtering]:
         walked = problem_of(changed, using.files, reduced, training, screened)

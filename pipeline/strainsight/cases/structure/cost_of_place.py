@@ -1,9 +1,10 @@
 """What `place` costs, before it runs: processor seconds and peak memory, to a factor of three (docs/scaling.md).
 
-    seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 8e-6 m
+    seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 6e-8 s m n
 
 s scenarios, m candidates, n states. n is an upper guess, as the reduced coordinates are known after `rom` only: those of a load
-may be fewer. Powers of n as in the table of states and scenarios there; constants from whole runs.
+may be fewer. Powers of n as in the table of states and scenarios there; constants from whole runs. Memory is that of a row of n
+for every candidate in every scenario.
 """
 
 from __future__ import annotations
@@ -11,14 +12,34 @@ from __future__ import annotations
 from strainsight.cases.structure.cost import Cost
 from strainsight.config.placement import PlacementConfig
 
+LONG, LARGE = 60.0, 1.0
+"""[s] and [GiB] that are worth a word."""
+
 
 def cost_of_place(config: PlacementConfig) -> Cost | None:
     """None where the candidates have no number (`screen.keep: all`)."""
-    m, n = config.screen.keep, states_of(config)
-    if m == "all":
+    if config.screen.keep == "all":
         return None
+    return cost_of_pool(config.screen.keep, states_of(config), scenarios_of(config))
+
+
+def cost_of_pool(m: int, n: int, s: int) -> Cost:
+    """Of m candidates, n states and s scenarios."""
     each = 3.9e-3 + 4.1e-6 * n**2 + 8.3e-8 * n**3
-    return Cost(3.4 + scenarios_of(config) * m * each, 0.15 + 8e-6 * m)
+    return Cost(3.4 + s * m * each, 0.15 + 6e-8 * s * m * n)
+
+
+def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
+    """What a pool of m candidates costs as it is now known, with its n states; empty where it is not worth a word."""
+    cost = cost_of_pool(m, n, scenarios_of(config))
+    if cost.seconds < LONG and cost.memory < LARGE:
+        return ""
+    minutes = cost.seconds / 60
+    time = f"{minutes / 60:.2g} h" if minutes > 90 else f"{minutes:.2g} min"
+    return (
+        f"place of {m} candidates, {n} states and {scenarios_of(config)} scenarios takes about {time} of processor time and "
+        f"{cost.memory:.2g} GiB, within a factor of three; a smaller screen.keep takes a share of it"
+    )
 
 
 def states_of(config: PlacementConfig) -> int:

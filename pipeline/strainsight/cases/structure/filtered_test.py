@@ -26,7 +26,7 @@ from strainsight.estimation.settled import Settled
 from strainsight.estimation.smoothed import Smoothed, Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.tuning import Tuning, scale_noise, tune
-from strainsight.fem.memory import require_memory
+from strainsight.memory import require_memory
 from strainsight.records.estimated import Compared
 
 LONGEST_COMPARED = 20_000

@@ -20,6 +20,7 @@ from strainsight.cases.resources import Resources
 from strainsight.cases.structure.at_gauges import advice_at_gauges, at_gauges, notes_at_gauges
 from strainsight.cases.structure.by_case import cases_in_words, cases_of, worst_case
 from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
+from strainsight.cases.structure.cost_of_place import of_pool_in_words
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import COHERENCE, avoids_errors
@@ -74,6 +75,8 @@ def placement_of(
     posed = _posed(config, reduced, problem, training, screened, using)
     unknowns = problem.unknowns
     pool = pool_of(screened.kept, problem.channels, candidates, settings.symmetry)
+    if costs := of_pool_in_words(config, len(pool.gauges), 2 * problem.model.size + len(unknowns.state_names)):
+        using.notice(costs)
     price = prices(config, pool, candidates)
     with blame("place.keep"):
         limits = layout_limits(settings, pool, mesh, candidates, price)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from strainsight.cases.resources import Resources
 from strainsight.config.placement import PlacementConfig
 from strainsight.fem.factorisation import Factorise, factorise
-from strainsight.fem.memory import available_memory
 from strainsight.fem.mpi.session import OverMpi
+from strainsight.memory import available_memory
 from strainsight.processes import peak_memory
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.sweep.threads import in_threads

@@ -13,6 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 from scipy import sparse
 
+from strainsight.decks.matrices.archive import require_room
 from strainsight.decks.matrices.calculix import read_calculix, read_dofs
 from strainsight.decks.matrices.market import read_market
 from strainsight.decks.matrices.op4 import read_op4
@@ -37,7 +38,7 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
     """A real matrix from a file; `name` which of several (OP4, .npz), None the only one.
 
     Raises DeckError for a file that is missing, damaged, of another kind, or holds complex numbers, NaN or text, and for
-    a name that is not there or is needed.
+    a name that is not there or is needed. Raises UserError for an archive that memory does not hold unpacked.
     """
     ending = "".join(path.suffixes[-2:]).lower()
     reader = next((r for suffix, r in _READERS.items() if ending.endswith(suffix)), None)
@@ -215,6 +216,7 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
         if "format" in names:
             if name is not None:
                 raise DeckError(f"a SciPy archive has no matrix names, such as {name!r}", remedy="remove the name")
+            require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
             raise DeckError(
@@ -222,6 +224,7 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
             )
         if name is not None and name not in names:
             raise DeckError(f"it holds no array {name!r}", where=str(path), remedy=f"it has {', '.join(names)}")
+        require_room(path, [name or names[0]])
         return _csr(archive[name or names[0]])
 
 

@@ -24,10 +24,10 @@ from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.factorisation import Factor, conditioned, scaled_upper
-from strainsight.fem.memory import GIB, SMALLER, available_memory
 from strainsight.fem.mpi.programs import LAUNCHER, PYTHON, Programs, programs
 from strainsight.fem.mpi.supervisor import END, ENDED, SAID
 from strainsight.fem.pardiso import MECHANISM
+from strainsight.memory import GIB, SMALLER, available_memory
 from strainsight.processes import inherited
 from strainsight.processes import python as command_of
 

@@ -6,9 +6,9 @@ import math
 
 import pytest
 
+from strainsight import memory
 from strainsight.errors import UserError
-from strainsight.fem import memory
-from strainsight.fem.memory import available_memory, require_memory
+from strainsight.memory import available_memory, require_memory
 
 GIB = 1024**3
 
