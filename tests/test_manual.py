@@ -207,7 +207,7 @@ def test_commands_and_targets_of_the_manual_exist():
         text = page.read_text(encoding="utf-8")
         parts = re.findall(r"^```\w*\n(.*?)^```|`([^`\n]+)`", text, re.DOTALL | re.MULTILINE)
         code = "\n".join(block or words for block, words in parts)
-        for command in re.findall(r"^(?:\$ )?strainsight ([a-z-]+)", code, re.MULTILINE):
+        for command in re.findall(r"^(?:\$ )?strainsight ([a-z][a-z-]*)", code, re.MULTILINE):
             assert command in commands, f"{page.name}: strainsight {command}"
         for target in re.findall(r"^make (?:\w+=\S+ )*([\w-]+)", code, re.MULTILINE):
             assert target in targets, f"{page.name}: make {target}"

@@ -61,7 +61,8 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
         with blame(f"loads.{name}"):
             if load.moment is None:
                 forces = nodal_forces(mesh, load)
-                if len(forces.nodes) and not (held := attached(mesh)[forces.nodes]).any():
+                assembled = config.mesh.matrices is None and config.mesh.results is None
+                if assembled and len(forces.nodes) and not (held := attached(mesh)[forces.nodes]).any():
                     node = mesh.node_ids[forces.nodes[np.flatnonzero(~held)[0]]]
                     raise UserError(
                         f"it acts on node {node}, which belongs to no element, tie, spring or support",
