@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import resource
 import signal
 import sys
@@ -19,6 +20,8 @@ CHANGES = {
     *("shutil.rmtree", "shutil.move", "os.utime", "os.mkfifo", "os.mknod"),
 }
 CALLS = {"os.system", "os.exec", "os.posix_spawn", "subprocess.Popen", "socket.connect", "socket.bind", "ctypes.dlopen"}
+TIMES = re.compile(r"/proc/\d+/stat")
+"""What a process has used of the processor: of the child that reads a file."""
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 
@@ -86,7 +89,7 @@ class Watch:
             if (
                 place != os.devnull
                 and not self._inside(place)
-                and (writes or not (self.anywhere or place.startswith(self.free)))
+                and (writes or not (self.anywhere or place.startswith(self.free) or TIMES.fullmatch(place)))
             ):
                 self.found.append(f"{'writes' if writes else 'reads'} {place}")
         elif event in CHANGES:

@@ -75,13 +75,14 @@ def _cell(text: str, wide: bool, data: list[list[str]]) -> Cell:
 
 
 def key(cell: Cell) -> tuple | None:
-    """Numbers by their exact value, then words as people order them, G2 before G10; None for what says nothing."""
+    """Numbers by their exact value, then words as people order them, G2 before G10 and digits before letters; None for what says
+    nothing."""
     if cell.wide or cell.text in ("–", ""):
         return None
     if cell.leading:
         return None if math.isnan(cell.values[0]) else (0, cell.values[0])
     parts = re.split(r"(\d+)", cell.text.casefold())
-    return (1, *((int(part), "") if part.isdigit() else (-1, part) for part in parts if part))
+    return (1, *((0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts if part))
 
 
 def order(found: list[Group], column: int, *, falling: bool) -> list[int]:
