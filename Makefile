@@ -99,7 +99,7 @@ mutants: $(READY)
 lowest:
 	@$(PYTHON) .ci/system.py
 	@$(PYTHON) -m venv $(LOWEST)
-	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check -r .ci/lowest.lock
+	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r .ci/lowest.lock
 	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
 		--deselect tests/config/test_schema.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
@@ -137,11 +137,12 @@ manual: $(READY)
 
 setup: $(READY)
 
+# The locks are complete: with hashes pip does not take the pinned coverage for the coverage[toml] that pytest-cov asks for.
 $(READY): requirements-dev.lock pyproject.toml
 	@$(PYTHON) .ci/system.py
 	@echo 'setting up $(VENV) (a few minutes the first time)'
 	@$(PYTHON) -m venv $(VENV)
-	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-dev.lock
+	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r requirements-dev.lock
 	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@
 
