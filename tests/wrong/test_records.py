@@ -70,6 +70,47 @@ def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the
     assert named == ""
 
 
+@pytest.mark.parametrize(("mark", "amplitude"), [(-9999.0, 2500.0), (-32768.0, 3000.0)])
+def test_a_mark_among_large_readings_is_named(project, mark, amplitude):
+    head, values = rows(project)
+    values[:, 1] *= amplitude / np.nanmax(np.abs(values[:, 1]))
+    values[[20, 40, 41], 1] = mark
+    rewrite(project, head, values)
+    assert f"'G1' reads {mark:g} um/m in 3 of" in said(project)
+
+
+def test_a_mark_between_smooth_readings_is_named_by_its_jump(project):
+    head, values = rows(project)
+    values[:, 1] = 2500.0 * np.sin(np.linspace(0.0, 20.0, len(values)))
+    values[[20, 40, 41], 1] = -999.0
+    rewrite(project, head, values)
+    assert "'G1' reads -999 um/m in 3 of" in said(project)
+
+
+def test_marks_of_both_signs_are_named(project):
+    head, values = rows(project)
+    values[20, 1], values[40, 1] = 9999.0, -9999.0
+    rewrite(project, head, values)
+    assert "it stands for a missing value" in said(project)
+
+
+@pytest.mark.parametrize("level", [10_000.0, 1e5, 1e6, 9999.0])
+def test_a_load_in_a_step_is_a_load(project, level):
+    lines = HISTORY["f.csv"].splitlines()
+    plateau = [line.partition(",")[0] + f",{level:g}" for line in lines[100:150]]
+    (project / "f.csv").write_text("\n".join([*lines[:100], *plateau, *lines[150:]]) + "\n", encoding="utf-8")
+    assert "missing value" not in said(project, history())
+
+
+def test_a_test_in_steps_is_not_clipped(project):
+    head, values = rows(project)
+    values[:, 2] = 10.0 * np.round(values[:, 2] / 10.0)
+    steps = np.repeat(values[:: 20, 2], 20)[: len(values)]
+    values[:, 2] = steps
+    rewrite(project, head, values)
+    assert "clipped" not in said(project)
+
+
 def test_a_peak_that_happens_to_be_999_is_a_reading(project):
     head, values = rows(project)
     values[:, 1] *= 999.0 / np.nanmax(np.abs(values[:, 1]))

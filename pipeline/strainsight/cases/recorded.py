@@ -29,6 +29,7 @@ QUANTITY = {
 }
 """Unit of a load → what a file may hold of it."""
 NO_UNIT = ("-", "–")
+NO_GAPS = "a load history has no gaps: give the value, or drop the line"
 
 
 def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
@@ -52,11 +53,9 @@ def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) 
             raise UserError(
                 f"no sample under {column!r}",
                 where=found.place(int(missing[0])),
-                remedy="a load history has no gaps: give the value, or drop the line",
+                remedy=NO_GAPS,
             )
-        check_marks(
-            found, column, found.units[column] or "", "a load history has no gaps: give the value, or drop the line"
-        )
+        check_marks(found, column, found.units[column] or "", NO_GAPS, negative=True)
         back = np.flatnonzero(np.diff(found.time) <= 0)
         if back.size:
             i = int(back[0])

@@ -55,7 +55,10 @@ class Channel(Section):
     unit: Text = Field(
         description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; has to agree with the file's."
     )
-    override: bool = Field(False, description="true: the unit in the file is wrong.")
+    override: bool = Field(
+        False,
+        description="true: the unit in the file is wrong, or what looks like one is meant: readings far too small, numbers that stand for a missing sample elsewhere.",
+    )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
     scale: Positive = Field(1.0, description="Factor on the calibrated signal [-].")

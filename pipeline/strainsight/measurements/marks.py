@@ -7,32 +7,52 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.measurements.records import Recording
 
-MARKS = (999.0, 9999.0, 99999.0, 999999.0, 9.999e6, 1e10, 1e20, 1e30, 9.96921e36, 1e38)
-"""Sizes of what a logger puts where it has no sample."""
-ELSEWHERE = 0.2
-"""Of a mark that other samples of a channel may reach: a reading that happens to be 999 has others beside it."""
-NEAR = 1e-3
-"""Of itself that a mark may be off: -9999.99 is one too."""
+MARKS = np.array(
+    [999, 999.25, 999.99, 9999, 9999.99, 99999, 99999.99, 999999, 9999999, 9.96920996838687e36], dtype=float
+)
+"""What a logger puts where it has no sample, of either sign."""
+LEAST = -32768.0
+"""The least whole number of 16 bits."""
+BEYOND = 1e20
+"""No reading of anything: 1e20, 1e30, 1e38."""
+ROUNDING = 1e-5
+"""Of itself: as of 9.96921e36, or of a number in single precision."""
+OUTSIDE, JUMPS = 0.5, 3.0
+"""A mark is beyond the others by this share of their range; or it jumps from a neighbour by so many times their largest step."""
 
 
-def check_marks(recording: Recording, name: str, unit: str, remedy: str = "") -> None:
-    """Raises UserError, at its line, for a channel some of whose samples are all one of the `MARKS`, far beyond the others."""
+def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", negative: bool = False) -> None:
+    """Raises UserError, at its line, for a channel with samples that are a mark of a missing value: the very number, far beyond
+    all others, or between neighbours from which it jumps. negative: of the positive ones only those that no reading reaches."""
     values = recording.channels[name]
+    for mark in np.unique(values[_marks(values, negative)]):
+        at = np.flatnonzero(values == mark)
+        others = values[np.isfinite(values) & ~_marks(values, False)]
+        if not len(others) or not _apart(values, float(mark), at, others):
+            continue
+        raise UserError(
+            f"{name!r} reads {mark:g} {unit} in {len(at)} of {len(values)} samples, and {others.min():.4g} to "
+            f"{others.max():.4g} in others: it stands for a missing value",
+            where=recording.place(int(at[0])),
+            remedy=remedy
+            or f'name it as the file writes it, `text: {{missing: ["{mark:g}"]}}`, or leave the samples empty (NaN); of a channel '
+            "that did read this, state `override: true`, which takes its unit for right, too",
+        )
+
+
+def _marks(values: np.ndarray, negative: bool) -> np.ndarray:
+    """Which samples are the very number."""
     size = np.abs(values)
-    largest = float(np.nanmax(size, initial=0.0))
-    if not any(abs(largest / mark - 1) < NEAR for mark in MARKS):
-        return
-    marked = size == largest
-    others = np.nanmax(size[~marked], initial=0.0)
-    if marked.all() or others > ELSEWHERE * largest or len(np.unique(values[marked])) > 1:
-        return
-    first = int(np.argmax(marked))
-    value = f"{values[first]:g}"
-    raise UserError(
-        f"{name!r} reads {value} {unit} in {np.count_nonzero(marked)} of {len(values)} samples, and at most {others:.4g} in all "
-        "others: it stands for a missing value",
-        where=recording.place(first),
-        remedy=remedy
-        or f'name it as the file writes it, `text: {{missing: ["{value}"]}}`, or leave the samples empty (NaN); of a channel '
-        "that did read this, state `override: true`",
-    )
+    nines = (np.abs(size[:, None] / MARKS - 1) < ROUNDING).any(axis=1) & ((values < 0) | (not negative))
+    return nines | (values == LEAST) | (size >= BEYOND)
+
+
+def _apart(values: np.ndarray, mark: float, at: np.ndarray, others: np.ndarray) -> bool:
+    if max(mark - others.max(), others.min() - mark) > OUTSIDE * (others.max() - others.min()):
+        return True
+    there = np.where(_marks(values, False), np.nan, values)
+    steps = np.abs(np.diff(there))
+    largest = np.nanmax(steps, initial=0.0) if np.isfinite(steps).any() else 0.0
+    beside = np.concatenate([there[at[at > 0] - 1], there[at[at < len(there) - 1] + 1]])
+    beside = beside[np.isfinite(beside)]
+    return bool(np.any(np.abs(beside - mark) > JUMPS * largest))

@@ -214,11 +214,11 @@ def check_quantities(
                 remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
                 "load, with `zero` or `offset`",
             )
-        if found == should == "strain" and 0 < largest < LEAST_STRAIN:
+        if found == should == "strain" and 0 < largest < LEAST_STRAIN and not entry.override:
             raise ConfigError(
                 f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
                 key=f"{key}.unit",
-                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)?",
+                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? Where they are so small: `override: true`",
             )
         if found != should:
             raise ConfigError(

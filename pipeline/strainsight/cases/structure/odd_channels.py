@@ -12,6 +12,10 @@ from strainsight.estimation.faults import at_limit
 from strainsight.measurements.assemble import Signals
 
 
+STILL = 0.1
+"""Share of samples between the limits that are as the one before: amplifiers that are clipped have none."""
+
+
 def odd_channels(config: PlacementConfig, signals: Signals, keys: Sequence[str]) -> tuple[str, ...]:
     """Of the channels (c,) of a record, by their keys in the config: gauges that read one value, channels that stand at a limit,
     and a clock that is too slow for the loads that the config states."""
@@ -24,7 +28,7 @@ def odd_channels(config: PlacementConfig, signals: Signals, keys: Sequence[str])
             found.append(
                 f"{name} reads one value in all of its {len(there)} samples: it is not connected, or dead ({key})"
             )
-        elif count := int(at_limit(own).sum()):
+        elif i < gauges and (count := int(at_limit(own).sum())) and not _in_steps(own):
             found.append(
                 f"{name} is clipped: {count} of {len(own)} samples stand in rows at its largest or least value, where the range "
                 f"of the amplifier may end ({key})"
@@ -38,6 +42,13 @@ def odd_channels(config: PlacementConfig, signals: Signals, keys: Sequence[str])
                 f"stated with {fastest:.4g} Hz, which folds back: record faster, or check estimate.time.unit"
             )
     return tuple(found)
+
+
+def _in_steps(values: np.ndarray) -> bool:
+    """Whether a channel stands still elsewhere than at its largest and least value, too: a test in steps, or coarse digits."""
+    known = values[np.isfinite(values)]
+    inside = (known[1:] > known.min()) & (known[1:] < known.max())
+    return bool(inside.any()) and float(np.mean(np.diff(known)[inside] == 0)) > STILL
 
 
 def _fastest(signal: object) -> float:

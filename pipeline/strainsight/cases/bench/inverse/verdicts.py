@@ -108,8 +108,7 @@ def verdicts_of(
     for name in (*estimate.inputs, *free):
         claim = claims.get(name)
         word = UNTESTED if claim is None and not judged_rows else BORNE_OUT if claim is None else claim.verdict
-        share = numbers.get(f"std.{name}", _float(numbers, f"rms_std.{name}") / _float(numbers, f"largest.{name}"))
-        if name in estimate.inputs and float(share) > HARDLY:
+        if name in estimate.inputs and _share(numbers, name) > HARDLY:
             word = WEAK
         if claim is None and against:
             word = CONTRADICTED
@@ -170,6 +169,14 @@ def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
         numbers |= {f"claim.{name}": own.verdict, f"claim_ratio.{name}": own.ratio}
         numbers |= {f"claim_draws.{name}": float(own.draws), f"claim_most.{name}": own.band[1]}
     return numbers
+
+
+def _share(numbers: Mapping[str, Scalar], name: str) -> float:
+    """σ of a load over its largest value; NaN of a load that is nothing."""
+    if f"std.{name}" in numbers:
+        return _float(numbers, f"std.{name}")
+    largest = _float(numbers, f"largest.{name}")
+    return _float(numbers, f"rms_std.{name}") / largest if largest else np.nan
 
 
 def _float(numbers: Mapping[str, Scalar], key: str) -> float:
