@@ -11,7 +11,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.faults import at_limit
 from strainsight.measurements.assemble import Signals
 
-
 STILL = 0.1
 """Share of samples between the limits that are as the one before: amplifiers that are clipped have none."""
 
