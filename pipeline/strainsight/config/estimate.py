@@ -57,7 +57,8 @@ class Channel(Section):
     )
     override: bool = Field(
         False,
-        description="true: the unit in the file is wrong, or what looks like one is meant: readings far too small, numbers that stand for a missing sample elsewhere.",
+        description="true: the unit in the file is wrong; or readings are meant that look like a wrong unit, being so small, or "
+        "like a number that stands for a missing sample.",
     )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")

@@ -218,7 +218,7 @@ def check_quantities(
             raise ConfigError(
                 f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
                 key=f"{key}.unit",
-                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where they are so small",
+                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where not",
             )
         if found != should:
             raise ConfigError(
