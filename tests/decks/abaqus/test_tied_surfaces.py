@@ -11,6 +11,7 @@ import pytest
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
+from strainsight.fem.results_checks import check_positions
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
@@ -70,6 +71,16 @@ def test_nodes_beyond_the_tolerance_are_left_with_a_note(read):
     assert len(said) == 1
     assert "POSITION TOLERANCE" in said[0]
     assert "mesh.ties" in said[0]
+
+
+def test_results_in_which_adjust_has_moved_the_tied_nodes_are_of_the_same_mesh(read):
+    mesh = read(deck(2, gap=0.03))
+    rows, there = np.arange(len(mesh.position)), mesh.position.copy()
+    there[node_indices(mesh, "BOTTOM"), 2] = 1.0
+    check_positions(mesh, rows, there, 0.0, "a.frd")
+    there[node_indices(mesh, "UPPER1"), 2] = 2.0
+    with pytest.raises(UserError, match="9 of 26 nodes are elsewhere"):
+        check_positions(mesh, rows, there, 0.0, "a.frd")
 
 
 @pytest.mark.parametrize("of_config", [False, True])
