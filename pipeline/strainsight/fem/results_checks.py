@@ -69,7 +69,7 @@ def check_rows(mesh: Mesh, given: GivenMotion, rows: np.ndarray | None = None) -
 def check_positions(mesh: Mesh, rows: np.ndarray, position: np.ndarray, rounding: float, where: str) -> None:
     """Raise UserError where nodes of the mesh (rows, k) are elsewhere in the file of results, (k, 3) [m]; NaN: not stated.
 
-    Nodes whose motion follows by a relation do not count: a *TIE moves them onto its surface (ADJUST), and results have them there.
+    Nodes whose motion follows by a relation do not count: a *TIE moves them onto its surface (ADJUST), where results have them.
     rounding: largest relative error of a number of the file.
     """
     size = float(np.linalg.norm(np.ptp(mesh.position, axis=0)))
