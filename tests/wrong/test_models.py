@@ -67,5 +67,25 @@ def test_the_decks_they_are_made_from_have_no_warning(deck, own, tmp_path):
     assert said_of(tmp_path, deck, own) == ()
 
 
+RECOVERY = "\n,.01,.01,-.01,.01,-.01,-.01,.01,-.01"
+STUB = "GRID,60,,.405,0.,0.", "CBAR,50,2,5,60,0.,0.,1.", f"PBAR,2,1,1.-3,1.-7,1.-7,2.-7{RECOVERY}"
+
+
+@pytest.mark.parametrize(
+    "deck",
+    [
+        bar("GRAV,7,,9.81,0.,0.,-100."),
+        bar("GRAV,7,,981.,0.,0.,-1."),
+        bar("GRAV,7,,9.81,0.,0.,-1.", "LOAD,8,1000.,1.,7"),
+        frame("CONM2,50,5,,50.", section="PBAR,1,1,4.-5,2.-10,1.-10,2.-10"),
+        frame(*STUB),
+        frame("SPC1,1,345,1,THRU,5", section="PBAR,1,1,4.-4,2.-8,1.-8"),
+    ],
+    ids=["gravity a hundred times", "as one number", "a load of a thousand times", "a heavy tip", "a stub of 5 mm", "in a plane"],
+)
+def test_what_is_unusual_and_sound_has_no_warning(deck, tmp_path):
+    assert said_of(tmp_path, deck, {}) == ()
+
+
 def test_there_are_sixty_and_more():
     assert len(AT_IMPORT) + len(LATER) >= 60

@@ -42,11 +42,13 @@ def test_a_sound_model_passes_it(tmp_path):
 def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     parts = [*bricks(), *bricks(at=(0.4, 0.0, 0.0), first=101, element=101)]
     ties = "RBE2,90,5,123,101\nRBE2,91,10,123,106\nRBE2,92,15,123,111\nRBE2,93,20,123,116"
-    text = deck(*parts, "PSOLID,1,1", ties, "CONM2,95,105,,2.5", "CELAS2,60,1.+6,5,3,10,3", "PARAM,POST,-1", "TOPVAR,1")
+    lines = "PARAM,POST,-1", "TOPVAR,1", "PARAM,COUPMASS,-1"
+    text = deck(*parts, "PSOLID,1,1", ties, "CONM2,95,105,,2.5", "CELAS2,60,1.+6,5,3,10,3", *lines)
     assert imported(tmp_path, text, {})[0] == 0
     found = assumed(tmp_path)
     assert found["card CHEXA"] == ("8", "read")
     assert found["card PARAM POST"] == ("1", "left out: it changes neither stiffness, mass nor supports")
+    assert found["card PARAM COUPMASS"][1].startswith("not as the deck has it: it asks for lumped mass")
     assert found["card TOPVAR"] == ("1", "left out: what it does is not known here")
     assert found["parts that share no node"] == ("2", "1 with ties, relations and springs")
     assert found["nodes in one place that nothing joins"][0] == "0"
@@ -55,6 +57,12 @@ def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
     assert (count, detail.partition(";")[0]) == ("1", "1 resist one")
     assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
     assert found["point masses"][0] == "2.5 kg"
+
+
+def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_path):
+    assert imported(tmp_path, deck(*bricks(), "PSOLID,1,1", "SPC,1,5,3,.01"), {})[0] == 0
+    _, detail = assumed(tmp_path)["card ENFORCED DISPLACEMENT of another value than zero"]
+    assert detail.startswith("not as the deck has it: the motion is held at zero")
 
 
 @pytest.mark.parametrize(("turned", "free"), [((), "12"), ((3,), "12")])

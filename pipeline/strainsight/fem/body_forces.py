@@ -87,11 +87,12 @@ def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
 
 
 def odd_gravity(mesh: Mesh) -> list[str]:
-    """A sentence for every load of the file whose acceleration is that of gravity in another unit of length."""
+    """A sentence for every load of the file whose acceleration is that of gravity in another unit of length; as it is stated,
+    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g."""
     found = []
     for name, load in mesh.loads.items():
         for body in load.body:
-            size = float(np.linalg.norm(body.acceleration) * abs(body.factor))
+            size = float(np.linalg.norm(body.acceleration))
             for unit, factor in ELSEWHERE.items():
                 if abs(size * factor / 9.81 - 1) < 0.01:
                     found.append(
@@ -101,7 +102,7 @@ def odd_gravity(mesh: Mesh) -> list[str]:
     return found
 
 
-ELSEWHERE = {"m": 1e3, "mm": 1e-3, "in": 0.0254, "cm": 1e-2}
+ELSEWHERE = {"m": 1e3, "mm": 1e-3, "in": 0.0254}
 """Unit in which an acceleration seems to be meant → what makes g of it: 9.81 in a deck in mm, 9810 in one in m."""
 
 

@@ -61,7 +61,7 @@ class Relation:
     """MPC, *EQUATION: Σ value z[node, component] = 0 over its terms, the motion of the first one follows the others.
 
     node (k,) indices, component (k,) 0-5 along the axes of the node; value (k,) [-, m at the rotations]. name: in the words of
-    the file, as in "MPC 7" or "*EQUATION".
+    the file, as in "MPC 7" or "*EQUATION". yields: it does not count where a support holds the motion that follows.
     """
 
     id: int
@@ -69,6 +69,7 @@ class Relation:
     component: IntArray
     value: FloatArray
     name: str = ""
+    yields: bool = False
 
     def __str__(self) -> str:
         return self.name or f"relation {self.id}"

@@ -66,13 +66,14 @@ _RADIANS = (np.pi / 6, np.pi / 4, np.pi / 3, np.pi / 2)
 
 
 def _of_beam(mesh: Mesh, number: int, section: BeamSection) -> Iterator[str]:
-    """A section of area A has ∫ r² dA ≥ A²/2π, that of a circle, J ≤ ∫ r² dA, and a radius of gyration below the length."""
+    """A section of area A has ∫ r² dA ≥ A²/2π, that of a circle, J ≤ ∫ r² dA, and a radius of gyration below the length of
+    the structure: a stub may be shorter."""
     name = str(mesh.regions[number])
     own = [block.nodes[block.region == number].ravel() for block in mesh.beams if block.kind != "rod"]
     nodes = np.concatenate([np.zeros(0, dtype=np.int64), *own])
     if not len(nodes):
         return
-    long = _length(mesh, nodes)
+    long = _length(mesh, mesh.nodes_of_elements)
     for end, own_end in (("", section), (" at its end B", section.at_b)):
         if own_end is None:
             continue
@@ -86,13 +87,28 @@ def _of_beam(mesh: Mesh, number: int, section: BeamSection) -> Iterator[str]:
             )
         elif np.sqrt(polar / A) > long:
             yield (
-                f"{name}{end}: its radius of gyration √((I1 + I2)/A) is {np.sqrt(polar / A):.3g} m, and its beams are {long:.3g} "
-                "m long: are area and moments of area swapped, or in another unit?"
+                f"{name}{end}: its radius of gyration √((I1 + I2)/A) is {np.sqrt(polar / A):.3g} m, and the structure is "
+                f"{long:.3g} m long: are area and moments of area swapped, or in another unit?"
             )
-        if J == 0:
+        if J == 0 and _can_twist(mesh, number):
             yield f"{name}{end} does not resist torsion: J is 0 or blank"
         elif TORSION * polar < J:
             yield f"{name}{end}: J = {J:.3g} m⁴ is more than I1 + I2 = {polar:.3g} m⁴, which no section has"
+
+
+def _can_twist(mesh: Mesh, number: int) -> bool:
+    """Whether an end of some beam of a region may turn about the beam: in a plane frame supports hold all that would."""
+    held = np.zeros((len(mesh.position), 6), dtype=bool)
+    held[mesh.fixed[:, 0], mesh.fixed[:, 1]] = True
+    turned = list(mesh.axes)
+    held[turned] = held[turned, 3:].all(axis=1, keepdims=True)  # along axes of their own
+    for block in mesh.beams:
+        ends = block.nodes[block.region == number][:, :2]
+        along = np.abs(mesh.position[ends[:, 1]] - mesh.position[ends[:, 0]])
+        felt = along > 1e-6 * along.max(axis=1, keepdims=True)
+        if (felt[:, None] & ~held[ends][:, :, 3:]).any():
+            return True
+    return False
 
 
 def _far_beams(mesh: Mesh) -> Iterator[str]:

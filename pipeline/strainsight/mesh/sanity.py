@@ -88,7 +88,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense; free: nothing
     has to hold it.
     """
-    found = [f"{count} × {card} ignored: {_lost(card)}" for card, count in ignored_structure(mesh).items()]
+    found = [f"{count} × {card} ignored: {lost(card)}" for card, count in ignored_structure(mesh).items()]
     found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
@@ -125,7 +125,7 @@ def ignored_structure(mesh: Mesh) -> dict[str, int]:
     return {card: count for card, count in mesh.ignored.items() if mesh.effect.get(card) == "structure"}
 
 
-def _lost(card: str) -> str:
+def lost(card: str) -> str:
     """What a model lacks without a card."""
     if card.endswith(("NLGEOM", "LGDISP")) or card.startswith("STATSUB"):
         return "the stiffness is that of the part without load, and not that under the preload of this step"
@@ -138,6 +138,11 @@ def _lost(card: str) -> str:
         )
     if card.endswith("INREL"):
         return "inertia relief is asked for with mesh.free: true"
+    if card.endswith("COUPMASS"):
+        return (
+            "it asks for lumped mass, and mass is consistent here, as with PARAM,COUPMASS,1: frequencies of two coarse meshes of "
+            "tet10 were 9 and 23 % apart for it"
+        )
     return "the stiffness, mass or tie it may add is missing"
 
 

@@ -87,8 +87,19 @@ def with_surface_tie(
         for c in range(3):
             a, component = np.nonzero((abs(weight[i, c]) > 1e-14) & (of[i] >= 0)[:, None])
             terms, values = np.append(node, of[i, a]), np.append(1.0, -weight[i, c, a, component])
-            made.append(Relation(number + 3 * i + c, terms, np.append(c, component), values, name))
+            made.append(Relation(number + 3 * i + c, terms, np.append(c, component), values, name, yields=True))
     return replace(mesh, relations=(*mesh.relations, *made))
+
+
+def without_held(mesh: Mesh) -> Mesh:
+    """The mesh without relations of surface ties whose first motion a support holds, and a note on them: the support wins, as
+    where a plane of symmetry goes through both sides."""
+    held = set(map(tuple, mesh.fixed.tolist()))
+    kept = tuple(own for own in mesh.relations if not (own.yields and own.follower in held))
+    if not (count := len(mesh.relations) - len(kept)):
+        return mesh
+    note = f"{count} components of nodes that follow a surface (*TIE, mesh.ties) are held by supports: there the supports count"
+    return replace(mesh, relations=kept, notes=(*mesh.notes, note))
 
 
 def _weights(x: FloatArray, N: FloatArray, dN: FloatArray, arm: FloatArray) -> FloatArray:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pytest
 
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
+from strainsight.fem.results_checks import check_positions
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
-from strainsight.mesh.surface_ties import with_surface_tie
+from strainsight.mesh.surface_ties import with_surface_tie, without_held
 
 HEX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 REST = (
@@ -65,13 +67,52 @@ def test_nodes_beyond_the_tolerance_are_left_with_a_note(read):
     with pytest.raises(DeckError, match="does not lie on the surface"):
         read(deck(2, gap=0.1))
     mesh = read(deck(2).replace("BOTTOM\nBOTTOMS, S1", "BOTTOM, TYPE=NODE\nUPPER0\nUPPER1"))
-    assert any("9 others lie more than" in note for note in mesh.notes)
+    said = [text for text in mesh.doubts if "9 of 18 others lie more than" in text]
+    assert len(said) == 1
+    assert "POSITION TOLERANCE" in said[0]
+    assert "mesh.ties" in said[0]
+
+
+def test_results_in_which_adjust_has_moved_the_tied_nodes_are_of_the_same_mesh(read):
+    mesh = read(deck(2, gap=0.03))
+    rows, there = np.arange(len(mesh.position)), mesh.position.copy()
+    there[node_indices(mesh, "BOTTOM"), 2] = 1.0
+    check_positions(mesh, rows, there, 0.0, "a.frd")
+    there[node_indices(mesh, "UPPER1"), 2] = 2.0
+    with pytest.raises(UserError, match="9 of 26 nodes are elsewhere"):
+        check_positions(mesh, rows, there, 0.0, "a.frd")
+
+
+@pytest.mark.parametrize("of_config", [False, True])
+def test_a_plane_of_symmetry_through_tied_surfaces_holds_them_as_it_holds_one_block(read, of_config):
+    at_zero = [line.split(", ") for line in deck(1).splitlines() if line.split(", ")[1:2] == ["0.0"]]
+    held = "*BOUNDARY\n" + "".join(f"{number}, 1, 1\n" for number, *_ in at_zero)
+    loose = read(deck(1, tie="") + held)
+    tied = read(deck(1) + ("" if of_config else held))
+    if of_config:
+        with pytest.raises(UserError, match="dependent in"):
+            build_model(replace(tied, fixed=loose.fixed))
+        tied = without_held(replace(tied, fixed=loose.fixed))
+    assert any("2 components of nodes" in note for note in tied.notes)
+    assert frequencies(tied) == pytest.approx(frequencies(merged(loose, 1e-9)), rel=1e-9)
+
+
+def test_a_tie_of_shells_is_named_with_its_place_and_can_be_left_out_alone(read):
+    text = deck(1) + (
+        "*NODE\n9001, 0., 0., 2.\n9002, 1., 0., 2.\n9003, 1., 1., 2.\n*ELEMENT, TYPE=S3, ELSET=SKIN\n9001, 9001, 9002, 9003\n"
+        "*SHELL SECTION, ELSET=SKIN, MATERIAL=M\n.01\n*SURFACE, NAME=PLATE\nSKIN, SPOS\n*TIE, NAME=U\nPLATE, TOP\n"
+    )
+    mesh = read(text)
+    where = mesh.unsupported["*TIE that joins shells or beams"]
+    assert where.endswith(f":{text.splitlines().index('PLATE, TOP') + 1}")
+    left = read(text, ignore=["TIE that joins shells or beams"])
+    assert (len(left.relations), left.unsupported) == (12, {})
 
 
 @pytest.mark.parametrize("option", [", CYCLIC SYMMETRY=YES", ", MULTISTAGE"])
 def test_a_symmetry_is_not_taken_for_a_joint(read, option):
     mesh = read(deck(1, f"*TIE, NAME=T{option}\nBOTTOM, TOP\n"))
-    assert (mesh.relations, list(mesh.unsupported)) == ((), ["*TIE"])
+    assert (mesh.relations, list(mesh.unsupported)) == ((), ["*TIE that is a symmetry"])
 
 
 def test_surfaces_that_are_not_there_are_named_with_their_line(read):

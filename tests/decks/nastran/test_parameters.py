@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from strainsight.mesh.sanity import sanity_warnings
+
 
 @pytest.mark.parametrize(
     ("line", "name", "effect"),
@@ -11,6 +13,8 @@ import pytest
         ("PARAM,POST,-1", "POST", "none"),
         ("PARAM,AUTOSPC,YES", "AUTOSPC", "none"),
         ("PARAM,COUPMASS,1", "COUPMASS", "none"),
+        ("PARAM,COUPMASS,-1", "COUPMASS", "structure"),
+        ("PARAM,COUPMASS,0", "COUPMASS", "structure"),
         ("PARAM,LGDISP,1", "LGDISP", "structure"),
         ("PARAM,INREL,-1", "INREL", "structure"),
         ("PARAM,CM1,2.", "CM1", "structure"),
@@ -32,9 +36,10 @@ def test_what_counts_here_and_what_states_the_usual_is_not_listed(read, tetrahed
 
 
 @pytest.mark.parametrize(("value", "count"), [("-1", 1), ("0", 1), ("1", 0)])
-def test_lumped_mass_that_a_deck_asks_for_is_a_note(read, tetrahedron, value, count):
-    notes = read(f"{tetrahedron}PARAM,COUPMASS,{value}\nENDDATA\n").notes
-    assert sum("lumped" in note for note in notes) == count
+def test_lumped_mass_that_a_deck_asks_for_is_one_warning(read, tetrahedron, value, count):
+    mesh = read(f"{tetrahedron}PARAM,COUPMASS,{value}\nENDDATA\n")
+    assert sum("lumped" in text for text in sanity_warnings(mesh)) == count
+    assert not any("lumped" in text for text in mesh.notes)
 
 
 def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):

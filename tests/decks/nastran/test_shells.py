@@ -233,3 +233,21 @@ def test_nodes_of_shells_turn(read):
     mesh = read(FLAT + more)
     assert mesh.notes[1:] == ()
     assert mesh.held.tolist() == [3]
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        "CQUAD4,1,1,1,2,3,4,7",
+        "CTRIA3,1,1,1,2,3,7",
+        "CQUAD8,1,1,1,2,3,4,5,6\n,7,8,,,,,7",
+        "CTRIA6,1,1,1,2,3,5,6,9\n,7",
+    ],
+)
+def test_the_system_of_a_material_axis_is_used(read, element):
+    """MCID as the quick reference of Nastran has it: field 8, 7, 16 and 10."""
+    at = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
+    grids = "".join(f"GRID,{i},,{x}.,{y}.,0.\n" for i, (x, y) in enumerate(at, 1))
+    system = "CORD2R,7,,0.,0.,0.,0.,0.,1.\n,0.,1.,0.\n"
+    mesh = read(f"BEGIN BULK\n{grids}{system}{element}\nPSHELL,1,1,.02,1,,1\nMAT1,1,2.1E11,,.3,7850.\nENDDATA\n")
+    assert mesh.ignored == {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from strainsight.errors import StrainsightError
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.grounded import grounded
@@ -11,7 +13,9 @@ from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.model import Mesh
 
 HEAVY = 100.0
-"""Times the mass of the elements that point masses may have together."""
+"""Times the mass of the elements that point masses may have together without a question."""
+STEEL = 7850.0
+"""[kg/m³] A mass that is no larger than the structure where it is a ball of steel may well hang on it."""
 SHOWN = 3
 """Springs and relations that are named."""
 
@@ -52,14 +56,18 @@ def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
 
 
 def heavy_points(mesh: Mesh) -> tuple[str, ...]:
-    """A sentence where point masses outweigh the elements as only another unit of mass can."""
+    """A sentence where point masses outweigh the elements, and as steel would be larger than the whole structure, as by another
+    unit of mass: a ball of mass m is 2 (3m/4πρ)^⅓ across."""
     points = sum(point.mass for point in mesh.point_masses)
     if points <= 0 or any(mesh.density_of(number) is None for number in mesh.regions):
         return ()
     own = mass_properties(mesh)[0] - points
-    if own <= 0 or points <= HEAVY * own:
+    ball = 2 * float(np.cbrt(3 * points / (4 * np.pi * STEEL)))
+    long = float(np.linalg.norm(np.ptp(mesh.position[mesh.nodes_of_elements], axis=0)))
+    if own <= 0 or points <= HEAVY * own or ball <= long:
         return ()
     return (
-        f"point masses of {points:.4g} kg outweigh the elements, {own:.4g} kg, {points / own:.3g} times: their unit is that of "
-        "the deck, mesh.mass_unit",
+        f"point masses of {points:.4g} kg outweigh the elements, {own:.4g} kg, {points / own:.3g} times, and as "
+        f"a ball of steel they would be {ball:.3g} m across beside a structure of {long:.3g} m: their unit is that of the deck, "
+        "mesh.mass_unit; a base that is moved by way of a large mass may stand",
     )

@@ -47,7 +47,7 @@ from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, sanity_warnings, without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.surface_ties import with_surface_tie
+from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
 
 
@@ -224,7 +224,7 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             else:
                 own = _springs(mesh, f"{key}.supports.{i}", support, nodes)
                 mesh = replace(mesh, springs=(*mesh.springs, own))
-    return mesh
+    return without_held(mesh)
 
 
 def _springs(mesh: Mesh, name: str, support: Support, nodes: np.ndarray) -> Springs:

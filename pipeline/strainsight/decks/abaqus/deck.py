@@ -23,7 +23,7 @@ from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, poin
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
-from strainsight.decks.abaqus.tied_surfaces import plain_ties, with_tied_surfaces
+from strainsight.decks.abaqus.tied_surfaces import with_tied_surfaces
 from strainsight.decks.abaqus.ties import Ties, ties
 from strainsight.decks.effects import ENFORCED, HELD, effects, spelt
 from strainsight.decks.faults import check_elements, notes_and_doubts
@@ -49,7 +49,7 @@ STRUCTURAL = re.compile(
     r"|INITIAL|AMPLITUDE)"
 )
 UNSUPPORTED = re.compile(
-    r"\*(ELEMENT,|TIE$|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
+    r"\*(ELEMENT,|TIE( that|$)|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
     r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
     r"|CLOAD|DLOAD|DSLOAD|INERTIA ?RELIEF)"
 )
@@ -100,13 +100,7 @@ def read_abaqus(
     assembly, out = _without(assemble(keywords), named)
     dropped += out
     _check_elements(assembly, path, required)
-    other_ties = len(list(assembly.keywords("TIE"))) - len(plain_ties(assembly))
-    ignored = (
-        _ignored(keywords, assembly)
-        + dropped
-        + Counter({"*TIE": other_ties} if other_ties else {})
-        + Counter({BEFORE: before} if before else {})
-    )
+    ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
     left = assembly.element_ids[sections.left]
@@ -164,15 +158,19 @@ def read_abaqus(
         included=included,
         origin=origin,
     )
-    mesh = with_tied_surfaces(mesh, assembly, found, ignored)
-    said, doubts = notes_and_doubts([*_reinterpreted(assembly), *assembly.notes])
+    mesh, refused = with_tied_surfaces(mesh, assembly, found)
+    for card, where in refused.items():
+        if spelt(card) in named:
+            dropped[card] = len(where)
+        ignored[card] = len(where)
+    said, doubts = notes_and_doubts([*_reinterpreted(assembly), *assembly.notes, *mesh.notes])
     return replace(
         mesh,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL)
         | {card: "structure" for card in ignored if card in (ENFORCED, HELD)},
         unsupported={
-            card: _first(card, keywords, assembly)
+            card: refused[card][0] if card in refused else _first(card, keywords, assembly)
             for card in sorted(ignored)
             if card not in dropped
             and (

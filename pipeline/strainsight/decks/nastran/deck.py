@@ -19,7 +19,7 @@ from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
-from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
+from strainsight.decks.nastran.parameters import count_parameters, mass_scale
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.relations import selected_cards, terms
@@ -82,12 +82,6 @@ CONTROL = re.compile(
 )
 
 
-CONSISTENT = (
-    "PARAM,COUPMASS asks for lumped mass: it is consistent here, as with PARAM,COUPMASS,1; frequencies of two coarse meshes of "
-    "tet10 were 9 and 23 % apart for it"
-)
-
-
 def read_nastran(
     path: Path,
     *,
@@ -130,8 +124,6 @@ def read_nastran(
         )
     ignored += thin.left_out
     elements = together(elements, thin.elements)
-    if lumped(deck):
-        notes.append(CONSISTENT)
     found = properties(cards, blocks, grids.position, thin, grids.systems, ignored, notes, stated)
     ties = [card for name in ("RBE2", "RBE3", *RIGID_BARS) for card in cards.get(name, [])]
     tie_ids = unique_ids(ties, "rigid element")

@@ -50,7 +50,7 @@ NONE = (
     *("K6ROT", "SNORM", "COUPMASS", "TINY", "SHIFT1", "AUNITS", "DBALL", "NASPRT", "NEWSEQ", "SOLVE", "UNSYMF", "TABS"),
 )
 """Output, checks, residual vectors, damping (which the config states), and what elements of another program do within: drilling
-stiffness, normals and lumped masses. Elements here have their own, and mass is consistent."""
+stiffness, normals and masses. Elements here have their own, and mass is consistent: COUPMASS that lumps it is of the others."""
 _LINE = re.compile(r"\s*PARAM[\s,]+([A-Z][A-Z0-9]*)[\s,=]+([^\s,$]+)", re.IGNORECASE)
 
 
@@ -91,7 +91,9 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
         if name in HONOURED or (name in SCALES and _is(card, 1.0)) or (name in STRUCTURE and _is(card, 0.0)):
             continue
         ignored[f"PARAM {name}"] += 1
-        if name in STRUCTURE or name in NONE:
+        if name == "COUPMASS" and lumped(deck):
+            effect[f"PARAM {name}"] = "structure"
+        elif name in STRUCTURE or name in NONE:
             effect[f"PARAM {name}"] = "structure" if name in STRUCTURE else "none"
         elif meant := get_close_matches(name, (*HONOURED, *STRUCTURE), n=1, cutoff=0.8):
             notes.append(Doubt(f"PARAM {name} ({card.where}) is not known and has no effect: did you mean {meant[0]}?"))

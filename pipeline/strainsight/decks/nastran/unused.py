@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
+from strainsight.decks.nastran.shells import SHELLS
 from strainsight.decks.numbers import parse_integer
 
 STRUCTURE = (
@@ -32,10 +33,7 @@ SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
     "PCOMPS": (1,),
     "CONM1": (2,),
     "CONM2": (2,),
-    **dict.fromkeys(("CQUAD4", "CQUADR"), (6,)),
-    "CQUAD8": (10,),
-    **dict.fromkeys(("CTRIA3", "CTRIAR"), (5,)),
-    "CTRIA6": (8,),
+    **{name: (layout.theta,) for name, layout in SHELLS.items()},
     "CBUSH": (7, 9),
     **dict.fromkeys(("FORCE", "MOMENT", "RFORCE"), (2,)),
     "GRAV": (1,),

@@ -15,16 +15,13 @@ from strainsight.fem.pieces import parts
 from strainsight.fem.thin import thin_mass
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.sanity import lost
 from strainsight.mesh.unjoined import Coincident, Joints, joined_parts
 from strainsight.workflow.output import Table
 
 ASSUMES = "what this model assumes"
 MOST = 24
 """Regions whose mass is listed."""
-EFFECTS = {
-    "none": "left out: it changes neither stiffness, mass nor supports",
-    "structure": "left out: the stiffness, mass or tie it may add is missing",
-}
 Row = tuple[str, str, str]
 
 
@@ -39,9 +36,18 @@ def _cards(mesh: Mesh) -> Iterator[Row]:
         if own := count - sum(n for name, n in mesh.ignored.items() if name.split(" that ")[0] == card or name == card):
             yield (f"card {card}", str(own), "read")
     for card, count in mesh.ignored.items():
-        unused = " that no " in card or " not selected" in card
-        fate = "left out: nothing refers to it" if unused else "left out: what it does is not known here"
-        yield (f"card {card}", str(count), EFFECTS.get(mesh.effect.get(card, ""), fate) if not unused else fate)
+        yield (f"card {card}", str(count), _fate(card, mesh.effect.get(card, "")))
+
+
+def _fate(card: str, effect: str) -> str:
+    """Of a card that does not count, in words; an enforced displacement may be held all the same."""
+    if " that no " in card or " not selected" in card:
+        return "left out: nothing refers to it"
+    if effect == "structure":
+        return f"not as the deck has it: {lost(card)}"
+    if effect == "none":
+        return "left out: it changes neither stiffness, mass nor supports"
+    return "left out: what it does is not known here"
 
 
 def _connections(mesh: Mesh) -> Iterator[Row]:
