@@ -30,7 +30,7 @@ RIGID = 1e-2
 MOST = 60
 """Modes of a file that are compared, the lowest."""
 FEWEST, SHARE, ENOUGH = 10, 0.1, 20
-"""Nodes of both that distinguish shapes: ten (all of a smaller mesh) that are a tenth of it, or twenty, as of a test's sensors."""
+"""Nodes of both that distinguish shapes: ten (all of a smaller mesh) that are a tenth of it, or twenty, as of sensors."""
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ def _paired(mac: np.ndarray) -> np.ndarray:
 def _on_both(
     mesh: Mesh, theirs: Sequence[Response]
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, list[str], tuple[int, int] | None]:
-    """Nodes (c,) of the mesh that every mode has and translations (c, 3, modes) there, None where they are too few to distinguish shapes
-    apart; what to say; how many they are, and of how many."""
+    """Nodes (c,) of the mesh that every mode has and translations (c, 3, modes) there, None where they are too few to
+    distinguish shapes; what to say; how many they are, and of how many."""
     with_shape = [own for own in theirs if len(own.node_ids)]
     if not with_shape:
         return None, [], None
