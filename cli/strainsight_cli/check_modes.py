@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict, replace
+from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +13,7 @@ import typer
 
 from strainsight_cli import pipelines
 from strainsight_cli.failures import CONTRADICTED, reported
+from strainsight_cli.levels import Level, shown
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
 from strainsight_cli.render import print_tables
 from strainsight_cli.work import bring_up_to_date
@@ -52,13 +55,16 @@ def check_modes(
         theirs = modes_of_file(file, step)
         only = replace(work, stages=work.stages[:1])
         (imported,) = bring_up_to_date(only, [], as_json, verbose, lambda _: None, lambda *_: None)
-        pairs = modes_compared(model, mesh_from(imported), theirs)
-        with_shapes = all(own.mac == own.mac for own in pairs)
+        found = modes_compared(model, mesh_from(imported), theirs)
+        pairs, with_shapes = found.pairs, found.over is not None
         worst, least = max(abs(own.off) for own in pairs), min(own.mac for own in pairs)
         agrees = 100 * worst <= tolerance and not (with_shapes and least < mac)
+        for note in found.notes if shown(Level.WARNING) else ():
+            print(f"warning: {note}", file=sys.stderr)
         if as_json:
             for own in pairs:
-                print(json.dumps({**asdict(own), "mac": own.mac if with_shapes else None}))
+                off, shape = own.off if isfinite(own.off) else None, own.mac if with_shapes else None
+                print(json.dumps({**asdict(own), "off": off, "mac": shape}, allow_nan=False))
         else:
             head = ("theirs", "Hz", "ours", "Hz", "off [%]", *(("MAC",) * with_shapes))
             rows = [
@@ -67,16 +73,20 @@ def check_modes(
                     f"{own.theirs:.6g}",
                     str(own.mode),
                     f"{own.ours:.6g}",
-                    f"{100 * own.off:+.3g}",
+                    f"{100 * own.off:+.3g}" if isfinite(own.off) else "–",
                     *((f"{own.mac:.4f}",) * with_shapes),
                 )
                 for own in pairs
             ]
             print_tables([Table(f"modes of {file.name} beside those of the deck", head, tuple(rows))])
-            shapes = (
-                f", shapes to a MAC of {least:.4f} (at least {mac:g})" if with_shapes else "; the file has no shapes"
-            )
+            shapes = "; no shapes are compared"
+            if found.over is not None:
+                over = f"over {found.over[0]} of {found.over[1]} nodes"
+                shapes = f", shapes {over} to a MAC of {least:.4f} (at least {mac:g})"
+            elif not any(len(own.node_ids) for own in theirs):
+                shapes = "; the file has no shapes"
             verdict = "agree" if agrees else "do not agree"
-            print(f"{len(pairs)} modes {verdict}: frequencies to {100 * worst:.3g} % (at most {tolerance:g} %){shapes}")
+            to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "of a motion at 0 Hz"
+            print(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
         if not agrees:
             raise typer.Exit(CONTRADICTED)

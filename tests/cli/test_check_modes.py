@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.cases.structure.modes_compared import _on_both, modes_of_file
 from strainsight.decks.reader import read_mesh
 from strainsight.decks.results.printed import printed_modes
+from strainsight.decks.results.response import Response
 from strainsight.errors import DeckError
 from strainsight_cli.main import app
 
@@ -111,7 +115,77 @@ def test_a_shape_that_is_another_ends_with_3(beams):
     (beams / "own.f06").write_text(f06(modes), encoding="utf-8")
     code, said = compared(beams, str(beams / "own.f06"))
     assert code == 3
-    assert "shapes to a MAC of 0." in said
+    assert "shapes over 5 of 5 nodes to a MAC of 0." in said
+
+
+def test_a_file_that_shares_one_node_of_five_has_no_mac_and_its_foreign_nodes_are_named(beams):
+    text = f06(cantilever()).replace(f"{5:14d}      G", f"{99:14d}      G")
+    for node in (2, 3, 4):
+        text = text.replace(f"{node:14d}      G", f"{node + 1000:14d}      G")
+    (beams / "own.f06").write_text(text, encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"))
+    assert code == 0
+    assert "4 of 5 nodes of the file are not in the mesh and left out, such as 99" in said
+    assert "no MAC: 1 of 5 nodes of the mesh" in said
+    assert "no shapes are compared" in said
+
+
+def test_a_node_that_a_later_mode_lacks_is_no_node_that_stands_still(beams):
+    found = _on_both(*shared(21, [range(1, 22), range(1, 20)]))
+    assert (found[2], found[1]) == ((19, 21), [])
+    assert np.all(found[0][1] == 1.0)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "there", "enough"), [(28, 9, False), (28, 10, True), (3000, 19, False), (3000, 20, True)]
+)
+def test_how_many_nodes_distinguish_shapes(mesh, there, enough):
+    at, notes, over = _on_both(*shared(mesh, [range(1, there + 1)]))
+    assert (at is not None, over is not None, not notes) == (enough, enough, enough)
+
+
+def shared(nodes, of_modes):
+    """A mesh of that many nodes, and modes that move those of their numbers by 1."""
+    mesh = SimpleNamespace(node_ids=np.arange(1, nodes + 1), own_nodes=nodes, position=np.zeros((nodes, 3)), axes={})
+    modes = [
+        Response("mode", 1, i, np.array(ids), np.ones((len(ids), 3)), float(i))
+        for i, ids in enumerate(of_modes, start=1)
+    ]
+    return mesh, modes
+
+
+def test_a_rigid_motion_of_a_held_structure_is_reported_and_is_json(beams):
+    (first, *rest) = cantilever()
+    (beams / "own.f06").write_text(f06([(0.0, *first[1:]), *rest]), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"), "--json")
+    rows = [json.loads(line, parse_constant=pytest.fail) for line in said.splitlines() if line.startswith("{")]
+    assert (code, rows[0]["off"]) == (3, None)
+    assert "mode 1 of the file, 0 Hz, is a rigid motion, and the deck has none" in said
+
+
+def test_rigid_motions_of_a_free_structure_are_left_out_by_the_frequencies_of_ours(beams):
+    (beams / "deck.bdf").write_text(frame(held="").replace("SPC = 1\n", ""), encoding="utf-8")
+    (beams / "own.yaml").write_text(config(mesh=", free: true"), encoding="utf-8")
+    none = np.zeros(5)
+    rigid = [(1e-4 * i, none, "z") for i in range(1, 7)]
+    (beams / "own.f06").write_text(f06(rigid, shapes=False), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"))
+    assert code == 2
+    assert "only rigid motions in the file: its 6 modes" in said
+    free = 4.73004074486**2 / (2 * np.pi * L**2) * np.sqrt(E * MOMENTS["z"] / (RHO * A))  # cos βL cosh βL = 1
+    (beams / "own.f06").write_text(f06([*rigid, (free, none, "y")], shapes=False), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"), "--json", "--tolerance", "5")
+    assert code == 0, said
+    assert [json.loads(line)["number"] for line in said.splitlines() if line.startswith("{")] == [7]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
+def test_a_pipe_is_not_waited_for_and_an_unknown_ending_names_those_that_are_known(tmp_path):
+    os.mkfifo(tmp_path / "a.f06")
+    with pytest.raises(DeckError, match="is not a plain file"):
+        modes_of_file(tmp_path / "a.f06", None)
+    with pytest.raises(DeckError, match=r"\.f06, \.dat, \.frd"):
+        modes_of_file(tmp_path / "a.txt", None)
 
 
 @pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
@@ -134,6 +208,8 @@ def test_calculix_agrees_on_the_same_bricks_by_its_dat_and_its_frd(tmp_path):
     ("name", "text", "words"),
     [
         ("a.f06", "no modes\n", "no table R E A L"),
+        ("a.f06", "        SOL 105\n", "buckling loads"),
+        ("a.f06", "   B U C K L I N G   E I G E N V A L U E S\n", "buckling loads"),
         ("a.dat", "GRID,1\n", "no table E I G E N V A L U E"),
         ("a.f06", "R E A L   E I G E N V A L U E S\n 1 1 x.1 1. 1. 1. 1.\n", "'x.1' is no finite number"),
         ("a.f06", "C O M P L E X   E I G E N V A L U E   S U M M A R Y\n", "complex eigenvalues"),
@@ -145,3 +221,19 @@ def test_what_is_no_table_of_modes_is_refused(tmp_path, name, text, words):
     (tmp_path / name).write_text(text, encoding="latin-1")
     with pytest.raises(DeckError, match=words):
         list(printed_modes(tmp_path / name))
+
+
+def test_words_of_the_user_are_no_titles_of_tables(tmp_path):
+    text = f06(cantilever(), shapes=False).replace("A CANTILEVER", "BUCKLING RIG")
+    (tmp_path / "a.f06").write_text(
+        HEAD + "     5        $ also for the B U C K L I N G  run\n" + text, encoding="utf-8"
+    )
+    assert len(list(printed_modes(tmp_path / "a.f06"))) == 4
+
+
+def test_what_calculix_prints_of_a_mode_is_no_step_and_no_complex_frequency(tmp_path):
+    """*EL PRINT of internal state variables has rows of five numbers, too."""
+    table = "E I G E N V A L U E   O U T P U T\n\n 1 4.E4 2.E2 3.183099E1 0.\n 2 9.E4 3.E2 4.774648E1 0.\n"
+    printed = "E I G E N V A L U E    N U M B E R   {}\n\n internal state variables\n\n 1 1 .1 .2 .3\n"
+    (tmp_path / "a.dat").write_text(f"{table}{printed.format(1)}{printed.format(2)}{table}", encoding="utf-8")
+    assert [(own.step, own.number) for own in printed_modes(tmp_path / "a.dat")] == [(1, 1), (1, 2), (2, 1), (2, 2)]

@@ -222,7 +222,7 @@ def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, 
 
 def test_time_and_memory_follow_from_what_the_file_declares(make, monkeypatch):
     """20 MB of a table of which one column is asked for, in a file of 100 kB: a second more for every so many bytes unpacked, and
-    refused before a sample is read where memory does not hold them."""
+    refused before a sample is read where memory does not hold the column, its copies, and 2 MB of chunks."""
 
     def fill(file):
         file.create_dataset("time", data=np.arange(10**5) * 1e-3, compression="gzip").attrs["units"] = "s"
@@ -230,7 +230,9 @@ def test_time_and_memory_follow_from_what_the_file_declares(make, monkeypatch):
 
     path = make(fill)
     assert hdf5_datasets.declared(path, ["time", "table[3]"]) == [800_000, 20_000_000]
-    monkeypatch.setattr(memory, "available_memory", lambda: 1e6)
+    monkeypatch.setattr(memory, "available_memory", lambda: 6e6)
+    assert hdf5_datasets.declared(path, ["time", "table[3]"]) == [800_000, 20_000_000]
+    monkeypatch.setattr(memory, "available_memory", lambda: 5e6)
     with pytest.raises(UserError, match=r"a channel of 100000 samples: .* GiB of memory are needed"):
         hdf5_datasets.declared(path, ["time", "table[3]"])
 

@@ -168,7 +168,15 @@ def test_a_file_that_is_mostly_holes_is_not_copied(results):
     with page.open("wb") as stream:
         stream.truncate(reuse.LARGEST + 1)
     with pytest.raises(ArtefactError, match="not the file"):
-        reuse._beside(page, reuse.LARGEST + 1, "0" * 64)
+        reuse._beside(page, reuse.LARGEST + 1, "0" * 64, results / "part")
+    assert (results / "part").stat().st_size == 0
+
+
+def test_a_large_file_is_copied_block_by_block(results, monkeypatch):
+    monkeypatch.setattr(reuse, "LARGEST", 4)
+    monkeypatch.setattr(reuse, "BLOCK", 4)
+    assert source_of(job_of(results, "second")) == "first"
+    assert (results / "second" / "page.html").read_bytes() == b"<html>"
 
 
 def test_an_artefact_without_sizes_is_not_(results):

@@ -62,9 +62,10 @@ def read_text(path: Path) -> str:
 def read_bytes(path: Path) -> bytes:
     """The content of a file, unpacked where its name ends in .gz.
 
-    Raises DeckError for a file that is missing, empty, damaged or unpacks to more than 4 GiB.
+    Raises DeckError for a file that is missing, empty, damaged, no plain one, or unpacks to more than 4 GiB.
     """
     try:
+        check_plain(path)
         content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
     except FileNotFoundError:
         raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
@@ -95,6 +96,12 @@ def _unpacked(path: Path) -> bytes:
                     remedy="check that this is the deck; if it is, unpack it and give what comes out",
                 )
     return b"".join(parts)
+
+
+def check_plain(path: Path) -> None:
+    """Raise DeckError for a pipe, which would be waited for, or a device, which has no end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise DeckError("is not a plain file", where=str(path), remedy="write it to a file, and give that")
 
 
 def opened(path: Path) -> BinaryIO:

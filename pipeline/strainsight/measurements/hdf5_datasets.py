@@ -49,19 +49,26 @@ def declared(path: Path, names: Sequence[str]) -> list[int]:
 
     Raises UserError as `signals` does before it reads a sample, and where memory does not hold all of them.
     """
-    found = []
+    found, held = [], 0
     with _opened(path) as file:
         samples: int | None = None
         for name in names:
-            item, _ = _checked(file, name, path, samples)
+            item, column = _checked(file, name, path, samples)
             samples = item.shape[0]
             found.append(int(item.nbytes))
+            held = max(held, found[-1] if column is None else _held(item))
     require_memory(
-        AT_ONCE * np.dtype(float).itemsize * (samples or 0) + max(found, default=0),
+        AT_ONCE * np.dtype(float).itemsize * (samples or 0) + held,
         f"{path}: a channel of {samples} samples",
         "cut the record, average samples, or take a larger machine",
     )
     return found
+
+
+def _held(item: Any) -> int:
+    """Bytes that are in memory while a column is read: its samples, and a row of the chunks that hold them, unpacked."""
+    rows, columns = item.chunks or (0, 0)
+    return int((item.shape[0] + rows * max(columns, item.shape[1])) * item.dtype.itemsize)
 
 
 @contextmanager

@@ -15,12 +15,14 @@ from strainsight.file_lock import NO_LINK
 from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
-from strainsight.workflow.store import TEMPORARY, former, named_together, temporary, umask, write_bytes
+from strainsight.workflow.store import TEMPORARY, former, named_together, temporary, umask
 
 NO_WAIT, BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 """A pipe is opened without waiting for its other end; Windows alters the ends of lines if it is not asked for bytes."""
-LARGEST = 1 << 30
-"""[bytes] Pages, tables and drawings are far from it; a file that is mostly holes can state any size."""
+BLOCK = 1 << 20
+"""[bytes] copied at a time."""
+LARGEST, PACKING = 1 << 30, 100
+"""[bytes] A larger file whose place on the disk is a hundredth of its size is mostly holes, and can state any size."""
 
 
 def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
@@ -56,25 +58,34 @@ def _taken(source: Path, folder: Path, header: Header, records: tuple[str, ...])
         if own.header != header:
             raise ArtefactError("replaced while it was copied", where=str(source))
         for name, digest in (own.header.beside or {}).items():
-            content = _beside(source.parent / name, (own.header.sizes or {}).get(name, -1), digest)
-            parts.append((temporary(folder / name, partial(write_bytes, content)), folder / name))
+            size = (own.header.sizes or {}).get(name, -1)
+            parts.append(
+                (temporary(folder / name, partial(_beside, source.parent / name, size, digest)), folder / name)
+            )
             if name in records:
-                parts += former(folder / name, content)
+                parts += former(folder / name, digest)
     own.path = folder / source.name
     return own
 
 
-def _beside(path: Path, size: int, digest: str) -> bytes:
-    """What a file beside an artefact holds. Raises ArtefactError where it is none of that size and sha256, or no plain file: a
-    link may lead anywhere, and a device has no end."""
-    handle = os.open(path, os.O_RDONLY | NO_LINK | NO_WAIT | BINARY)
-    with open(handle, "rb") as stream:
-        found = os.fstat(handle)
-        plain = stat.S_ISREG(found.st_mode) and found.st_size == size
-        content = stream.read(size + 1) if plain and size <= LARGEST else None
-    if content is None or len(content) != size or hashlib.sha256(content).hexdigest() != digest:
+def _beside(path: Path, size: int, digest: str, part: Path) -> None:
+    """Copy a file beside an artefact to `part`. Raises ArtefactError where it is none of that size and sha256, or no plain file:
+    a link may lead anywhere, and a device has no end."""
+    found, copied = hashlib.sha256(), 0
+    with open(os.open(path, os.O_RDONLY | NO_LINK | NO_WAIT | BINARY), "rb") as stream, part.open("wb") as copy:
+        if as_stated := _as_stated(os.fstat(stream.fileno()), size, shutil.disk_usage(part.parent).free):
+            while (block := stream.read(BLOCK)) and copied <= size:
+                copied += copy.write(block)
+                found.update(block)
+    if not as_stated or copied != size or found.hexdigest() != digest:
         raise ArtefactError(f"{path.name} is not the file that was written beside it", where=str(path))
-    return content
+
+
+def _as_stated(found: os.stat_result, size: int, free: int) -> bool:
+    """Is it a plain file of that size, for which the disk has room, and not mostly holes?"""
+    on_disk = 512 * getattr(found, "st_blocks", size)  # Windows does not say
+    holes = size > LARGEST and PACKING * on_disk < size
+    return stat.S_ISREG(found.st_mode) and found.st_size == size <= free and not holes
 
 
 def _shared(source: Path, folder: Path) -> Path:

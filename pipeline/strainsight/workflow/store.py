@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ from strainsight.workflow.artefact import (
     digest_or_none,
     header_of,
     plain_name,
+    sha256_of,
 )
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.provenance import provenance
@@ -78,7 +80,7 @@ def write_artefact(path: Path, output: Output, header: Header, records: tuple[st
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
             if name in records:
-                parts += former(path.parent / name, content)
+                parts += former(path.parent / name, beside[name])
             parts.append((temporary(path.parent / name, partial(write_bytes, content)), path.parent / name))
     written.path = path
     for name, digest in gone.items():
@@ -88,11 +90,13 @@ def write_artefact(path: Path, output: Output, header: Header, records: tuple[st
     return written
 
 
-def former(path: Path, content: bytes) -> list[tuple[Path, Path]]:
-    """A copy of a file that other content is about to replace, under a name of its own: what it says may have been built."""
-    old = path.read_bytes() if path.is_file() and not path.is_symlink() else content
-    kept = path.with_name(f"{path.stem}-{hashlib.sha256(old).hexdigest()[:8]}{path.suffix}")
-    return [] if old == content or kept.exists() else [(temporary(kept, partial(write_bytes, old)), kept)]
+def former(path: Path, digest: str) -> list[tuple[Path, Path]]:
+    """A copy of a file that one of another sha256 is about to replace, under a name of its own: what it says may have been
+    built."""
+    if not path.is_file() or path.is_symlink() or (old := sha256_of(path)) == digest:
+        return []
+    kept = path.with_name(f"{path.stem}-{old[:8]}{path.suffix}")
+    return [] if kept.exists() else [(temporary(kept, partial(shutil.copyfile, path)), kept)]
 
 
 def _grid_of(artefact: str, output: Output) -> bytes:

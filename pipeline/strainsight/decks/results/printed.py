@@ -23,9 +23,15 @@ ROUNDING = 5e-7
 """Of a number with seven digits."""
 _LONGEST = 4096
 """[bytes] read as one line."""
-_VECTOR = re.compile(r"REALEIGENVECTORNO\.(\d+)")
+_VECTOR = re.compile(r"R E A L\s+E I G E N V E C T O R\s+N O ?\.\s*(\d+)")
+_TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
 _SUBCASE = re.compile(r"\bSUBCASE\s+(\d+)")
-_OTHER = {"COMPLEXEIGENVALUE": "complex eigenvalues", "BUCKLING": "buckling loads"}
+_OTHER = {
+    "complex eigenvalues": re.compile(r"C O M P L E X\s+E I G E N V"),
+    "buckling loads": re.compile(r"B U C K L I N G\s|^[\s0]*SOL\s+(105|SEBUCKL)\s*$"),
+}
+"""Titles of tables have spaces between their letters, unlike the same words in a title of the user or in a comment; the line of
+the executive control tells of buckling where its table is titled as one of vibration."""
 
 
 @dataclass
@@ -65,32 +71,33 @@ def printed_modes(path: Path) -> Iterator[Response]:
             yield Response("mode", step.number, mode, ids, motion, frequency, **kept)  # type: ignore[arg-type]
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str, str]]:
-    """Number, text, and text without blanks in capitals of every line."""
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of every line."""
     with opened(path) as file:
         number = 0
         while line := file.readline(_LONGEST):
             number += 1
             if b"\0" in line or len(line) == _LONGEST:
                 raise DeckError("no line of printed output", where=f"{path}:{number}", remedy="give the text file")
-            text = line.decode("latin-1")
-            yield number, text, "".join(text.split()).upper()
+            yield number, line.decode("latin-1")
 
 
 def _of_nastran(path: Path) -> list[_Step]:
     """Tables go on over pages, each with its title again; a title of other kind ends one."""
     steps: dict[int, _Step] = {}
     step, vector, table = _Step(1), 0, False
-    for number, text, packed in _lines(path):
+    for number, text in _lines(path):
         if match := _SUBCASE.search(text):
             step = steps.setdefault(int(match[1]), _Step(int(match[1])))
-        if packed.startswith("1") and text[:1] == "1":  # a new page
+        if text.startswith("1"):  # a new page, with the title that the user gave
             vector, table = 0, False
-        if match := _VECTOR.search(packed):
+        elif "$" in text:  # a comment of the deck, in its echo
+            continue
+        elif match := _VECTOR.search(text):
             vector, table = int(match[1]), False
-        elif "REALEIGENVALUES" in packed:
+        elif _TABLE.search(text):
             vector, table = 0, True
-        elif other := next((what for title, what in _OTHER.items() if title in packed), None):
+        elif other := next((what for what, title in _OTHER.items() if title.search(text)), None):
             raise unsupported(other, f"{path}:{number}")
         words = text.split()
         if table and len(words) == 7 and words[0].isdigit() and words[1].isdigit():
@@ -105,12 +112,13 @@ def _of_nastran(path: Path) -> list[_Step]:
 def _of_calculix(path: Path) -> list[_Step]:
     steps: list[_Step] = []
     table = False
-    for number, text, packed in _lines(path):
-        if "EIGENVALUEOUTPUT" in packed or "EIGENVALUENUMBER" in packed:
+    for number, text in _lines(path):
+        packed = "".join(text.split()).upper()
+        if "EIGENVALUEOUTPUT" in packed:
             steps.append(_Step(len(steps) + 1))
             table = True
-        elif packed.startswith(("PARTICIPATION", "EFFECTIVE", "TOTAL")):
-            table = False
+        elif packed.startswith(("PARTICIPATION", "EFFECTIVE", "TOTAL", "EIGENVALUENUMBER")):
+            table = False  # what *NODE PRINT and *EL PRINT print of a mode has its number as title
         words = text.split()
         if table and len(words) == 5 and words[0].isdigit():
             if _real(words[4], path, number) != 0 and _real(words[1], path, number) >= 0:

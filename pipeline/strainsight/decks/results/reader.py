@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from strainsight.decks.results.ansys import ansys_responses
@@ -12,10 +12,11 @@ from strainsight.decks.results.punch import punch_responses
 from strainsight.decks.results.response import Response
 from strainsight.decks.results.universal import universal_responses
 from strainsight.decks.results.vtu import vtu_responses
-from strainsight.decks.text import UNPACKING
+from strainsight.decks.text import UNPACKING, check_plain
 from strainsight.errors import DeckError
 
-READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
+Reader = Callable[[Path], Iterator[Response]]
+READERS: dict[str, Reader] = {
     ".frd": frd_responses,
     ".op2": op2_responses,
     ".pch": punch_responses,
@@ -28,19 +29,20 @@ READERS: dict[str, Callable[[Path], Iterator[Response]]] = {
 """Ending of the name, without .gz → reader."""
 
 
-def read_responses(path: Path) -> Iterator[Response]:
+def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Iterator[Response]:
     """The modes and static responses of a file in its order; one at a time is in memory, so that a file may be larger than that.
 
     The ending of the name chooses the reader; .gz before it is passed over. Raises DeckError for an ending that no reader has, a
-    file that is missing or damaged, and what its reader refuses.
+    file that is missing, damaged or no plain one, and what its reader refuses.
     """
     path = Path(path)
-    reader = READERS.get(ending_of(path))
+    reader = readers.get(ending_of(path))
     if reader is None:
         raise DeckError(
-            f"no file of results by its name: {path.name}", where=str(path), remedy=f"known: {', '.join(READERS)}"
+            f"no file of results by its name: {path.name}", where=str(path), remedy=f"known: {', '.join(readers)}"
         )
     try:
+        check_plain(path)
         yield from reader(path)
     except FileNotFoundError:
         raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
