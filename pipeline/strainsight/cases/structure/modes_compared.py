@@ -100,7 +100,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
             f"only rigid motions in the file: its {plural(len(still), 'mode')} have up to {still[-1].frequency:.3g} Hz, "
             f"the first of the deck beside them has {frequency[0]:.4g} Hz",
             where=still[0].where,
-            remedy=f"have that program find more than {len(still)} modes, or mend the units of the deck (mesh.length_unit, mass_unit)",
+            remedy=f"have that program find more than {len(still)} modes, or correct mesh.length_unit or mass_unit",
         )
     if len(theirs) > massive:
         raise UserError(
