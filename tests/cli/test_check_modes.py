@@ -163,6 +163,13 @@ def test_a_rigid_motion_of_a_held_structure_is_reported_and_is_json(beams):
     assert "mode 1 of the file, 0 Hz, is a rigid motion, and the deck has none" in said
 
 
+def test_modes_in_other_units_are_no_rigid_motions(beams):
+    (beams / "own.f06").write_text(f06([(1e-3 * f, *more) for f, *more in cantilever()]), encoding="utf-8")
+    code, said = compared(beams, str(beams / "own.f06"))
+    assert code == 3
+    assert "rigid motion" not in said
+
+
 def test_rigid_motions_of_a_free_structure_are_left_out_by_the_frequencies_of_ours(beams):
     (beams / "deck.bdf").write_text(frame(held="").replace("SPC = 1\n", ""), encoding="utf-8")
     (beams / "own.yaml").write_text(config(mesh=", free: true"), encoding="utf-8")

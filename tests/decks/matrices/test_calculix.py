@@ -86,7 +86,10 @@ def test_stiffness_is_that_of_the_deck_and_mass_that_of_one_point(job):
         (".sti", STI + "2 1 0.0\n", "both triangles"),
         (".sti", STI.replace("4 4 ", "4 0 "), "not whole numbers from 1"),
         (".sti", "1 1\n", "not row, column and value"),
-        (".sti", "1 1 x\n", "cannot be read"),
+        (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' is not row, column and value"),
+        (".sti", "1 1 1.\n1 nan 1.\n", "column nan of entry 2 are not whole numbers from 1"),
+        (".sti", "", "the file is empty"),
+        (".sti", "\n \n", "the file is empty"),
         (".dof", DOF + "5\n", "no node.component"),
         (".dof", DOF + "4.2\n", "node 4, component 2 is numbered twice"),
     ],
@@ -97,6 +100,12 @@ def test_what_is_no_matrix_of_calculix_is_refused(job, ending, text, what):
     with pytest.raises(DeckError, match=what) as caught:
         read_numbering(path) if ending == ".dof" else read_matrix(path)
     assert str(path) in str(caught.value)
+
+
+def test_exponents_with_d_are_numbers(job):
+    K = read_matrix(job.with_suffix(".sti"))
+    job.with_suffix(".sti").write_text(STI.replace("e", "D"))
+    assert (read_matrix(job.with_suffix(".sti")) != K).nnz == 0
 
 
 def test_init_writes_the_section_for_matrices_beside_the_deck(job, monkeypatch):

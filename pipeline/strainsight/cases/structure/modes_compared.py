@@ -100,7 +100,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
             f"only rigid motions in the file: its {plural(len(still), 'mode')} have up to {still[-1].frequency:.3g} Hz, "
             f"the first of the deck beside them has {frequency[0]:.4g} Hz",
             where=still[0].where,
-            remedy=f"have that program find more than {len(still)} modes",
+            remedy=f"have that program find more than {len(still)} modes, or correct mesh.length_unit or mass_unit",
         )
     if len(theirs) > massive:
         raise UserError(
@@ -110,6 +110,7 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         f"mode {own.number} of the file, {own.frequency:.3g} Hz, is a rigid motion, and the deck has "
         + (f"{own_rigid} only" if own_rigid else "none")
         for own in still[own_rigid:]
+        if own.frequency <= RIGID * theirs[-1].frequency  # not all of them, as with other units
     ]
     shapes = nodal(model, shape).reshape(-1, 3, wanted)[: mesh.own_nodes]
     theirs_at, said, over = _on_both(mesh, theirs)
