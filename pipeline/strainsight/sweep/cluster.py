@@ -28,6 +28,8 @@ SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudp
 CODE = "code of strainsight"
 SILENT = 30.0
 """[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
+CARRYING = 10
+"""Times as long that results may be on their way."""
 
 
 class _SilentError(Exception):
@@ -200,8 +202,15 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[
 def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
     from distributed import KilledWorker
 
+    async def gathered() -> list[Captured]:
+        own: list[Captured] = await client.gather(list(done), asynchronous=True)
+        return own
+
     try:
-        return dict(zip((future.key for future in done), client.gather(list(done)), strict=True))
+        found = client.sync(gathered, callback_timeout=CARRYING * SILENT)
+        return dict(zip((future.key for future in done), found, strict=True))
+    except TimeoutError:
+        raise _SilentError from None
     except KilledWorker:
         raise StrainsightError(
             "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
