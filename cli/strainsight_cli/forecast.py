@@ -57,7 +57,7 @@ def costs_of(
     if imported is None:
         return None
     size = size_in(imported)
-    each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config) for name in names}
+    each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config, size) for name in names}
     known = {name: own for name, own in each.items() if own is not None}
     return (size, known) if known else ()
 

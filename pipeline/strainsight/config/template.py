@@ -38,7 +38,7 @@ damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 
 rom:
   modes: 10                       # well above the highest frequency of the loads
   parameter_samples: 5
-  tolerance: 1.0e-8
+  tolerance: 1.0e-4
 
 train:
   duration: 1.0                   # ← [s] a few periods of the slowest load

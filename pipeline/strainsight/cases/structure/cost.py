@@ -86,13 +86,13 @@ def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost:
     modes = config.validation.truth.modes if stage == "spectrum" else config.rom.modes
     seconds = SECONDS[law](size.unknowns, size.elements) - OF_A_PROCESS
     seconds *= max(1.0, 1 + (modes - MEASURED_MODES) / MORE_MODES)
-    if stage == "rom" and _apart(config, size):
+    if stage == "rom" and varies_apart(config, size):
         one = SECONDS["modes"](size.unknowns, size.elements) - OF_A_PROCESS
         seconds = (config.rom.parameter_samples + BESIDE_SAMPLES) * one
     return Cost(seconds, MEMORY[law](size.unknowns, size.elements))
 
 
-def _apart(config: PlacementConfig, size: Size) -> bool:
+def varies_apart(config: PlacementConfig, size: Size) -> bool:
     """Whether moduli vary, or springs, that do not scale the whole body."""
     moduli = [own for own in config.parameters.values() if of_stiffness(own.property)]
     return len(moduli) > 1 or (len(moduli) == 1 and (size.regions > 1 or moduli[0].springs is not None))

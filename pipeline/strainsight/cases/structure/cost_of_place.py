@@ -2,25 +2,25 @@
 
     seconds = 3.4 + s m (3.9e-3 + 4.1e-6 n² + 8.3e-8 n³)        GiB = 0.15 + 6e-8 s m n
 
-s scenarios, m candidates, n states. n is an upper guess, as the reduced coordinates are known after `rom` only: those of a load
-may be fewer. Powers of n as in the table of states and scenarios there; constants from whole runs. Memory is that of a row of n
-for every candidate in every scenario.
+s scenarios, m candidates, n states. n is a guess, as the reduced coordinates are known after `rom` only: those of a load may be
+fewer, and where materials vary apart, half of the shapes of the other samples are counted. Powers of n as in the table of states
+and scenarios there; constants from whole runs. Memory is that of a row of n for every candidate in every scenario.
 """
 
 from __future__ import annotations
 
-from strainsight.cases.structure.cost import Cost
+from strainsight.cases.structure.cost import Cost, Size, varies_apart
 from strainsight.config.placement import PlacementConfig
 
 LONG, LARGE = 60.0, 1.0
 """[s] and [GiB] that are worth a word."""
 
 
-def cost_of_place(config: PlacementConfig) -> Cost | None:
+def cost_of_place(config: PlacementConfig, size: Size) -> Cost | None:
     """None where the candidates have no number (`screen.keep: all`)."""
     if config.screen.keep == "all":
         return None
-    return cost_of_pool(config.screen.keep, states_of(config), scenarios_of(config))
+    return cost_of_pool(config.screen.keep, states_of(config, varies_apart(config, size)), scenarios_of(config))
 
 
 def cost_of_pool(m: int, n: int, s: int) -> Cost:
@@ -42,10 +42,13 @@ def of_pool_in_words(config: PlacementConfig, m: int, n: int) -> str:
     )
 
 
-def states_of(config: PlacementConfig) -> int:
-    """n: motion of every mode and of the static response to every load, two states of an unknown load, the parameters."""
+def states_of(config: PlacementConfig, apart: bool = False) -> int:
+    """n: motion of every mode and of the static response to every load, two states of an unknown load, the parameters; apart:
+    whether shapes change with the parameters."""
     unknown = sum(not load.known for load in config.loads.values())
-    return 2 * (config.rom.modes + len(config.loads) + unknown) + _parameters(config)
+    shapes = config.rom.modes + len(config.loads)
+    others = shapes * (config.rom.parameter_samples - 1) // 2 if apart else 0
+    return 2 * (shapes + others + unknown) + _parameters(config)
 
 
 def scenarios_of(config: PlacementConfig) -> int:
