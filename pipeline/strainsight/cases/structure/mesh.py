@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.cases.structure.grounds import grounding_warnings, heavy_points, loose_warnings
 from strainsight.cases.structure.sections import given_sections
 from strainsight.config.mesh import Face, Material, MaterialAxes, MeshFile, Support
-from strainsight.decks.effects import LINEAR, short, spelt
+from strainsight.decks.effects import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError, DeckError, UserError, blame
@@ -98,18 +98,23 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
     named = {spelt(card) for card in ignore}
     missing = [card for card in mesh.unsupported if spelt(card) not in named]
     if missing:
-        listed = [f"{mesh.ignored[card]} × {short(card)} (first at {mesh.unsupported[card]})" for card in missing]
+        names = ", ".join(dict.fromkeys(map(short, missing)))
+        listed = [f"{mesh.ignored[card]} × {_named(card)} (first at {mesh.unsupported[card]})" for card in missing]
         linear = [f"{name} with {LINEAR[name]}" for name in map(short, missing) if name in LINEAR]
         instead = f"mesh {', '.join(linear)}; " if linear else ""
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
             f"not supported, and the model is not the same without: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{', '.join(map(short, missing))}]",
+            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{names}]",
         )
     idle = [card for card in ignore if spelt(card) not in {spelt(own) for own in mesh.ignored}]
     notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _named(card: str) -> str:
+    return card if card.startswith(PRELOAD) else short(card)
 
 
 def checked(
