@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -51,8 +51,15 @@ from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
 
 
-def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None) -> Mesh:
-    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from."""
+def mesh_of(
+    config: MeshFile,
+    path: Path,
+    key: str = "mesh",
+    base: Path | None = None,
+    loads: Collection[str] | None = None,
+) -> Mesh:
+    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from;
+    loads: names of those of the deck that are used, whose gravity is looked at, None for all."""
     include = [(base or Path()) / name for name in config.include_dirs]
     for folder in include:
         if not folder.is_dir():
@@ -87,7 +94,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
     if config.matrices is None:
         mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
-        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh)))
+        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh, loads)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
 
