@@ -8,7 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.cases.structure.cost_of_place import cost_of_place, cost_of_pool, of_pool_in_words, scenarios_of, states_of
+from strainsight.cases.structure.cost_of_place import (
+    cost_of_place,
+    cost_of_pool,
+    of_pool_in_words,
+    scenarios_of,
+    states_of,
+)
 from strainsight.config.load import load_config
 
 ROOT = Path(__file__).parents[2]
@@ -38,7 +44,8 @@ def test_seconds_as_measured_are_within_a_factor_of_three():
 
 def test_the_constants_are_those_of_the_document():
     formula = re.search(
-        r"`place` takes ([\d.]+) \+ s·m·\(([\d.e-]+) \+ ([\d.e-]+) n² \+ ([\d.e-]+) n³\) seconds and ([\d.]+) \+ ([\d.e-]+) s·m·n GiB",
+        r"`place` takes ([\d.]+) \+ s·m·\(([\d.e-]+) \+ ([\d.e-]+) n² \+ ([\d.e-]+) n³\) seconds "
+        r"and ([\d.]+) \+ ([\d.e-]+) s·m·n GiB",
         SCALING,
     )
     c0, c1, c2, c3, g0, g1 = map(float, formula.groups())

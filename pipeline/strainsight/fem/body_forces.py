@@ -88,8 +88,8 @@ def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
 
 
 def odd_gravity(mesh: Mesh, loads: Collection[str] | None = None) -> list[str]:
-    """A sentence for every load of the file, of these names alone where some are given, whose acceleration is that of gravity in another unit of length; as it is stated,
-    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g."""
+    """A sentence for every load of the file whose acceleration is that of gravity in another unit of length; as it is stated,
+    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g. loads: names of those that count."""
     found = []
     for name, load in mesh.loads.items():
         for body in load.body if loads is None or name in loads else ():
