@@ -16,12 +16,13 @@ from pathlib import Path
 
 # What only pypardiso brings: not there on machines without Intel's MKL.
 INTEL = {"pypardiso", "mkl", "intel-openmp", "intel-cmplr-lib-ur", "tbb", "tcmlib", "umf"}
+UV = "uv==0.13.9"
+"""What writes the hashes, of one version, so that a lock changes with its packages alone."""
 MARKER = "; platform_machine == 'x86_64' or platform_machine == 'AMD64'"
 HEADS = {
     False: "# What `make` installs: pyproject.toml's dependencies with [dev], resolved for Python 3.11. Renew: make lock",
     True: "# What `make lowest` installs: the lower ends of pyproject.toml's dependencies, Python 3.11. Renew: make lock",
 }
-
 
 
 def resolved(lowest):
@@ -50,7 +51,7 @@ def hashed(pins):
         (folder / "pins.txt").write_text("\n".join(pins) + "\n", encoding="utf-8")
         venv.create(folder / "venv", with_pip=True)
         python = next(path for path in (folder / "venv").glob("*/python*") if path.stem == "python")
-        subprocess.run([python, "-m", "pip", "install", "--quiet", "uv"], check=True, stdout=sys.stderr)
+        subprocess.run([python, "-m", "pip", "install", "--quiet", UV], check=True, stdout=sys.stderr)
         ask = "-m uv pip compile pins.txt --no-deps --no-header --no-annotate --generate-hashes --python-version 3.11.9 --quiet"
         done = subprocess.run([python, *ask.split()], check=True, stdout=subprocess.PIPE, text=True, cwd=folder)
     lines = []  # uv leaves out what this machine does not need to be told

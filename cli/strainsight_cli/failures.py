@@ -61,6 +61,9 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
         return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
+    if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
+        said = f"standard output cannot be written: {os.strerror(error.errno)}"
+        return Failure(USER, f"{said}\n    what is computed is kept; write to another file", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
     if isinstance(error, MemoryError):
@@ -69,6 +72,16 @@ def failure_of(error: Exception) -> Failure:
         return Failure(USER, f"there is not enough memory{asked}\n    {remedy}", details)
     text = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
     return Failure(INTERNAL, text, details)
+
+
+def _output_fails() -> bool:
+    """Whether standard output takes nothing, as a device that is full; asked with no byte, so that nothing is printed."""
+    try:
+        if sys.stdout is not None:
+            os.write(sys.stdout.fileno(), b"")
+    except (OSError, ValueError):  # ValueError: a stream without a file, as of tests
+        return sys.stdout is sys.__stdout__
+    return False
 
 
 def tell(failure: Failure, verbose: bool) -> typer.Exit:

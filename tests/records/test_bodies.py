@@ -26,6 +26,7 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         clamped=True,
         frequency=np.array([1.0]),
         cut=5.0,
+        reach={"E": np.array([1.0, 4.0])},
         mass=np.diag([1.0, 3.0]),
         stiffness=AffineOperator(
             np.diag([1.0, 2.0]),
@@ -47,6 +48,7 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
     for t in (0.5, 1.5, 4.0):
         np.testing.assert_array_equal(*(X.stiffness.at({"E": 2.0, "t": t}) for X in (found, own)))
     np.testing.assert_array_equal(found.damping.at({"E": 2.0}), np.eye(2))
+    np.testing.assert_array_equal(found.reach["E"], [1.0, 4.0])
     np.testing.assert_array_equal(found.interface["12"], 2 * np.eye(6, 2))
     for name in ("frequency", "mass", "basis"):
         np.testing.assert_array_equal(getattr(found, name), getattr(own, name))

@@ -9,7 +9,13 @@ from pathlib import Path
 import pytest
 
 from strainsight.cases.structure.cost import Size
-from strainsight.cases.structure.cost_of_place import cost_of_place, of_pool_in_words, scenarios_of, states_of
+from strainsight.cases.structure.cost_of_place import (
+    cost_of_place,
+    cost_of_pool,
+    of_pool_in_words,
+    scenarios_of,
+    states_of,
+)
 from strainsight.config.load import load_config
 
 ROOT = Path(__file__).parents[2]
@@ -35,6 +41,19 @@ def test_seconds_as_measured_are_within_a_factor_of_three():
     assert len(measured()) >= 6
     for changes, seconds in measured():
         assert 1 / FACTOR <= of(*changes).seconds / seconds <= FACTOR, changes
+
+
+def test_the_constants_are_those_of_the_document():
+    formula = re.search(
+        r"`place` takes ([\d.]+) \+ s·m·\(([\d.e-]+) \+ ([\d.e-]+) n² \+ ([\d.e-]+) n³\) seconds "
+        r"and ([\d.]+) \+ ([\d.e-]+) s·m·n GiB",
+        SCALING,
+    )
+    c0, c1, c2, c3, g0, g1 = map(float, formula.groups())
+    for m, n, s in ((100, 23, 1), (5000, 83, 20)):
+        own = cost_of_pool(m, n, s)
+        assert own.seconds == pytest.approx(c0 + s * m * (c1 + c2 * n**2 + c3 * n**3), rel=1e-12)
+        assert own.memory == pytest.approx(g0 + g1 * s * m * n, rel=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
-from .numbers import KEPT, differs, numbers_of
+import numpy as np
+import pytest
+
+from .numbers import KEPT, differs, numbers_of, size
 
 
 def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
@@ -16,7 +19,7 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
         stage: [
             path
             for path in sorted({*own["numbers"], *kept[stage]["numbers"]})
-            if differs(own["numbers"].get(path, [0, 0]), kept[stage]["numbers"].get(path, [-1, 0]))
+            if differs(own["numbers"].get(path, [0, 0, 0]), kept[stage]["numbers"].get(path, [-1, 0, 0]))
         ]
         for stage, own in found.items()
     }
@@ -26,6 +29,30 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
 
 
 def test_a_number_that_moves_is_seen():
-    assert not differs([3, 1.0], [3, 1.0 + 1e-6])
-    assert differs([3, 1.0], [3, 1.0 + 1e-4])
-    assert differs([3, 1.0], [4, 1.0])
+    assert not differs([3, 1.0, 0.1], [3, 1.0 + 1e-6, 0.1 + 1e-6])
+    assert differs([3, 1.0, 0.1], [3, 1.0 + 1e-4, 0.1])
+    assert differs([3, 1.0, 0.1], [4, 1.0, 0.1])
+    assert differs([3, 1.0, 0.1], [3, 1.0, 0.1 + 1e-4])
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 2), (40, 25), (300, 300)])
+@pytest.mark.parametrize("change", ["sign", "one sign", "order", "two exchanged", "rounding"])
+def test_a_flipped_sign_and_a_swapped_order_are_seen_and_rounding_is_not(shape, change):
+    x = 1e-6 * np.random.default_rng(0).standard_normal(shape)
+    y = x.copy().ravel()
+    if change == "sign":
+        y = -y
+    elif change == "one sign":
+        y[np.argmax(np.abs(y))] *= -1
+    elif change == "order":
+        y = y[::-1]
+    elif change == "two exchanged":
+        low, high = np.argmin(y), np.argmax(y)
+        y[[low, high]] = y[[high, low]]
+    else:
+        y *= 1 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, y.shape)
+    assert differs(size(y.reshape(shape)), size(x)) == (change != "rounding")
+
+
+def test_where_a_number_is_missing_counts():
+    assert differs(size(np.array([np.nan, 1.0, 2.0])), size(np.array([1.0, np.nan, 2.0])))

@@ -254,7 +254,31 @@ LOADS = {
         ABAQUS,
         "not that under the preload",
     ),
-    "a preload of another subcase": (bar(case="SPC = 1\nSTATSUB(PRELOAD) = 2"), {}, "not that under the preload"),
+    "modes under a preload": (
+        inp(more="*STEP, NLGEOM\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP\n*STEP\n*FREQUENCY\n4\n*END STEP"),
+        ABAQUS,
+        "1 × PRELOAD by *STEP, NLGEOM (first at",
+    ),
+    "modes under a preload in CalculiX": (
+        inp(more="*STEP\n*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP\n*STEP, PERTURBATION\n*FREQUENCY\n4\n*END STEP"),
+        ABAQUS,
+        "1 × PRELOAD by *STEP, PERTURBATION (first at",
+    ),
+    "stress at the start": (
+        inp(more="*INITIAL CONDITIONS, TYPE=STRESS\nEALL, 1e8, 0, 0, 0, 0, 0"),
+        ABAQUS,
+        "1 × *INITIAL CONDITIONS, TYPE=STRESS ignored: the stiffness is that of the part without load",
+    ),
+    "a preload of another subcase": (
+        bar(case="SPC = 1\nSUBCASE 1\nLOAD = 2\nSUBCASE 2\nSTATSUB(PRELOAD) = 1\nMETHOD = 3"),
+        {},
+        "1 × PRELOAD by STATSUB (first at",
+    ),
+    "modes of nonlinear statics": (
+        bar("PARAM,LGDISP,1", case="SPC = 1\nLOAD = 2\nMETHOD = 3").replace("SOL 103", "SOL 106"),
+        {},
+        "1 × PRELOAD by SOL 106 (first at",
+    ),
     "large displacements": (bar("PARAM,LGDISP,1"), {}, "not that under the preload"),
     "a bolt's pretension": (inp(more="*PRE-TENSION SECTION, NODE=5, SURFACE=A"), ABAQUS, "1 × PRE-TENSION SECTION"),
     "a material that yields": (

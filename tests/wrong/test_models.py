@@ -43,6 +43,13 @@ def test_a_wrong_model_is_named_when_it_is_imported(name, tmp_path):
     assert any(words in text for text in said), said
 
 
+def test_gravity_that_no_load_of_the_config_takes_is_not_looked_at(tmp_path):
+    for own, looked in (({}, False), ({"load": "deck_load: LOAD-7, factor: true"}, True)):
+        path = written(tmp_path, bar("GRAV,7,,9810.,0.,0.,-1."), own)
+        done = CliRunner().invoke(app, ["import", str(path), "--results", str(tmp_path / "results")])
+        assert (done.exit_code, "pulls with 9810 m/s²" in done.output) == (0, looked)
+
+
 @pytest.mark.parametrize("name", LATER)
 def test_a_wrong_model_is_named_by_the_stage_that_meets_it(name, tmp_path):
     stage, deck, own, words = LATER[name]

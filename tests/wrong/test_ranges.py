@@ -9,6 +9,7 @@ import pytest
 from strainsight.cases.structure.out_of_range import validated_out_of_range
 from strainsight.config.load import load_config
 
+from ..edges.beam import E, bricks, finished
 from .decks import config
 
 
@@ -22,3 +23,14 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     if said:
         assert f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
         assert "widen parameters.E.range" in found
+
+
+def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
+    """No estimate from noise lies in a range so narrow."""
+    changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E}
+    found = finished(tmp_path, "report", bricks((5, 1, 1)), changes)
+    summary, page = found["validate"].summary, (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
+    assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
+    assert not any(key.startswith("claim") for key in summary)
+    assert "E: σ is withheld" in page
+    assert "claimed σ)" not in page

@@ -11,6 +11,8 @@ HELD = f"{ENFORCED} of another value than zero"
 """The same where the components are held, as in a frequency analysis of any program."""
 MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
+PRELOAD = "PRELOAD"
+"""What a config calls the stress under which a deck asks for modes; cards are "PRELOAD by STATSUB" and the like."""
 LINEAR = {
     **dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"),
     **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes"),
@@ -21,12 +23,12 @@ _UNUSED = re.compile(r" that no | not selected$")
 
 def spelt(card: str) -> str:
     """A card as a config may name it, in one spelling: "*ELEMENT, TYPE=S4R" and "S4R", "*TIE" and "Tie" are the same."""
-    return card.upper().replace(" ", "").replace("*", "").removeprefix("ELEMENT,TYPE=")
+    return card.partition(" by ")[0].upper().replace(" ", "").replace("*", "").removeprefix("ELEMENT,TYPE=")
 
 
 def short(card: str) -> str:
     """A card as a config names it best: without what YAML would take for something else."""
-    name = card.removeprefix("*").removeprefix("ELEMENT, TYPE=")
+    name = card.partition(" by ")[0].removeprefix("*").removeprefix("ELEMENT, TYPE=")
     return f'"{name}"' if "," in name else name
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -86,12 +87,12 @@ def acceleration(body: BodyForce, x: np.ndarray) -> np.ndarray:
     return np.asarray(body.acceleration + np.cross(np.cross(body.rotation, x - body.centre), body.rotation))
 
 
-def odd_gravity(mesh: Mesh) -> list[str]:
+def odd_gravity(mesh: Mesh, loads: Collection[str] | None = None) -> list[str]:
     """A sentence for every load of the file whose acceleration is that of gravity in another unit of length; as it is stated,
-    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g."""
+    without the factor by which loads are combined, and not in cm: 9.81 times 100 is 100 g. loads: names of those that count."""
     found = []
     for name, load in mesh.loads.items():
-        for body in load.body:
+        for body in load.body if loads is None or name in loads else ():
             size = float(np.linalg.norm(body.acceleration))
             for unit, factor in ELSEWHERE.items():
                 if abs(size * factor / 9.81 - 1) < 0.01:

@@ -127,7 +127,14 @@ def ignored_structure(mesh: Mesh) -> dict[str, int]:
 
 def lost(card: str) -> str:
     """What a model lacks without a card."""
-    if card.endswith(("NLGEOM", "LGDISP")) or card.startswith("STATSUB"):
+    if card.startswith("PRELOAD"):
+        said = "the deck asks for modes under a preload, and the stiffness is that of the part without load"
+        return (
+            f"{said}: CalculiX counts the loads of the step before, Abaqus asks for NLGEOM there"
+            if "PERTURB" in card
+            else said
+        )
+    if card.endswith(("NLGEOM", "LGDISP", "TYPE=STRESS")):
         return "the stiffness is that of the part without load, and not that under the preload of this step"
     if card.startswith("ENFORCED DISPLACEMENT"):
         if card.endswith("DISPLACEMENT"):

@@ -45,6 +45,9 @@ class ReducedBody:
     clamped: bool = dataset("/clamped", "1", "", "whether supports hold the body on the ground")
     frequency: np.ndarray = dataset("/frequency", "Hz", "mode", "modes with the interfaces held")
     cut: float = dataset("/cut", "Hz", "", "first of these modes that was left out")
+    reach: dict[str, np.ndarray] = dataset(
+        "/reach/<name>", "Pa", "2", "lowest and highest value of modulus <name> at which statics are right to 1 %"
+    )
     mass: np.ndarray = dataset("/mass", "kg per unit^2", SQUARE, "reduced mass")
     stiffness: AffineOperator = group("/stiffness", AffineTerms, "N/m per unit^2", "reduced stiffness")
     damping: AffineOperator = group("/damping", AffineTerms, "N s/m per unit^2", "reduced damping")

@@ -86,13 +86,12 @@ def craig_bampton(
             f"the density {model.mass.parameters[0]} is a parameter of a body in motion, whose inertia is constant",
             remedy="leave it out of the parameters, or give the material its density",
         )
-    b, unit = _interface_motions(model, interface)
+    b, unit = interface_motions(model, interface)
     i = np.setdiff1d(np.arange(model.size), b)
     K, M = _at_reference(model, reference or {}), model.mass.constant
     K_i = sparse.csr_array(K[i])
     R = rigid_motions(model)
-    # a body that cannot turn has no angular acceleration
-    F = inertia_loads(model)[:, : 6 if R.shape[1] else 3]
+    F = own_inertia(model, R.shape[1])
     H = np.zeros((model.size, len(b)))
     H[b] = unit
     H[i], shapes, frequency, cut = _interior(
@@ -164,7 +163,12 @@ def rigid_motions(model: FiniteElementModel) -> np.ndarray:
     return r_free @ Vt[strength <= TOLERANCE].T
 
 
-def _interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def own_inertia(model: FiniteElementModel, loose: int) -> np.ndarray:
+    """Loads (n_free, 3 or 6) of a body's own inertia; one that cannot turn (no rigid motion is loose) has no angular one."""
+    return inertia_loads(model)[:, : 6 if loose else 3]
+
+
+def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Columns b (6k,) of T that the motions z_b of the interface rest on, and their values (6k, 6k) for unit z_b."""
     if len(interface) == 0:
         raise UserError("a reduction without an interface node", remedy="name the nodes that joints and forces hold")

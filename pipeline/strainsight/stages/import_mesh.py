@@ -35,7 +35,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     """Read the deck, convert its units, add what the config adds, check it, weigh it."""
     config = context.config.mesh
     file = context.files["mesh.file"]
-    mesh = mesh_of(config, file, base=context.base)
+    used = [load.deck_load for load in context.config.loads.values() if load.deck_load is not None]
+    mesh = mesh_of(config, file, base=context.base, loads=used)
     weight, quality, found = looked_at(context.config, mesh)
     alone = on_one_node(context.config.loads, mesh)
     for text in alone:
@@ -105,5 +106,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=15, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=16, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -45,8 +45,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     beyond = validated_out_of_range(config, found.trial.problem, values)
     numbers |= {"out_of_range": beyond} if beyond else {}
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
-    numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own}
-    doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER}
+    numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own and not beyond}
+    doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     # Where not all read strain, an array has several units.
@@ -58,9 +58,9 @@ def run(context: Context[PlacementConfig]) -> Output:
         datasets=grid | written(own, found.units),
         attributes=attributes,
         summary=numbers,
-        message="; ".join(filter(None, (beyond, validation_message(found, doubts)))),
+        message=validation_message(found, doubts, beyond),
         tables=(
-            validation_table(found),
+            validation_table(found, bool(beyond)),
             *budget_tables(own.budget, found.without),
             *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
             *([] if own.sweep is None else [sweep_table(own.sweep)]),
@@ -71,7 +71,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=27,
+    version=28,
     reads=(
         "damping",
         *(

@@ -142,7 +142,7 @@ class Artefact:
         if path not in file or not isinstance(file[path], kind):
             what = "group" if kind is h5py.Group else "dataset" if kind is h5py.Dataset else "entry"
             raise ArtefactError(
-                f"no {what} {path} in this {self.header.stage} artefact",
+                f"no {what} {path} in this {self.header.stage} artefact, of stage version {self.header.version}",
                 where=str(self.path),
                 remedy=f"run it again: strainsight {self.header.stage} CONFIG --force",
             )
@@ -268,7 +268,7 @@ def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
     written = _plain(attributes.get("format_version"))
     if written != FORMAT_VERSION:
         raise ArtefactError(
-            f"format version {written!r}; this strainsight reads version {FORMAT_VERSION}",
+            f"format version {written!r}{_by(attributes)}; this one reads version {FORMAT_VERSION}",
             where=str(path),
             remedy="run again with --force, or read it with the strainsight that wrote it",
         )
@@ -289,6 +289,11 @@ def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
     if foreign := [name for name in header.beside or {} if not plain_name(name)]:
         raise _damaged(path, f"it names {foreign[0]!r} as a file beside it")
     return header, str(attributes["digest"]), str(attributes["message"])
+
+
+def _by(attributes: Mapping[str, Any]) -> str:
+    """By which strainsight, where that stands there."""
+    return f", by strainsight {_plain(attributes['package_version'])}" if "package_version" in attributes else ""
 
 
 def _walk(file: h5py.File) -> Iterator[tuple[str, Any]]:

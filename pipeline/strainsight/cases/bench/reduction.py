@@ -28,6 +28,7 @@ from strainsight.rom.craig_bampton import (
 )
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.rom.model import Damping
+from strainsight.rom.reach import reach
 
 USUAL_MODES = 10
 HELD = 2.0
@@ -74,6 +75,7 @@ def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh
     modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else entry.modes
     cutoff = None if entry.cutoff is None else HELD * entry.cutoff
     body = craig_bampton(model, nodes, modes=modes, cutoff=cutoff, reference=reference)
+    good = reach(model, body, nodes, reference)
     damping = body_damping(body, damping_of(entry.damping), reference, loose)
     lam = eigh(body.stiffness.at(reference), body.mass, eigvals_only=True)
     if loose:
@@ -84,6 +86,7 @@ def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh
         clamped=loose == 0,
         frequency=body.frequency,
         cut=body.cut,
+        reach={key: np.array(ends) for key, ends in good.items()},
         mass=body.mass,
         stiffness=body.stiffness,
         damping=damping,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.cases.structure.grounds import grounding_warnings, heavy_points, loose_warnings
 from strainsight.cases.structure.sections import given_sections
 from strainsight.config.mesh import Face, Material, MaterialAxes, MeshFile, Support
-from strainsight.decks.effects import LINEAR, short, spelt
+from strainsight.decks.effects import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError, DeckError, UserError, blame
@@ -51,8 +51,15 @@ from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
 
 
-def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None) -> Mesh:
-    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from."""
+def mesh_of(
+    config: MeshFile,
+    path: Path,
+    key: str = "mesh",
+    base: Path | None = None,
+    loads: Collection[str] | None = None,
+) -> Mesh:
+    """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from;
+    loads: names of those of the deck that are used, whose gravity is looked at, None for all."""
     include = [(base or Path()) / name for name in config.include_dirs]
     for folder in include:
         if not folder.is_dir():
@@ -87,7 +94,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
     if config.matrices is None:
         mesh = without_loose_masses(mesh)
     with blame(f"{key}.file"), mesh.located():
-        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh)))
+        mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh, loads)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
 
@@ -98,18 +105,23 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
     named = {spelt(card) for card in ignore}
     missing = [card for card in mesh.unsupported if spelt(card) not in named]
     if missing:
-        listed = [f"{mesh.ignored[card]} × {short(card)} (first at {mesh.unsupported[card]})" for card in missing]
+        names = ", ".join(dict.fromkeys(map(short, missing)))
+        listed = [f"{mesh.ignored[card]} × {_named(card)} (first at {mesh.unsupported[card]})" for card in missing]
         linear = [f"{name} with {LINEAR[name]}" for name in map(short, missing) if name in LINEAR]
         instead = f"mesh {', '.join(linear)}; " if linear else ""
         more = f" and {len(listed) - 6} more kinds" if len(listed) > 6 else ""
         raise DeckError(
             f"not supported, and the model is not the same without: {', '.join(listed[:6])}{more}",
             where=mesh.unsupported[missing[0]],
-            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{', '.join(map(short, missing))}]",
+            remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{names}]",
         )
     idle = [card for card in ignore if spelt(card) not in {spelt(own) for own in mesh.ignored}]
     notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
+
+
+def _named(card: str) -> str:
+    return card if card.startswith(PRELOAD) else short(card)
 
 
 def checked(

@@ -19,6 +19,7 @@ from strainsight.errors import ConfigError, DeckError, UserError, blame
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.sanity import ignored_structure, lost
 
 KNOWN = {".f06": printed_modes, ".dat": printed_modes, **READERS}
 MORE = 4
@@ -127,7 +128,10 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
         )
         for j, (i, own) in enumerate(zip(chosen, theirs, strict=True))
     )
-    return Compared(pairs, (*notes, *said), over)
+    left_out = [
+        f"{card} of the deck may move frequencies and is not in ours: {lost(card)}" for card in ignored_structure(mesh)
+    ]
+    return Compared(pairs, (*notes, *said, *left_out), over)
 
 
 def _paired(mac: np.ndarray) -> np.ndarray:

@@ -47,10 +47,11 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
     )
 
 
-def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
-    """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much."""
+def validation_message(found: Validation, doubts: Mapping[str, str], withheld: str) -> str:
+    """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much; withheld: that
+    there is no σ, and why."""
     trial, problem = found.trial, found.trial.problem
-    words = [*filter(None, (rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
+    words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
     for name in found.accuracy:
         words += [f"{name} is {doubts[name]}"] if name in doubts else []
     words += posterior_doubts(found.validated.posterior, trial.units)
@@ -63,7 +64,8 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
     for name, own in found.accuracy.items():
         if name in trial.problem.unknowns.parameters:
             value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
-            words.append(f"{value}, error {100 * own.error:.2f} % (claimed σ {100 * own.std:.2g} %)")
+            claimed = "" if withheld else f" (claimed σ {100 * own.std:.2g} %)"
+            words.append(f"{value}, error {100 * own.error:.2f} %{claimed}")
         else:
             over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
             words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
@@ -74,8 +76,8 @@ def validation_message(found: Validation, doubts: Mapping[str, str]) -> str:
 MEDIANS = ("random sets, screened: median", "all: median")
 
 
-def validation_table(found: Validation) -> Table:
-    """Every unknown by the layout, and the median error of random sets."""
+def validation_table(found: Validation, withheld: bool) -> Table:
+    """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
     trial, validated = found.trial, found.validated
     columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
     rows = []
@@ -89,6 +91,7 @@ def validation_table(found: Validation) -> Table:
             f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
             for sets in (validated.screened, validated.all)
         )
-        errors = (f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed))
+        errors = [f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed)]
+        errors[1] = "withheld" if withheld else errors[1]
         rows.append((name, f"{own.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
     return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))

@@ -15,6 +15,7 @@ from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
+from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import read_sections
 from strainsight.decks.abaqus.springs import NODES as SPRINGS
@@ -59,8 +60,6 @@ OF_THIN = re.compile(
     r"|BEAM ?SECTION ?OFFSET)"
 )
 """What shells and beams are not the same without."""
-PRELOADED = "*STEP, NLGEOM"
-"""A step of large displacements: what it leaves of preload stiffens or softens what comes after it."""
 BEFORE = "lines before the first keyword"
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
@@ -100,7 +99,9 @@ def read_abaqus(
     assembly, out = _without(assemble(keywords), named)
     dropped += out
     _check_elements(assembly, path, required)
+    loaded = preloads(keywords)
     ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
+    ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
     left = assembly.element_ids[sections.left]
@@ -168,7 +169,7 @@ def read_abaqus(
         mesh,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL)
-        | {card: "structure" for card in ignored if card in (ENFORCED, HELD)},
+        | {card: "structure" for card in ignored if card in (ENFORCED, HELD, STRESSED) or card in loaded},
         unsupported={
             card: refused[card][0] if card in refused else _first(card, keywords, assembly)
             for card in sorted(ignored)
@@ -178,7 +179,8 @@ def read_abaqus(
                 or ((shells or beams) and OF_THIN.match(card))
                 or (card == "*TEMPERATURE" and by_temperature(keywords))
             )
-        },
+        }
+        | {card: steps[0].where for card, steps in loaded.items() if card != LARGE},
         notes=said,
         doubts=doubts,
         read=_read(keywords, assembly, ignored),
@@ -226,9 +228,9 @@ def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> No
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
     """Keywords, and elements by type, that change the structure and are not supported."""
     counted = Counter(k.title for k in keywords if not TAKEN.fullmatch(k.name) and not HARMLESS.fullmatch(k.name))
-    bent = [k for k in keywords if k.name == "STEP" and k.parameters.get("NLGEOM", "NO").upper() != "NO"]
-    if bent:
-        counted[PRELOADED] += len(bent)
+    if own := stressed(keywords):
+        counted[STRESSED] = len(own)
+        counted -= Counter(keyword.title for keyword in own)
     for type_, count in Counter(assembly.type).items():
         if type_ not in SOLIDS and type_ not in THIN and type_ not in ("", "MASS", "ROTARYI", *SPRINGS):
             counted[f"{ELEMENT}{type_}"] += count

@@ -20,6 +20,7 @@ from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
 from strainsight.decks.nastran.parameters import count_parameters, mass_scale
+from strainsight.decks.nastran.preload import preloads
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.relations import selected_cards, terms
@@ -68,11 +69,11 @@ TAKEN = {
 }
 STRUCTURAL = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
-    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
+    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR|BOLTFRC|BOLTLD|PRETENS)$"
 )
 UNSUPPORTED = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BE2GS|TRPLT|SPLINE|JOINT|SSCON)|DMIG|NSM"
-    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR)$"
+    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR|BOLTFRC|BOLTLD|PRETENS)$"
     r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|(FORCE|MOM|PRES)AX$"
 )
 """Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
@@ -150,6 +151,8 @@ def read_nastran(
         {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
     )
     of_parameters = _count_ignored(deck, ignored, notes)
+    loaded = preloads(deck)
+    ignored.update({card: len(lines) for card, lines in loaded.items()})
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
     sprung = springs(cards, grids, notes)
@@ -180,12 +183,13 @@ def read_nastran(
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL)
         | of_parameters
-        | {card: "structure" for card in ignored if card in (ENFORCED, HELD)},
+        | {card: "structure" for card in ignored if card in (ENFORCED, HELD) or card in loaded},
         unsupported={
             name: first[name]
             for name in sorted(ignored)
             if name in first and (UNSUPPORTED.match(name) or (by_temperature and name.startswith("TEMP")))
         }
+        | {card: lines[0].where for card, lines in loaded.items()}
         | ({MISSING_END: deck.last.where} if cut else {}),
         notes=said,
         doubts=doubts,

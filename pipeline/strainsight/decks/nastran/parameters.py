@@ -82,6 +82,12 @@ def lumped(deck: Deck) -> bool:
     return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS"))
 
 
+def large_displacements(deck: Deck) -> bool | None:
+    """What LGDISP states, in its last card; None where there is none."""
+    found = _named(_parameters(deck), "LGDISP")
+    return (parse_real(found[-1].text(1)) or 0) > 0 if found else None
+
+
 def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[str, str]:
     """Count what is not honoured, "PARAM POST", and say what each does: "structure" or "none" (see `Mesh`); a name that is nearly
     one of those that count is a doubt."""
@@ -89,6 +95,8 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
     for card in _parameters(deck):
         name = card.text(0).upper()
         if name in HONOURED or (name in SCALES and _is(card, 1.0)) or (name in STRUCTURE and _is(card, 0.0)):
+            continue
+        if name == "LGDISP" and not large_displacements(deck):
             continue
         ignored[f"PARAM {name}"] += 1
         if name == "COUPMASS" and lumped(deck):

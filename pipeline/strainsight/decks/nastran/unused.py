@@ -16,7 +16,6 @@ STRUCTURE = (
     "K2PP",
     "M2PP",
     "A2GG",
-    "STATSUB",
     "SUPORT1",
     "BCONTACT",
     "BCSET",
@@ -24,7 +23,7 @@ STRUCTURE = (
     "NSM",
     "DEFORM",
 )
-"""Matrices beside the elements, the preload of another subcase, supports of a free structure, contact, more mass."""
+"""Matrices beside the elements, supports of a free structure, contact, more mass."""
 _LINE = re.compile(rf"\s*({'|'.join(STRUCTURE)})\b\s*(\(.*?\))?\s*=", re.IGNORECASE)
 SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
     "GRID": (1, 5),

@@ -6,15 +6,15 @@ from html import escape
 
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.page.markup import plain
-from strainsight.report.placement.verdicts import CONTRADICTED, DIVERGED, LOST, OVER
+from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, DIVERGED, LOST, OVER, WITHHELD
 from strainsight.report.text import digits_apart, number
 
 
 def faults(run: BenchRun, name: str) -> tuple[str, ...]:
     """What is wrong with the estimate of an unknown, empty where nothing is."""
     over, apart = run.summary.get(f"claim.{name}") == OVER, run.summary.get(f"identified.{name}") is False
-    against = run.summary.get(f"verdict.{name}") == CONTRADICTED
-    return (*[OVER] * over, *[LOST] * apart, *[CONTRADICTED] * against)
+    word = str(run.summary.get(f"verdict.{name}"))
+    return (*[OVER] * over, *[LOST] * apart, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
 
 
 def run_faults(run: BenchRun) -> tuple[str, ...]:

@@ -60,6 +60,7 @@ class Unknown:
     zero            an input that is zero throughout: everything relative is over its amplitude, `guess`
     claims          whether its σ held, first the one that decides
     benefit         whether random layouts of the same size estimate it as well
+    withheld        whether σ is, as a parameter has left the range of the reduced model: std and smoothed_std are None
     worst_case      name of the load case of expected_std, empty where there are none
 
     What was not computed is None: a placement without a validation still has a page.
@@ -80,6 +81,7 @@ class Unknown:
     claims: tuple[Claim, ...] = ()
     benefit: Benefit | None = None
     worst_case: str = ""
+    withheld: bool = False
 
 
 @dataclass(frozen=True)

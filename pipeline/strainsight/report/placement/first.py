@@ -15,6 +15,7 @@ from strainsight.report.placement.verdicts import (
     HARDLY,
     LOST,
     OVER,
+    WITHHELD,
     denominator,
     faults,
     in_words,
@@ -84,6 +85,8 @@ def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> 
 
 def _sigma(unknown: Unknown) -> float | None:
     """The standard deviation to show first: the filter's own where it ran, else what placement expects."""
+    if unknown.withheld:
+        return None
     return unknown.expected_std if unknown.std is None else unknown.std
 
 
@@ -99,7 +102,7 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         value = measure(unknown.estimate, unknown.unit)
         value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
     else:
-        value = f"± {share(sigma)}"
+        value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
     load = unknown.kind == "input"
     rows = [(f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–")]
     rows += [
@@ -130,6 +133,8 @@ def _mark(unknown: Unknown, lost: bool) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
     if lost:
         return f'<p class="mark bad">✕ {LOST}: {HARDLY}</p>'
+    if unknown.withheld:
+        return f'<p class="mark bad">✕ {WITHHELD}</p>'
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]

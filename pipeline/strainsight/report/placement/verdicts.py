@@ -14,6 +14,7 @@ from strainsight.report.text import digits_apart, number
 OVER, CAUTIOUS = "overconfident", "too cautious"
 LOST, DIVERGED = "not identified", "diverged"
 WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
+BEYOND, WITHHELD = "beyond the range of the reduced model", "σ is withheld"
 BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
 HARDLY = "the measurements hardly narrow it"
 
@@ -34,6 +35,7 @@ def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, .
     """What is wrong with the estimate of an unknown, empty where nothing is; lost: whether its starts end apart; diverged:
     whether a repeat did."""
     found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
+    found += [WITHHELD] * unknown.withheld
     found += [OVER] * (bool(unknown.claims) and unknown.claims[0].verdict == OVER)
     return (*found, *[LOST] * lost)
 

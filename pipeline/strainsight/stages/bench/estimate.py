@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
+from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, without_sigma
 from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, verdicts_of, warnings_of
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
@@ -48,26 +49,34 @@ COLUMNS = {
 
 def run(context: Context[BenchConfig]) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
-    config, estimate, there = context.config, context.config.estimate, _there(context)
+    config, estimate, there, bodies = context.config, context.config.estimate, _there(context), inputs.bodies(context)
     assert estimate is not None  # a bench without it has no such stage
     own = estimated(
         config,
-        inputs.bodies(context),
+        bodies,
         inputs.meshes(context),
         inputs.placed(context),
         there,
         inputs.truths(context),
         context,
     )
+    beyond = bench_out_of_range(own, bodies)
+    own = without_sigma(own) if beyond else own
     result = compared(config, own)
     found, summary = result.found, _summary(estimate, own, result)
+    summary |= {"out_of_range": beyond} if beyond else {}
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
     judged = config, free, summary, result.claims, float(summary["nis"]), late
     rows = () if own.without is None else own.without.rows
     verdicts = verdicts_of(*judged, rows)
-    warnings = [*misfits_in_words(rows, "channels"), *own.notes, *warnings_of(*judged, own.lost)]
+    warnings = [
+        *([beyond] * bool(beyond)),
+        *misfits_in_words(rows, "channels"),
+        *own.notes,
+        *warnings_of(*judged, own.lost),
+    ]
     warnings += _disagreements(estimate, own)
     summary |= {f"verdict.{name}": word for name, word in verdicts.items()}
     units = dataset_units(config, load_units(config, found.inputs))
@@ -197,7 +206,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=14,
+    version=15,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

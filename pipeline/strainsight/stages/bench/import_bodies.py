@@ -29,7 +29,7 @@ def run(context: Context[BenchConfig]) -> Output:
     for i, (name, body) in enumerate(bodies.items()):
         context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"
-        deck = mesh_of(body.mesh, context.files[f"{key}.file"], key, context.base)
+        deck = mesh_of(body.mesh, context.files[f"{key}.file"], key, context.base, loads=())
         if deck.springs:
             raise ConfigError(
                 f"{deck.springs[0]}: springs of a body are not supported",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from strainsight.cases.bench.reduction import Reduction, reductions
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.records.bodies import ReducedBodies
@@ -20,6 +22,11 @@ def run(context: Context[BenchConfig]) -> Output:
         first, size = float(own.frequency[0]), len(own.body.mass)
         summary |= {f"unknowns.{name}": own.unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
         text.append(f"{name} {own.unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {own.body.cut:.4g} Hz")
+        text += [
+            f"{name} is good for {key} from {low:.4g} to {high:.4g} Pa"
+            for key, (low, high) in own.body.reach.items()
+            if np.isfinite(high)
+        ]
     return Output(
         datasets=written(ReducedBodies(bodies={name: own.body for name, own in found.items()})),
         summary=summary,
@@ -35,7 +42,7 @@ def _table(name: str, own: Reduction) -> Table:
 
 REDUCE = Stage(
     "reduce",
-    version=7,
+    version=8,
     reads=(
         "bodies.*.type",
         "bodies.*.modes",

@@ -123,7 +123,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     for name in names:
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
-        if claims and claims[0].verdict == OVER:
+        if claims and claims[0].verdict == OVER and not beyond:
             notes.append(f"{name} is {in_words(claims[0])}.")
         random = own.all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:

@@ -42,7 +42,7 @@ from strainsight.workflow.artefact import Artefact
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
     validate, place = up["validate"], up["place"]
     own, summary, placed = read(Validated, validate), validate.summary, read(Placed, place)
-    truth = own.truth[name]
+    truth, beyond = own.truth[name], "out_of_range" in summary
     return Unknown(
         name=name,
         unit=unit_of(own, "estimate", name),
@@ -51,13 +51,14 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
         estimate=float(summary[f"estimate.{name}"]),
         error=float(summary[f"error.{name}"]),
-        std=float(summary[f"std.{name}"]),
+        std=None if beyond else float(summary[f"std.{name}"]),
         smoothed_error=float(summary[f"smoothed.{name}"]),
         expected_std=placed.expected_std[name] / placed_size(name, up),
         worst_case=worst_case_of(name, placed),
         zero=bool(summary.get(f"zero.{name}", False)),
-        smoothed_std=float(summary[f"smoothed_std.{name}"]),
-        claims=claims_of(name, summary, repeated(name, validate)),
+        smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
+        claims=() if beyond else claims_of(name, summary, repeated(name, validate)),
+        withheld=beyond,
         benefit=benefit_on(name, summary, own.all.error[name]),
     )
 

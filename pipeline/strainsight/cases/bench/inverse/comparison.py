@@ -52,7 +52,7 @@ class Compared:
 
 
 def compared(config: BenchConfig, own: Estimated) -> Compared:
-    """Histories of the first run, ends of all runs."""
+    """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
     numbers: Numbers = {}
     claims: dict[str, Claim | None] = {}
     inputs: dict[str, LoadHistory] = {}
@@ -155,7 +155,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
     unknowns = own.unknowns
     column = own.bench.system.parameters.index(unknowns.parameters[name])
-    theta, std = _in_theta(own, column)
+    theta, std = in_theta(own, column)
     runs, starts = theta.shape[1], len(unknowns.starts)
     true = np.broadcast_to(np.repeat(own.reality.theta[:, column], runs // len(own.reality.theta)), runs)
     known = bool(np.isfinite(true).all())
@@ -163,7 +163,10 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
     wrong = claim is not None and claim.verdict == OVERCONFIDENT
-    numbers: Numbers = {f"identified.{name}": learned and not apart and not (starts > 1 and wrong)}
+    withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
+    numbers: Numbers = {}
+    if not withheld:
+        numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
         numbers[f"{SETTLING}.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
@@ -174,7 +177,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
 
 
-def _in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
+def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
     """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
     xi, P = own.mean[:, :, own.trial.model.xi], own.xi_covariance
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)

@@ -12,7 +12,16 @@ from strainsight.cases.hold_out import Left
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
-from strainsight.report.placement.verdicts import BORNE_OUT, CONTRADICTED, DIVERGED, LOST, UNTESTED, WEAK
+from strainsight.report.placement.verdicts import (
+    BEYOND,
+    BORNE_OUT,
+    CONTRADICTED,
+    DIVERGED,
+    LOST,
+    UNTESTED,
+    WEAK,
+    WITHHELD,
+)
 from strainsight.report.text import digits_apart, number
 
 Scalar = float | str
@@ -116,6 +125,10 @@ def verdicts_of(
             word = OVERCONFIDENT
         if numbers.get(f"identified.{name}") is False:
             word = LOST
+        if (beyond := str(numbers.get("out_of_range", ""))) and name not in estimate.inputs:
+            word = BEYOND if f"{name} came out at" in beyond else WITHHELD
+        elif beyond:
+            word = WITHHELD
         found[name] = DIVERGED if _float(numbers, "lost") > 0 else word
     return found
 
@@ -132,20 +145,20 @@ def message_of(
 
     units: of every unknown."""
     said, estimate = [], asked(config)
+    beyond = [str(numbers["out_of_range"])] if "out_of_range" in numbers else []
     for name in (*estimate.inputs, *free):
         if f"error.{name}" in numbers:
             error, std = (100 * _float(numbers, f"{key}.{name}") for key in ("error", "std"))
-            said.append(f"{name} to {error:.2g} % (σ {std:.2g} %)")
+            said.append(f"{name} to {error:.2g} %" + (f" (σ {std:.2g} %)" if not beyond else ""))
         elif f"ratio_slope.{name}" in numbers:
             offset = _float(numbers, f"ratio_offset.{name}")
             said.append(
                 f"{name} = {_float(numbers, f'ratio_slope.{name}'):.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
             )
-        elif f"rms_std.{name}" in numbers:
+        elif f"rms_std.{name}" in numbers or beyond:
             kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
-            said.append(
-                f"{name} {kind}{_float(numbers, f'{value}.{name}'):.4g} ± {_float(numbers, f'rms_std.{name}'):.2g} {units[name]}"
-            )
+            sigma = "" if beyond else f" ± {_float(numbers, f'rms_std.{name}'):.2g}"
+            said.append(f"{name} {kind}{_float(numbers, f'{value}.{name}'):.4g}{sigma} {units[name]}")
     if estimate.measured is not None:
         worst = max((_float(numbers, f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
         said.insert(0, f"sensors {100 * worst:.2g} % off")
@@ -159,7 +172,7 @@ def message_of(
     wrong += [f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}"] if against else []
     if "hold_out.inside" in numbers:
         said.append(f"sensors by the others: {100 * _float(numbers, 'hold_out.inside'):.3g} % within 2σ")
-    return f"{'; '.join([*wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
+    return f"{'; '.join([*beyond, *wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
 
 
 def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:

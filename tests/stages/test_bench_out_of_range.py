@@ -1,0 +1,70 @@
+"""A modulus of a bench that leaves the range in which its reduced body is good: said first, and no σ anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from strainsight.config.load import load_config
+from strainsight.rom import reach
+from strainsight.stages.bench.pipeline import bench_stages
+from strainsight.workflow.plan import Job
+from strainsight.workflow.runner import run
+
+from ..edges.beam import BENCH_CONFIG, E, bricks, config_of
+
+HALVES = bricks((4, 1, 1)).replace("CHEXA,3,1,", "CHEXA,3,2,").replace("CHEXA,4,1,", "CHEXA,4,2,")
+FREE = {
+    "bodies.beam.moduli": {"E": {"region": 2, "value": E}},
+    "estimate.inputs": {"down": {"std": 100.0, "increment": 20.0}},
+    "estimate.parameters": {"E": {"guess": 1.1 * E, "std": 0.2 * E}},
+    "estimate.hold_out": "each",
+    "forces.weight": {"type": "gravity", "acceleration": [0.0, -98.1, 0.0]},
+}
+
+
+@pytest.fixture(scope="module", params=[reach.FACTOR, 1 + 1e-9], ids=["within", "beyond"])
+def done(request, tmp_path_factory):
+    """Whether the range is too narrow, and stage → artefact, the page with them."""
+    folder = tmp_path_factory.mktemp("halves")
+    text = HALVES.replace("PSOLID,1,1", "PSOLID,1,1\nPSOLID,2,1")
+    (folder / "beam.bdf").write_text(text, encoding="ascii")
+    (folder / "own.yaml").write_text(yaml.safe_dump(config_of(BENCH_CONFIG, FREE)), encoding="utf-8")
+    loaded = load_config(folder / "own.yaml", ())
+    job = Job(loaded.data, folder, folder / "results", loaded.locate, loaded.model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reach, "FACTOR", request.param)
+        return request.param < 1.1, {
+            event.stage: event.artefact for event in run(bench_stages(job.config), job) if event.artefact is not None
+        }
+
+
+def test_the_range_stands_in_the_artefact_about_the_value_of_the_bench(done):
+    narrow, found = done
+    low, high = found["reduce"]["/bodies/beam/reach/E"]
+    assert E / 2 <= low < E < high <= 2 * E
+    assert narrow == (high < 1.001 * E)
+
+
+def test_beyond_it_every_sigma_is_withheld_and_within_it_none_is(done):
+    narrow, found = done
+    estimate = found["estimate"]
+    std = {path for path in estimate.paths() if path.endswith("std") and "/sensors/" not in path}
+    assert {"/inputs/down/std", "/parameters/E/std"} <= std
+    assert all(np.isnan(estimate[path]).all() == narrow for path in std)
+    claimed = [key for key in estimate.summary if key.split(".")[0] in ("std", "claim", "claim_ratio", "identified")]
+    assert bool(claimed) != narrow
+    assert ("out_of_range" in estimate.summary) == narrow
+    assert np.isfinite(estimate["/parameters/E/estimate"]).all()
+
+
+def test_console_and_page_begin_with_it(done):
+    narrow, found = done
+    estimate, page = found["estimate"], (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
+    said = str(estimate.summary.get("out_of_range", ""))
+    assert said.startswith("σ is withheld: E came out at") == narrow
+    assert (estimate.summary["verdict.E"] == "beyond the range of the reduced model") == narrow
+    assert (estimate.summary["verdict.down"] == "σ is withheld") == narrow
+    assert ("E: beyond the range of the reduced model" in page) == narrow
+    assert ("and reduce made the model for" in page) == narrow
