@@ -330,13 +330,6 @@ def estimate(
             asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
         if allow_unobservable:
             asked.append("estimate.allow_unobservable=true")
-        if accept and kind_of(config) == "bench":
-            raise ConfigError(
-                "the estimate of a bench has nothing to accept",
-                key="estimate",
-                where=str(config),
-                remedy="leave --accept out",
-            )
         if accept:
             asked.append("estimate.accept=true")
         work = pipelines.work_of_one(config, results, asked, "estimate")

@@ -42,11 +42,11 @@ BELOW_KIND = {
     "<case>": r"[\w+]+",
 }
 ONLY_SOMETIMES = (
-    r"/bodies/.*/(stiffness|damping)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
+    r"/bodies/.*/(stiffness|damping|reach)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
     r"|/elimination/metric|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak|^/installation$"
     r"|^/drives/|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/|^/composites/|/(factors|roots|weights)/|^/gauges/row_change/"
 )
-"""Where a density is a parameter, and a load acts on it, or errors of installation are avoided (a test of their own below); where
+"""Where a body has free moduli (test_bench_out_of_range.py), a density is a parameter, and a load acts on it, or errors of installation are avoided (a test of their own below); where
 stiffness and mass, or strain rows, come from files (test_ready.py), or modes and static responses do (test_results.py); where
 gauges are bonded already (test_sensors.py) or bridges
 (test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace

@@ -50,18 +50,18 @@ def run(folder, command, *changes):
     return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
 
 
-def estimated(folder, *changes, sensors=SENSORS):
+def estimated(folder, *changes, sensors=SENSORS, ends=0):
     code, said = run(folder, "estimate", f"estimate.sensors={json.dumps(sensors)}", *changes)
-    assert code == 0, said
+    assert code == ends, said
     return Artefact(folder / "results" / "bench" / "estimate.h5"), said
 
 
-def of_test(folder, record, *changes):
+def of_test(folder, record, *changes, ends=0):
     """A record as a test of this bench."""
     np.savetxt(folder / "test.csv", record, delimiter=",", header="t,a,b,c,d,x,y,z", comments="", fmt="%.15g")
     units = {"gauges": [{"channel": c, "unit": "m/m"} for c in "abcd"], "tip": [{"channel": c, "unit": "m"} for c in "xyz"]}
     file = {"file": "test.csv", "time": {"channel": "t"}, "channels": units}
-    return estimated(folder, f"estimate.measured={json.dumps(file)}", EACH, *changes)
+    return estimated(folder, f"estimate.measured={json.dumps(file)}", EACH, *changes, ends=ends)
 
 
 def ratios(found):
@@ -103,7 +103,27 @@ def test_a_sound_record_is_borne_out_by_what_was_left_out(rig):
     found, said = of_test(*rig)
     assert found.summary["verdict.side"] == found.summary["verdict.down"] == "borne out by the sensors left out"
     assert found.summary["hold_out.inside"] > 0.9
+    assert found.summary["trusted"] is True
     assert "contradict" not in said
+
+
+def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(rig):
+    folder, record = rig
+    record = record.copy()
+    record[:, 2] *= 1.2
+    found, said = of_test(folder, record, ends=3)
+    assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
+    assert "the record contradicts the model: side, down are contradicted by its sensors: check channels" in said
+    assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
+    assert not any(key.startswith("rms_std") for key in found.summary)
+    # the claim that was tested
+    assert np.isfinite(found["/sensors/gauges/predicted_std"]).any()
+    accepted, said = of_test(folder, record, "estimate.accept=true")
+    assert "accepted: the record contradicts the model" in said
+    assert all(np.isfinite(accepted[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
+    np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
+    for name in ("side", "down"):
+        assert accepted.summary[f"verdict.{name}"] == found.summary[f"verdict.{name}"] == "contradicted by its sensors"
 
 
 def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):
@@ -112,7 +132,7 @@ def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):
     gain[:, 2] *= 1.1
     exchanged[:, [3, 4]] = record[:, [4, 3]]
     for wrong, names in ((gain, {"gauges.2"}), (exchanged, {"gauges.3", "gauges.4"})):
-        found, said = of_test(folder, wrong)
+        found, said = of_test(folder, wrong, ends=3)
         by_size = sorted(ratios(found).items(), key=lambda own: -own[1])
         assert by_size[0][0] in names
         assert f"the other channels contradict {by_size[0][0]} (error" in said
@@ -123,7 +143,7 @@ def test_the_page_begins_with_what_is_contradicted_and_has_a_row_and_two_figures
     folder, record = rig
     record = record.copy()
     record[:, 2] *= 1.2
-    found, _ = of_test(folder, record)
+    found, _ = of_test(folder, record, ends=3)
     shown = BenchRun("bench", "bench", estimate=estimate_of(found))
     drawings = bench_figures(shown)
     page = bench_page(shown, drawings, ())

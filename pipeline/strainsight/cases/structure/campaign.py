@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.detectable import undetectable
-from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, judgement_of
+from strainsight.cases.structure.diagnosed import Judgement, judgement_of
 from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
 from strainsight.cases.structure.filtered_test import (
     Filtered,

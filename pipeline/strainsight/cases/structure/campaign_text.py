@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
-from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.estimation_text import channel_table, estimation_csv, rms, without_each
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
@@ -21,7 +22,6 @@ LONGEST = 4000
 """Samples of a record, from its beginning, by which channels are checked."""
 OTHER_STEP = 100.0
 """Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
-ACCEPT = "or accept it with --accept (estimate.accept: true)"
 
 
 @dataclass(frozen=True)

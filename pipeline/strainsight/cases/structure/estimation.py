@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.augmentation.unknowns import Unknowns
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.channels import units_in_words
-from strainsight.cases.structure.diagnosed import ACCEPT, Judgement, clock_in_words
+from strainsight.cases.structure.diagnosed import Judgement, clock_in_words
 from strainsight.cases.structure.filtered_test import (
     LONGEST_COMPARED,
     Filtered,

@@ -16,8 +16,8 @@ from strainsight.cases.hold_out import (
     size_in_words,
 )
 from strainsight.cases.layout.budget import budget_tables
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
-from strainsight.cases.structure.diagnosed import ACCEPT
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
 from strainsight.records.estimated import Estimated

@@ -216,6 +216,11 @@ class Estimate(Section):
     )
     method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
     runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")
+    accept: bool = Field(
+        False,
+        description="true: σ is given although the record of a test contradicts the model; `estimate --accept` is the same for "
+        "one run.",
+    )
     allow_unobservable: bool = Field(
         False, description="true: go on where the sensors cannot tell all unknowns, at any instant of the run."
     )

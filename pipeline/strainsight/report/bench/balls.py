@@ -46,8 +46,7 @@ def _around(bearing: BearingEstimate) -> Drawing:
     at = np.unravel_index(np.argmax(bearing.force), bearing.force.shape)
     caption = (
         f"Force on each of the {len(bearing.station)} balls of {bearing.name} by the estimate at {number(bearing.worst, 4)} s, "
-        f"when the pressure is highest: at most {quantity(float(bearing.force[at]), 'N', 4)} ± "
-        f"{quantity(2 * float(bearing.force_std[at]), 'N', 2)}. {BELIEF}"
+        f"when the pressure is highest: at most {_known(bearing.force[at], bearing.force_std[at], 'N')}"
     )
     title = f"{bearing.name}: what the balls carry"
     return Drawing(f"balls-{bearing.name}", title, caption, f"Line chart: {caption}", image)
@@ -65,10 +64,18 @@ def _in_time(bearing: BearingEstimate) -> Drawing:
     at = int(np.argmax(bearing.pressure))
     caption = (
         f"Highest contact pressure in {bearing.name} by the estimate, of all balls: at most "
-        f"{quantity(float(bearing.pressure[at]), 'Pa', 4)} ± {quantity(2 * float(bearing.pressure_std[at]), 'Pa', 2)}. {BELIEF}"
+        f"{_known(bearing.pressure[at], bearing.pressure_std[at], 'Pa')}"
     )
     title = f"{bearing.name}: highest pressure by the estimate"
     return Drawing(f"pressure-{bearing.name}", title, caption, f"Line chart: {caption}", image)
+
+
+def _known(value: float, std: float, unit: str) -> str:
+    """A value with its 2σ and what that takes for granted; without them where σ is withheld."""
+    shown = quantity(float(value), unit, 4)
+    return (
+        f"{shown}; its σ is withheld." if np.isnan(std) else f"{shown} ± {quantity(2 * float(std), unit, 2)}. {BELIEF}"
+    )
 
 
 def _band(axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str) -> None:

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
 from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, without_sigma
-from strainsight.cases.bench.inverse.verdicts import claim_numbers, message_of, verdicts_of, warnings_of
+from strainsight.cases.bench.inverse.verdicts import (
+    claim_numbers,
+    contradiction_in_words,
+    message_of,
+    verdicts_of,
+    warnings_of,
+)
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, FromFile
 from strainsight.errors import ArtefactError
@@ -71,13 +79,22 @@ def run(context: Context[BenchConfig]) -> Output:
     judged = config, free, summary, result.claims, float(summary["nis"]), late
     rows = () if own.without is None else own.without.rows
     verdicts = verdicts_of(*judged, rows)
+    against = contradiction_in_words(config, verdicts)
+    words = against if not estimate.accept else against and f"accepted: {against.removesuffix(f', {ACCEPT}')}"
     warnings = [
-        *([beyond] * bool(beyond)),
+        *filter(None, (beyond, words)),
         *misfits_in_words(rows, "channels"),
         *own.notes,
         *warnings_of(*judged, own.lost),
     ]
     warnings += _disagreements(estimate, own)
+    if against and not estimate.accept:
+        # what the others say of a channel keeps its σ: that claim is what is tested
+        own = replace(without_sigma(own), without=own.without)
+        result = compared(config, own)
+        found, summary = result.found, _summary(estimate, own, result) | {"withheld": against}
+    if isinstance(estimate.measured, FromFile):
+        summary |= {"trusted": not against, "accepted": estimate.accept}
     summary |= {f"verdict.{name}": word for name, word in verdicts.items()}
     units = dataset_units(config, load_units(config, found.inputs))
     tables = [_table(own, result, verdicts, isinstance(estimate.measured, FromFile))]
@@ -206,7 +223,7 @@ def _command_history(found: BenchEstimated) -> bytes:
 
 ESTIMATE = Stage(
     "estimate",
-    version=15,
+    version=16,
     reads=("seed", "bodies", "frames", "joints", "bearings", "forces", "sensors", "simulate", "estimate"),
     upstream=("import", "reduce"),
     files=(*HISTORIES, "estimate.measured.from", "estimate.measured.file"),

@@ -9,6 +9,7 @@ import numpy as np
 from strainsight.cases.bench.inverse.numbers import smoothed_name
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.cases.hold_out import Left
+from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
@@ -133,6 +134,19 @@ def verdicts_of(
     return found
 
 
+def contradiction_in_words(config: BenchConfig, verdicts: Mapping[str, str]) -> str:
+    """That the record of a test contradicts the model of what it is estimated by, and what to do; empty where it does not, and
+    where it is no test."""
+    against = [name for name, word in verdicts.items() if word == CONTRADICTED]
+    if not against or not isinstance(asked(config).measured, FromFile):
+        return ""
+    more = "" if asked(config).hold_out is not None else ", estimate.hold_out: each says which channel it is"
+    return (
+        f"the record contradicts the model: {', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}: check "
+        f"channels, units and noise of estimate.measured{more}, {ACCEPT}"
+    )
+
+
 def message_of(
     config: BenchConfig,
     free: tuple[str, ...],
@@ -145,19 +159,19 @@ def message_of(
 
     units: of every unknown."""
     said, estimate = [], asked(config)
-    beyond = [str(numbers["out_of_range"])] if "out_of_range" in numbers else []
+    withheld = [str(numbers[key]) for key in ("out_of_range", "withheld") if key in numbers]
     for name in (*estimate.inputs, *free):
         if f"error.{name}" in numbers:
             error, std = (100 * _float(numbers, f"{key}.{name}") for key in ("error", "std"))
-            said.append(f"{name} to {error:.2g} %" + (f" (σ {std:.2g} %)" if not beyond else ""))
+            said.append(f"{name} to {error:.2g} %" + (f" (σ {std:.2g} %)" if not withheld else ""))
         elif f"ratio_slope.{name}" in numbers:
             offset = _float(numbers, f"ratio_offset.{name}")
             said.append(
                 f"{name} = {_float(numbers, f'ratio_slope.{name}'):.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}"
             )
-        elif f"rms_std.{name}" in numbers or beyond:
+        elif f"rms_std.{name}" in numbers or withheld:
             kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
-            sigma = "" if beyond else f" ± {_float(numbers, f'rms_std.{name}'):.2g}"
+            sigma = "" if withheld else f" ± {_float(numbers, f'rms_std.{name}'):.2g}"
             said.append(f"{name} {kind}{_float(numbers, f'{value}.{name}'):.4g}{sigma} {units[name]}")
     if estimate.measured is not None:
         worst = max((_float(numbers, f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
@@ -169,10 +183,11 @@ def message_of(
     ]
     wrong += [f"{name} is not identified" for name in free if numbers.get(f"identified.{name}") is False]
     against = [name for name in (*estimate.inputs, *free) if numbers.get(f"verdict.{name}") == CONTRADICTED]
-    wrong += [f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}"] if against else []
+    if "withheld" not in numbers:
+        wrong += [f"{', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}"] if against else []
     if "hold_out.inside" in numbers:
         said.append(f"sensors by the others: {100 * _float(numbers, 'hold_out.inside'):.3g} % within 2σ")
-    return f"{'; '.join([*beyond, *wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
+    return f"{'; '.join([*withheld, *wrong, ', '.join(said) or 'nothing comparable'])}; {method}, {truth}"
 
 
 def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
