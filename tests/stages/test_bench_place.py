@@ -17,6 +17,8 @@ from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..edges.beam import BENCH_CONFIG, bricks
+from ..edges.beam import finished as small
 from .conftest import ROOT, finished, job_of
 from .test_artefacts import DOC
 
@@ -353,3 +355,10 @@ def test_what_cannot_be_placed_is_refused_with_its_place(tmp_path, beam, change,
     with pytest.raises(StrainsightError, match=says) as caught:
         finished(job, stages)
     assert caught.value.key == key
+
+
+def test_a_pool_that_is_widened_to_every_candidate_has_no_candidates_left(tmp_path):
+    """With noise far below what an increment makes gauges read, every one could be in a better layout."""
+    changes = {"place.pool": 5, "place.keep": 4, "place.noise": 1e-10, "estimate.sensors.gauges.noise": 1e-10}
+    found = small(tmp_path, "place", bricks((3, 1, 1)), changes, BENCH_CONFIG)["place"]
+    assert len(found["/layouts/place/candidate"]) == 4

@@ -56,6 +56,14 @@ def test_the_constants_are_those_of_the_document():
         assert own.memory == pytest.approx(g0 + g1 * s * m * n, rel=1e-12)
 
 
+def test_the_forecast_of_fifty_thousand_gauges_is_that_of_the_document():
+    said = re.search(r"50 000 gauges .* 124 states, would take ([\d.]+) h and ([\d.]+) GiB", SCALING)
+    hours, memory = map(float, said.groups())
+    own = cost_of_pool(50_000, 124, 1)
+    assert own.seconds / 3600 == pytest.approx(hours, abs=0.05)
+    assert own.memory == pytest.approx(memory, abs=0.005)
+
+
 @pytest.mark.parametrize(
     ("what", "values"),
     [

@@ -182,5 +182,6 @@ def _lower(X: np.ndarray) -> np.ndarray:
 def _indefinite(instant: float) -> NumericalError:
     return NumericalError(
         f"the innovation covariance is not positive definite at {instant:g} s",
-        remedy="two gauges may be the same: give them noise, or choose others",
+        remedy="two gauges may be the same, or the noise is below what a number resolves, 1e-8 of what the unknowns may move a "
+        "reading by: give them noise, or choose others",
     )

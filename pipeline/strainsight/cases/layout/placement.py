@@ -130,11 +130,12 @@ def _widened(
             break
         new = new[tied_order(found.including[new])][: len(whole.rows)]
         task = pooled(np.union1d(whole.rows, new))
-        assert task.whole is not None
-        start = np.searchsorted(task.whole.rows, whole.rows[start])
+        start = whole.rows[start] if task.whole is None else np.searchsorted(task.whole.rows, whole.rows[start])
         if layout.exchange:
             swapped = exchange(task.under(task.pools), start, task.aggregate, limits=task.limits)
             start, cost = swapped.gauges, float(swapped.cost[-1])
+        if task.whole is None:  # the pool is every candidate
+            break
     if task is before:
         return task, result, layout
     result, own = _drafted(task, progress)
