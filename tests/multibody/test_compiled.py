@@ -10,7 +10,7 @@ from strainsight.compiled import kept
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes
+from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes, stages
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
@@ -147,18 +147,19 @@ def test_kept_code_notices_a_change_of_other_files():
     assert (other.stat().st_mtime, other.stat().st_size) in made._cache._cache_file._source_stamp
 
 
-@pytest.mark.parametrize("entry", [newton.newton, slopes.step_slopes])
+@pytest.mark.parametrize("entry", [stages.solve_stages, slopes.step_slopes])
 def test_compiled_code_notices_a_change_of_all_that_it_is_made_of(entry):
     """Also of the arrays that it takes: numba knows a tuple by its name and the types in it, and with two of its fields
     exchanged, code that was kept would read one for the other."""
     stamp = entry._cache._cache_file._source_stamp
-    for module in (arrays, blocks, relations, equations, matrix):
+    solver = [newton] if entry is stages.solve_stages else []
+    for module in (arrays, blocks, relations, equations, matrix, *solver):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
 
 
 def test_the_equations_are_made_once_for_the_step_and_its_slopes():
     """A process that takes both without code on disk compiles no part of them for types of its own."""
-    names = [f"{module.__name__}.{name}" for module in (blocks, equations, matrix, relations)
+    names = [f"{module.__name__}.{name}" for module in (blocks, equations, matrix, newton, relations)
              for name, own in vars(module).items() if len(getattr(own, "signatures", [])) > 1]
     assert not names

@@ -9,9 +9,11 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.multibody.compiled.equations import SOLVED
+from strainsight.multibody.compiled.stages import Past, nothing
 from strainsight.multibody.drives import between
 from strainsight.multibody.sensitivity import Sensitivities, sensitivities
-from strainsight.multibody.step import Step, step
+from strainsight.multibody.step import Step, left_by, problem_of, solved, stages, step
 from strainsight.multibody.system import System
 
 Method = Literal["second_order", "thesis"]
@@ -27,9 +29,10 @@ INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order":
 
 @dataclass(frozen=True)
 class Advance:
-    """The state at the end, q, v (n,), and the implicit steps that led there."""
+    """The state at the end, q, v (n,), the implicit steps that led there, and what the next ones are foreseen from."""
 
     stages: tuple[Step, ...]
+    past: Past
 
     @property
     def q(self) -> np.ndarray:
@@ -60,30 +63,42 @@ def advance(
 
     q, v (n,) at the start, need not satisfy φ = 0; u: loads (nu,) at start and end, straight between [N, N m], with p and ṗ of
     driven joints behind them, on a cubic between; h [s]; theta (nθ,); w (n,) an extra generalised force, the same all along;
-    last: the advance before, whose multipliers start Newton's iteration; near: q', v' (n,) from which it starts. Raises
-    NumericalError as `step` does.
+    last: the advance before, from which and from those before it the stages are foreseen (`compiled/stages.py`); near: q', v'
+    (n,) from which the iteration of the last stage starts. Neither changes the answer beyond what Newton's iteration leaves.
+    Raises NumericalError as `step` does.
     Source: Alexander, SIAM J. Numer. Anal. 14 (1977); thesis (1.5-1.7).
     """
+    own, carried, inside = h, 0.0, np.empty((len(INSTANTS[method]), len(u[1])))
+    inside[-1] = u[1]
+    if method == "second_order":
+        own, carried = GAMMA * h, CARRIED
+        if system.drives.names:
+            W = between(system.drives, h, GAMMA)
+            inside[0] = W[0] @ u[0] + W[1] @ u[1]
+        else:
+            inside[0] = (1 - GAMMA) * u[0] + GAMMA * u[1]
+    problem = problem_of(system, q, v, inside, theta, w)
     guess = None if last is None else last.stages[-1]
-    if method == "thesis":
-        return Advance((step(system, q, v, u[1], h, theta, w, guess, near),))
-    own = GAMMA * h
-    before = None if guess is None else (guess.v - guess.start[1]) / guess.h
-    inside = (1 - GAMMA) * u[0] + GAMMA * u[1]
-    if system.drives.names:
-        W = between(system.drives, h, GAMMA)
-        inside = W[0] @ u[0] + W[1] @ u[1]
-    first = step(system, q, v, inside, own, theta, w, guess, _ahead(q, v, before, own))
-    start = q + CARRIED * (first.q - q), v + CARRIED * (first.v - v)
-    if near is None:
-        now = (first.v - v) / own
-        near = _ahead(*start, now if before is None else now + CARRIED * (now - before), own)
-    return Advance((first, step(system, *start, u[1], own, theta, w, first, near)))
+    found = stages(problem, own, carried, left_by(problem, guess), near, _past(last, own, len(inside), system.size))
+    if found.ended == SOLVED:
+        return Advance(solved(problem, own, found), found.past)
+    # each by itself, led there
+    first = step(system, q, v, inside[0], own, theta, w, guess)
+    both: tuple[Step, ...] = (first,)
+    if len(inside) > 1:
+        middle = q + carried * (first.q - q), v + carried * (first.v - v)
+        both = first, step(system, *middle, inside[1], own, theta, w, first)
+    return Advance(both, nothing(len(both), system.size))
 
 
-def _ahead(q: np.ndarray, v: np.ndarray, a: np.ndarray | None, h: float) -> tuple[np.ndarray, np.ndarray] | None:
-    """Where a stage of h leads with the acceleration a (n,): there Newton's iteration starts."""
-    return None if a is None else (q + h * (v + h * a), v + h * a)
+def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
+    """That of the advance before; of one in steps of another length its last acceleration alone."""
+    if last is None:
+        return nothing(count, n)
+    before = last.stages[-1]
+    if before.h == h and len(last.stages) == count and len(last.past.rate):
+        return last.past
+    return nothing(count, n)._replace(rate=np.stack([np.zeros(n), (before.v - before.start[1]) / before.h]))
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.compiled import newton as iteration
 from strainsight.multibody.compiled.arrays import Point
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
-from strainsight.multibody.compiled.newton import newton
+from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages
 from strainsight.multibody.compiled.system import Compiled, Prepared
 from strainsight.multibody.equations import balance, element_load
 from strainsight.multibody.initial import check_regular
@@ -84,15 +84,8 @@ def step(
     Raises NumericalError naming the constraint, body or force that is farthest from balance.
     Source: thesis (1.5-1.7); Gear, Gupta, Leimkuhler, J. Comput. Appl. Math. 12 (1985).
     """
-    own = compiled(system)
-    q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
-    u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
-    w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
-    problem = _Problem(system, own, own.at(system, theta), q, v, u, theta, w)
-    none = np.zeros(system.constrained)
-    mu, lam = (guess.mu, guess.lam) if guess is not None else (none, none)
-    memory = guess.memory if guess is not None else np.zeros(own.memory)
-    first = _Trial(q + h * v, v, mu, lam, memory)
+    problem = problem_of(system, q, v, u[None], theta, w)
+    first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
     if near is not None:
         try:
             return _newton(problem, h, first._replace(q=near[0], v=near[1]))
@@ -108,8 +101,9 @@ def step(
     return _newton(problem, h, first)
 
 
-@dataclass(frozen=True)
-class _Problem:
+class Problem(NamedTuple):
+    """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
+
     system: System
     compiled: Compiled
     prepared: Prepared
@@ -118,6 +112,56 @@ class _Problem:
     u: np.ndarray
     theta: np.ndarray
     w: np.ndarray
+
+
+def problem_of(
+    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
+) -> Problem:
+    """All as contiguous numbers."""
+    own = compiled(system)
+    q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
+    u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
+    w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
+    return Problem(system, own, own.at(system, theta), q, v, u, theta, w)
+
+
+def left_by(problem: Problem, guess: Step | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """μ, λ (m,) and the memory of force laws that the stage before leaves."""
+    if guess is not None:
+        return guess.mu, guess.lam, guess.memory
+    none = np.zeros(problem.system.constrained)
+    return none, none, np.zeros(problem.compiled.memory)
+
+
+def stages(
+    problem: Problem,
+    h: float,
+    carried: float,
+    left: tuple[np.ndarray, np.ndarray, np.ndarray],
+    near: tuple[np.ndarray, np.ndarray] | None,
+    past: Past,
+) -> Stages:
+    """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
+    given = point(problem.prepared, (problem.q, problem.v), problem.u[0], h, problem.w)
+    start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
+    mu, lam, memory = left
+    found: Stages = solve_stages(
+        problem.compiled.arrays, given, problem.u, carried, problem.theta, memory, mu, lam, start, past
+    )
+    if found.ended == BROKEN:
+        raise next(filter(None, [law.taken() for law in problem.compiled.in_python if law is not None]))
+    return found
+
+
+def solved(problem: Problem, h: float, found: Stages) -> tuple[Step, ...]:
+    """The stages one by one."""
+    return tuple(
+        Step(
+            found.q[i], found.v[i], found.mu[i], found.lam[i], int(found.iterations[i]), found.motion[i], found.memory[i],
+            (found.start_q[i], found.start_v[i]), problem.u[i], problem.theta, problem.w, h,
+        )
+        for i in range(len(problem.u))
+    )  # fmt: skip
 
 
 class _Trial(NamedTuple):
@@ -130,7 +174,7 @@ class _Trial(NamedTuple):
     memory: np.ndarray
 
 
-def _lead(problem: _Problem, h: float, first: _Trial, halvings: int) -> Step | None:
+def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | None:
     """Newton at h/2ᵏ, …, h/2, h, each started from the one before."""
     q, v = problem.q, problem.v
     start = first
@@ -149,18 +193,13 @@ def point(at: Prepared, start: tuple[np.ndarray, np.ndarray], u: np.ndarray, h: 
     return Point(*start, h, u, at.K, at.C, w, at.address, at.begin, at.numbers)
 
 
-def _newton(problem: _Problem, h: float, start: _Trial) -> Step:
-    memory = start.memory.copy()
-    begun = problem.q, problem.v
-    given = point(problem.prepared, begun, problem.u, h, problem.w)
-    ended, iterations, q, v, motion, mu, lam = newton(
-        problem.compiled.arrays, given, problem.theta, memory, start.q, start.v, start.mu, start.lam
-    )
-    if ended == SOLVED:
-        return Step(q, v, mu, lam, iterations, motion, memory, begun, problem.u, problem.theta, problem.w, h)
-    if ended == BROKEN:
-        raise next(filter(None, [law.taken() for law in problem.compiled.in_python if law is not None]))
-    raise _refusal(problem, h, (q, v, mu, lam), ended, iterations)
+def _newton(problem: Problem, h: float, start: _Trial) -> Step:
+    left = start.mu, start.lam, start.memory
+    found = stages(problem, h, 0.0, left, (start.q, start.v), nothing(1, len(start.q)))
+    if found.ended == SOLVED:
+        return solved(problem, h, found)[0]
+    trial = found.q[0], found.v[0], found.mu[0], found.lam[0]
+    raise _refusal(problem, h, trial, found.ended, int(found.iterations[0]))
 
 
 REASONS = {
@@ -170,7 +209,7 @@ REASONS = {
 }
 
 
-def _refusal(problem: _Problem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
+def _refusal(problem: Problem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
     """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
     q = trial[0]
     try:
@@ -179,21 +218,21 @@ def _refusal(problem: _Problem, h: float, trial: tuple[np.ndarray, ...], ended: 
         return error
     return NumericalError(
         f"the step of {h:g} s was not solved after {count} iterations: {REASONS[ended]}; {off}"
-        f"{_dependent(problem.system, q, problem.u)}",
+        f"{_dependent(problem.system, q, problem.u[0])}",
         remedy="take a smaller time step",
     )
 
 
-def _farthest(problem: _Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
+def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
     system, d, rigid = problem.system, problem.system.metric, problem.system.rigid
     q, v, mu, lam = trial
     rho, G, *_ = relation_rows(system.products, q, v)
     for element in system.elements:
-        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u).F
+        F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
     elastic = problem.prepared.K, problem.prepared.C
-    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u, problem.theta, elastic)
+    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta, elastic)
     lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Point
-from strainsight.multibody.inertia import Inertia, inertia_load
+from strainsight.multibody.inertia import Inertia, add_inertia
 
 
 @inner
@@ -94,16 +94,12 @@ def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
     x += 3 * n
     second = f[x : x + 9].reshape(3, 3)
     x += 9
-    second_modal = f[x : x + 9 * n].reshape(n, 3, 3)
-    x += 9 * n
-    second_modal2 = f[x : x + 9 * n * n].reshape(n, n, 3, 3)
-    x += 9 * n * n
     coupling = f[x : x + 9 * n].reshape(3, 3, n)
     x += 9 * n
     coupling_modal = f[x : x + 9 * n * n].reshape(n, 3, 3, n)
     x += 9 * n * n
     modal = f[x : x + n * n].reshape(n, n)
-    return Inertia(n0, f[at], first, first_modal, second, second_modal, second_modal2, coupling, coupling_modal, modal)
+    return Inertia(n0, f[at], first, first_modal, second, coupling, coupling_modal, modal)
 
 
 @inner
@@ -125,7 +121,7 @@ def add_bodies(
 
         X += TᵀD²T/h + ∂r₁ with the velocity at rest,    A += TᵀM T/h + ∂c/∂ζ + C,     K += ∂r₂ at the same ζ        (nt, nt)
 
-    given as zeros, without tangents not all of them; TM (nt, 12 + most modes) = TᵀM of every body.
+    given as zeros, without tangents not touched; TM (nt, 12 + most modes) = TᵀM of every body.
 
         ∂(Tᵀg) = Tᵀ∂g + Σ (ε × R_β) × g_β,     ∂v = T δζ + ω × (ε × R_β)
     """
@@ -136,7 +132,7 @@ def add_bodies(
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
         if moving == 0:
-            _add_clamped(s, p, n0, t0, modes, q, v, a, r1, r2, X, A, K, TM)
+            _add_clamped(s, p, n0, t0, modes, q, v, a, r1, r2, X, A, K, TM, tangents)
             continue
         size = 12 + modes
         R = q[n0 + 3 : n0 + 12]
@@ -144,45 +140,35 @@ def add_bodies(
         for i in range(size):
             column[i, 0] = s.d[n0 + i] ** 2 * ((q[n0 + i] - p.q[n0 + i]) / h - v[n0 + i])
         # the equation of q
-        for i in range(width):
-            X[t0 + i, t0 + i] += s.dt[t0 + i] ** 2 / h
         project_rows(column, R, modes, down)
         for i in range(width):
             r1[t0 + i] = down[i, 0]
-        _add_turned(column, R, t0 + 3, X)
         w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
-        square = s.d[n0 + 3] ** 2
-        X[t0 + 3, t0 + 4] += square * w2
-        X[t0 + 3, t0 + 5] -= square * w1
-        X[t0 + 4, t0 + 3] -= square * w2
-        X[t0 + 4, t0 + 5] += square * w0
-        X[t0 + 5, t0 + 3] += square * w1
-        X[t0 + 5, t0 + 4] -= square * w0
+        if tangents:
+            for i in range(width):
+                X[t0 + i, t0 + i] += s.dt[t0 + i] ** 2 / h
+            _add_turned(column, R, t0 + 3, X)
+            square = s.d[n0 + 3] ** 2
+            X[t0 + 3, t0 + 4] += square * w2
+            X[t0 + 3, t0 + 5] -= square * w1
+            X[t0 + 4, t0 + 3] -= square * w2
+            X[t0 + 4, t0 + 5] += square * w0
+            X[t0 + 5, t0 + 3] += square * w1
+            X[t0 + 5, t0 + 4] -= square * w0
         # the equation of motion
+        M, g = np.zeros((size, size)), np.zeros(size)
+        Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
         if s.body[k, 4] >= 0:
-            M, g, Gq, Gv = inertia_load(inertia_of(s, s.body[k, 4], n0, modes), q, v, a)
+            add_inertia(inertia_of(s, s.body[k, 4], n0, modes), q, v, a, tangents, M, g, Gq, Gv)
         else:
-            M, g = np.empty((size, size)), np.zeros(size)
-            Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
             for i in range(size):
                 for j in range(size):
                     M[i, j] = s.mass[n0 + i, n0 + j]
                     g[i] += M[i, j] * a[n0 + j]
-        for i in range(size):
-            for j in range(size):
-                Gv[i, j] += M[i, j] / h
-        whole = np.empty((width, size))
-        project_rows(M, R, modes, whole)
-        for i in range(width):
-            for j in range(size):
-                TM[t0 + i, j] = whole[i, j]
         eta = n0 + 12
         for i in range(modes):
             for j in range(modes):
-                Kij, Cij = p.K[eta + i, eta + j], p.C[eta + i, eta + j]
-                g[12 + i] += Kij * q[eta + j] + Cij * v[eta + j]
-                Gq[12 + i, 12 + j] += Kij
-                Gv[12 + i, 12 + j] += Cij
+                g[12 + i] += p.K[eta + i, eta + j] * q[eta + j] + p.C[eta + i, eta + j] * v[eta + j]
         if len(p.w):
             for i in range(size):
                 g[i] -= p.w[n0 + i]
@@ -193,6 +179,18 @@ def add_bodies(
             r2[t0 + i] += down[i, 0]
         if not tangents:
             continue
+        for i in range(modes):
+            for j in range(modes):
+                Gq[12 + i, 12 + j] += p.K[eta + i, eta + j]
+                Gv[12 + i, 12 + j] += p.C[eta + i, eta + j]
+        for i in range(size):
+            for j in range(size):
+                Gv[i, j] += M[i, j] / h
+        whole = np.empty((width, size))
+        project_rows(M, R, modes, whole)
+        for i in range(width):
+            for j in range(size):
+                TM[t0 + i, j] = whole[i, j]
         AT, KT = np.empty((size, width)), np.empty((size, width))
         square_block = np.empty((width, width))
         project_columns(Gv, R, modes, AT)
@@ -212,7 +210,7 @@ def add_bodies(
         project_rows(KT, R, modes, square_block)
         _add_block(square_block, t0, K)
         _add_turned(column, R, t0 + 3, K)
-    _add_moments(s, p, q, r2, K)
+    _add_moments(s, p, q, r2, K, tangents)
 
 
 @inner
@@ -231,24 +229,27 @@ def _add_clamped(
     A: np.ndarray,
     K: np.ndarray,
     TM: np.ndarray,
+    tangents: bool,
 ) -> None:
     """The same of a body whose frame is the ground's: its coordinates are minimal."""
     for i in range(modes):
         square = s.d[n0 + i] ** 2
         r1[t0 + i] = square * ((q[n0 + i] - p.q[n0 + i]) / p.h - v[n0 + i])
-        X[t0 + i, t0 + i] += square / p.h
         force = -p.w[n0 + i] if len(p.w) else 0.0
         for j in range(modes):
             M, Kij, Cij = s.mass[n0 + i, n0 + j], p.K[n0 + i, n0 + j], p.C[n0 + i, n0 + j]
             force += M * a[n0 + j] + Kij * q[n0 + j] + Cij * v[n0 + j]
-            TM[t0 + i, j] = M
-            A[t0 + i, t0 + j] += M / p.h + Cij
-            K[t0 + i, t0 + j] += Kij
+            if tangents:
+                TM[t0 + i, j] = M
+                A[t0 + i, t0 + j] += M / p.h + Cij
+                K[t0 + i, t0 + j] += Kij
+        if tangents:
+            X[t0 + i, t0 + i] += square / p.h
         r2[t0 + i] += force
 
 
 @inner
-def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray) -> None:
+def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray, tangents: bool) -> None:
     """Of the virtual work T·δθ, δθ = ε + RΨ δη:  rows ε: −T,   rows η: −ΨᵀRᵀT,  whose change is −ΨᵀRᵀ(T × ε)."""
     T = np.empty(3)
     for m in range(len(s.moment_on)):
@@ -269,7 +270,7 @@ def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarr
                 on = x * T[0] + y * T[1] + z * T[2]
                 # R_β·(T × ε) = (R_β × T)·ε
                 across = (y * T[2] - z * T[1], z * T[0] - x * T[2], x * T[1] - y * T[0])
-                for i in range(modes):
+                for i in range(modes if tangents else 0):
                     for a in range(3):
                         K[t0 + 6 + i, t0 + 3 + a] -= s.moment_rotation[m, beta, i] * across[a]
             else:

@@ -38,19 +38,23 @@ def equations(
            np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """State, r₁, r₂ (nt,), r₃, r₄ (joints,), ∇ρ, ∂ρ̇ (nr, nt), X, A, K (nt, nt), TᵀM (nt, 12 + most modes), ∂r₂/∂(θ, u) of the
     elements (nt, nθ + all of u), ∂B/∂p, φ_p and ∂φ_t/∂p of the driven constraints (k, nt + 2) at q, ζ, μ, λ; without tangents
-    X, A, K and what follows them are not all there. memory of the laws is brought up to date."""
+    ∂ρ̇, X, A, K, TᵀM and ∂r₂/∂(θ, u) are empty. memory of the laws is brought up to date."""
     nt, nr = len(s.dt), len(s.value)
     b, rate, J, Jr, turned = carried(s, q, z)
     rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
+    # zeros of large systems take as long as what is done with them
+    size, most = nt if tangents else 0, 0
+    for k in range(len(s.body)):
+        most = max(most, s.body[k, 3])
     # an element may have rows that feel different bodies
-    g, gr = np.zeros((nr, nt)), np.zeros((nr, nt))
+    g, gr = np.zeros((nr, nt)), np.zeros((nr if tangents else 0, nt))
     rows(s, b, rate, J, Jr, rho, rho_dot, g, gr, x)
     by_drive = np.zeros((len(s.drive), nt + 2))
     drive(s, p.u, rho, rho_dot, g, gr, by_drive)
     v = natural_velocity(s, q, z)
     r1, r2 = np.zeros(nt), np.zeros(nt)
-    X, A, K, TM = np.zeros((nt, nt)), np.zeros((nt, nt)), np.zeros((nt, nt)), np.zeros((nt, 12 + s.C.shape[2] + len(q)))
-    by_theta = np.zeros((nt, len(theta) + len(p.u)))
+    X, A, K, TM = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 12 + most))
+    by_theta = np.zeros((size, len(theta) + len(p.u)))
     add_bodies(s, p, q, z, v, r1, r2, X, A, K, TM, tangents)
     F = s.weights.copy()
     for k in range(len(s.input_row)):
@@ -118,7 +122,8 @@ def drive(
                     for i in range(s.body[body, 2], s.body[body, 2] + s.body[body, 5]):
                         by_drive[k, i] = -n * g[row, i] - c * g[across, i]
                         g[row, i] = c * g[row, i] - n * g[across, i]
-                        gr[row, i] = c * gr[row, i] - n * gr[across, i] + rate * by_drive[k, i]
+                        if len(gr):
+                            gr[row, i] = c * gr[row, i] - n * gr[across, i] + rate * by_drive[k, i]
         else:
             rho[row] -= value**power
             slope, bend = (-1.0, 0.0) if power == 1 else (-2.0 * value, -2.0 * rate)

@@ -168,12 +168,13 @@ def right_side(
 def factorise(Z: np.ndarray, low: np.ndarray) -> tuple[bool, np.ndarray, np.ndarray]:
     """Z = LU by Gauss with row pivots in the envelope, in place: whether Z is regular, the pivots, the last column of a row.
 
-    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within.
+    low (N,): the last row that a column reaches, not falling; so no row below is looked at, and what is filled stays within. As
+    the pattern of Z is that of its transpose, a row reaches no column beyond.
     """
     N = len(Z)
     pivots, last = np.empty(N, dtype=np.int64), np.empty(N, dtype=np.int64)
     for i in range(N):
-        j = N - 1
+        j = low[i]
         while j > i and Z[i, j] == 0.0:
             j -= 1
         last[i] = j
@@ -207,21 +208,32 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
     N, k = right.shape
     for j in range(N):
         at = pivots[j]
-        if at != j:
-            for c in range(k):
-                right[j, c], right[at, c] = right[at, c], right[j, c]
-        for i in range(j + 1, low[j] + 1):
+        for c in range(k):
+            value = right[at, c]
+            if at != j:
+                right[at, c] = right[j, c]
+                right[j, c] = value
+            if k == 1 and value != 0.0:
+                for i in range(j + 1, low[j] + 1):
+                    right[i, 0] -= Z[i, j] * value
+        for i in range(j + 1, low[j] + 1 if k > 1 else 0):
             share = Z[i, j]
             if share != 0.0:
                 for c in range(k):
                     right[i, c] -= share * right[j, c]
     for j in range(N - 1, -1, -1):
+        pivot = 1.0 / Z[j, j]
+        if k == 1:
+            value = right[j, 0]
+            for i in range(j + 1, last[j] + 1):
+                value -= Z[j, i] * right[i, 0]
+            right[j, 0] = value * pivot
+            continue
         for i in range(j + 1, last[j] + 1):
             value = Z[j, i]
             if value != 0.0:
                 for c in range(k):
                     right[j, c] -= value * right[i, c]
-        pivot = 1.0 / Z[j, j]
         for c in range(k):
             right[j, c] *= pivot
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner, kept
+from strainsight.compiled import inner
 from strainsight.multibody.compiled.arrays import Arrays, Point
 from strainsight.multibody.compiled.blocks import natural_velocity
-from strainsight.multibody.compiled.equations import BROKEN, FILES, NO_LOAD, SOLVED, equations
+from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
 INFINITE, SINGULAR, ENDLESS = 3, 4, 5
@@ -28,12 +28,17 @@ CLOSE, FAST, ROUNDED = 0.01, 1e-4, 1e-2
 """A correction below which the next iteration tries the matrix of this one; what that one's has to be beside it to count; and
 what its expected successor has to be beside CONVERGED: with the old matrix corrections go on shrinking by the same factor
 only, and not by its square."""
+BELIEVED, LAST_DIGIT = 0.01, 1e-17
+"""What the successor of a first correction has to be beside CONVERGED where it is not looked at, and the least that it is."""
+USUAL, SMALL = 2.0, 1e-6
+"""Times the first correction of the step before, above which something has happened, a contact say; and the largest one whose
+successor is believed."""
 LEAST = 1e-3
 """Share of a correction below which Newton's iteration is given up."""
 TINY = float(np.finfo(float).tiny)
 
 
-@kept(*FILES)
+@inner
 def newton(
     s: Arrays,
     p: Point,
@@ -43,10 +48,14 @@ def newton(
     v: np.ndarray,
     mu: np.ndarray,
     lam: np.ndarray,
+    corrections: np.ndarray,
 ) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """How it ended, iterations, and q, v (n,), ζ (nt,), μ, λ (m,), from a trial q, v that is put on the rotations first.
 
-    Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved.
+    Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
+    (3,): the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
+    that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked for,
+    is the only one. They are brought up to date, and the second counts for twice as much every time it is believed.
     """
     nt, m = len(s.dt), s.joints
     q, z = on_rotations(s, q, v)
@@ -95,6 +104,14 @@ def newton(
         y, dz, dmu, dlam, begun = new_y, new_dz, new_dmu, new_dlam, True
         last_q, last_z, last_mu, last_lam = q, z, mu, lam
         q, z, mu, lam = moved(s, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
+        if iteration == 1:
+            usual = size <= min(SMALL, corrections[0], USUAL * corrections[2])
+            corrections[2] = size
+            if usual and corrections[1] * (size / corrections[0]) ** 2 <= BELIEVED * CONVERGED:
+                corrections[1] *= 2
+                return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
+        if iteration == 2 and share == 1.0:
+            corrections[0], corrections[1] = before, max(size, LAST_DIGIT)
         beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
         enough = ROUNDED if again else 0.1
         rounding = (

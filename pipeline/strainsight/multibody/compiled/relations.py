@@ -94,8 +94,8 @@ def rows(
     gr: np.ndarray,
     x: np.ndarray,
 ) -> None:
-    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros."""
-    xr = np.empty((2, 3))
+    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
+    xr, moving = np.empty((2, 3)), len(gr) > 0
     for row in range(len(rho)):
         x[row], xr[:] = 0.0, 0.0
         for p in range(4):
@@ -118,6 +118,7 @@ def rows(
             t0 = s.body[s.on[i], 2]
             for k in range(6 * s.body[s.on[i], 0] + s.felt[i]):
                 g[row, t0 + k] += J[i, 0, k] * f0 + J[i, 1, k] * f1 + J[i, 2, k] * f2
+            for k in range(6 * s.body[s.on[i], 0] + s.felt[i] if moving else 0):
                 gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
                 gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
 
