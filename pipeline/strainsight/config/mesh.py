@@ -270,6 +270,12 @@ class MeshFile(Section):
         "though the model would need their stiffness, mass, tie or load. Elements, ties and loads that are not supported have "
         "to be named here.",
     )
+    contact: Literal["bonded", "open"] | None = Field(
+        None,
+        description="What becomes of surfaces of a deck that are in contact (*CONTACT PAIR). bonded: nodes of the first surface "
+        "that lie on the second follow it, the stiffest that a contact can be; open: nothing connects them. Null: a deck with "
+        "contact is an error, but for pairs that it ties itself, which are bonded always.",
+    )
     spc: SetId | None = Field(
         None,
         description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "

@@ -88,7 +88,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense; free: nothing
     has to hold it.
     """
-    found = [f"{count} × {card} ignored: {lost(card)}" for card, count in ignored_structure(mesh).items()]
+    found = list(leading_warnings(mesh))
     found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
@@ -118,6 +118,12 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
             "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
         )
     return tuple(found)
+
+
+def leading_warnings(mesh: Mesh) -> tuple[str, ...]:
+    """What makes the model another structure than the deck's: contact that is bonded or open, and cards that are not used."""
+    ignored = ignored_structure(mesh).items()
+    return (*mesh.contacts, *(f"{count} × {card} ignored: {lost(card)}" for card, count in ignored))
 
 
 def ignored_structure(mesh: Mesh) -> dict[str, int]:

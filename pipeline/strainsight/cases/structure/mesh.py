@@ -45,7 +45,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import ignored_structure, sanity_warnings, without_loose_masses
+from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
@@ -74,6 +74,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
             spc=config.spc,
             given=given_sections(config, key),
             include=include,
+            contact=config.contact or ("open" if config.matrices or config.results else None),
         )
         if config.matrices is None and config.results is None:
             mesh = _all_supported(mesh, config.ignore)
@@ -140,7 +141,7 @@ def checked(
 def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
     """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, what moves
     freely or resists a rigid motion, and the rest of `sanity_warnings`."""
-    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(ignored_structure(mesh))
+    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(leading_warnings(mesh))
     return (
         *sane[:first],
         *connectivity_warnings(mesh),

@@ -27,7 +27,15 @@ Row = tuple[str, str, str]
 
 def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
     """Of a mesh as it is computed; program: whose deck it was, as `format_of` says; free: nothing has to hold it."""
-    rows = (*_cards(mesh), *_connections(mesh), *_rigid(mesh, free), *_masses(mesh), *_differences(mesh, program))
+    contacts = (("contact", "", text) for text in mesh.contacts)
+    rows = (
+        *contacts,
+        *_cards(mesh),
+        *_connections(mesh),
+        *_rigid(mesh, free),
+        *_masses(mesh),
+        *_differences(mesh, program),
+    )
     return Table(ASSUMES, ("what", "how many", "detail"), rows)
 
 
