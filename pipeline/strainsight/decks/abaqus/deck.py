@@ -13,6 +13,7 @@ import numpy as np
 from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.contact import Contact, with_contact
+from strainsight.decks.abaqus.cyclic import with_whole_ring
 from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
@@ -37,13 +38,13 @@ from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR"
+    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR|CYCLICSYMMETRYMODEL"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|SECTIONPOINTS|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
     r"PRINT|FILEFORMAT|FILEOUTPUT|(NODE|ELEMENT|CONTACT|ENERGY|MODAL|INTEGRATED)?OUTPUT|INTEGRATEDOUTPUTSECTION|"
     r"(NODE|EL|CONTACT|ENERGY|MODAL|SECTION)(FILE|PRINT)|PHYSICALCONSTANTS|DIAGNOSTICS|STATIC|(COMPLEX)?FREQUENCY|"
-    r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC"
+    r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC|SELECTCYCLICSYMMETRYMODES|GREEN"
 )
 """Output, procedures and their control: they change neither stiffness, mass, ties nor supports."""
 STRUCTURAL = re.compile(
@@ -52,7 +53,7 @@ STRUCTURAL = re.compile(
 )
 UNSUPPORTED = re.compile(
     r"\*(ELEMENT,|TIE( that|$)|MPC|CONTACT$|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
-    r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
+    r"|SUBSTRUCTURE|SUBMODEL|FASTENER|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
     r"|CLOAD|DLOAD|DSLOAD|INERTIA ?RELIEF)"
 )
 """Elements, ties and loads: what a model is not the same without."""
@@ -167,6 +168,7 @@ def read_abaqus(
         included=included,
         origin=origin,
     )
+    mesh, found = with_whole_ring(mesh, assembly, found)
     mesh, refused = with_tied_surfaces(mesh, assembly, found)
     mesh = without_held(with_contact(mesh, assembly, keywords, found, contact))
     control = dict.fromkeys(filter(OF_CONTACT.match, ignored), "none") if mesh.contacts else {}

@@ -23,6 +23,8 @@ TOLERANCE = 0.05
 """Of the mean size of the facets: how far off nodes may lie where the deck does not say (Abaqus; CalculiX: 0.025)."""
 
 
+SECTOR = "CYCLICSYMMETRYMODEL"
+"""The name of the keyword that makes a deck a sector."""
 OF_THIN, OTHER = "*TIE that joins shells or beams", "*TIE that is a symmetry"
 """What a *TIE that is not supported is called, so that `mesh.ignore` can name it and keep the others."""
 
@@ -30,6 +32,13 @@ OF_THIN, OTHER = "*TIE that joins shells or beams", "*TIE that is a symmetry"
 def plain_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
     """The *TIE that join surfaces; cyclic symmetry and the like are none."""
     return [(scope, keyword) for scope, keyword in assembly.keywords("TIE") if set(keyword.parameters) <= PLAIN]
+
+
+def cyclic_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
+    """The *TIE of cut faces, in a deck that is a sector."""
+    if not any(True for _ in assembly.keywords(SECTOR)):
+        return []
+    return [pair for pair in assembly.keywords("TIE") if "CYCLICSYMMETRY" in pair[1].parameters]
 
 
 def with_tied_surfaces(
@@ -43,7 +52,8 @@ def with_tied_surfaces(
     Raises DeckError for surfaces that are not in the deck, and where no node of the first lies on the second.
     """
     plain = plain_ties(assembly)
-    others = [keyword.where for pair in assembly.keywords("TIE") if pair not in plain for keyword in pair[1:]]
+    taken = [*plain, *cyclic_ties(assembly)]
+    others = [keyword.where for pair in assembly.keywords("TIE") if pair not in taken for keyword in pair[1:]]
     refused = {OTHER: others} if others else {}
     for scope, keyword in plain:
         for row in keyword.rows():
