@@ -83,7 +83,8 @@ class Mesh:
     supported → count; effect: "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of
     them; unsupported: those of them that are elements, ties or loads → file:line of the first; notes: sentences on how
     something was read, doubts: on what the file says that is more likely a mistake;
-    contacts: what became of surfaces that touch and may part, a sentence each; read: card or the like that was taken →
+    contacts: what became of surfaces that touch and may part, a sentence each; lumped: whether the mass of
+    solids is on the diagonal; read: card or the like that was taken →
     count; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
     """
 
@@ -117,6 +118,7 @@ class Mesh:
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     contacts: tuple[str, ...] = ()
+    lumped: bool = False
     read: Mapping[str, int] = field(default_factory=dict)
     source: str = ""
     included: tuple[str, ...] = ()

@@ -146,8 +146,8 @@ def lost(card: str) -> str:
         return "inertia relief is asked for with mesh.free: true"
     if card.endswith("COUPMASS"):
         return (
-            "it asks for lumped mass, and mass is consistent here, as with PARAM,COUPMASS,1: frequencies of two coarse meshes of "
-            "tet10 were 9 and 23 % apart for it"
+            "it asks for lumped mass, and beside shells and beams mass is consistent here, as with PARAM,COUPMASS,1: frequencies "
+            "of two coarse meshes of tet10 were 9 and 23 % apart for it"
         )
     return "the stiffness, mass or tie it may add is missing"
 

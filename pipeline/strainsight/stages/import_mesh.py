@@ -105,5 +105,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=15, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=16, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

@@ -78,6 +78,7 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
         )
         if config.matrices is None and config.results is None:
             mesh = _all_supported(mesh, config.ignore)
+    mesh = _with_mass(mesh, config, key)
     if config.merge is not None:
         with blame(f"{key}.merge"):
             mesh = merged(mesh, config.merge)
@@ -91,6 +92,19 @@ def mesh_of(config: MeshFile, path: Path, key: str = "mesh", base: Path | None =
         mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
+
+
+def _with_mass(mesh: Mesh, config: MeshFile, key: str) -> Mesh:
+    """The mesh with the mass of solids that the config chooses."""
+    if config.mass is None:
+        return mesh
+    if config.mass == "lumped" and mesh.thin:
+        raise ConfigError(
+            "the mesh has shells, beams or rods, whose mass is not lumped here",
+            key=f"{key}.mass",
+            remedy="remove the key: mass is consistent",
+        )
+    return replace(mesh, lumped=config.mass == "lumped")
 
 
 def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:

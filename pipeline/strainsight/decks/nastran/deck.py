@@ -19,7 +19,7 @@ from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
-from strainsight.decks.nastran.parameters import count_parameters, mass_scale
+from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.relations import selected_cards, terms
@@ -150,6 +150,12 @@ def read_nastran(
         {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
     )
     of_parameters = _count_ignored(deck, ignored, notes)
+    diagonal = lumped(deck) and not (thin.shells or thin.beams)
+    if diagonal:
+        del ignored["PARAM COUPMASS"]
+        notes.append(
+            "mass of solids is lumped, as PARAM,COUPMASS says: the diagonal, scaled to the mass of each element"
+        )
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
     sprung = springs(cards, grids, notes)
@@ -189,6 +195,7 @@ def read_nastran(
         | ({MISSING_END: deck.last.where} if cut else {}),
         notes=said,
         doubts=doubts,
+        lumped=diagonal,
         read={name: len(found) for name, found in cards.items() if name in TAKEN},
         source=str(path),
         included=deck.included,

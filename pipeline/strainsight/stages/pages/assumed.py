@@ -127,9 +127,12 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
     for text in (
         "linear about the state without load: no preload, contact, large displacement or temperature",
         "damping is that of the config, whatever the deck says",
-        {
-            "nastran": "mass is consistent; Nastran lumps it where the deck has no PARAM,COUPMASS: on coarse meshes frequencies "
-            "are higher here",
+        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent one, scaled to the mass of each "
+        "element; on coarse meshes frequencies are lower than by consistent mass"
+        if mesh.lumped
+        else {
+            "nastran": "mass is consistent; Nastran lumps it where the deck has no PARAM,COUPMASS (mesh.mass: lumped): on "
+            "coarse meshes frequencies are higher here",
             "abaqus": "mass is consistent; Abaqus lumps that of elements of the first order: on coarse meshes frequencies are "
             "higher here",
         }.get(program, "mass is consistent"),
