@@ -97,6 +97,17 @@ class ChoiceError(DeckError):
         self.sets = sets
 
 
+class ContactError(DeckError):
+    """A deck with surfaces in contact, of which the config has to say whether they are joined.
+
+    pairs  which, "A on B"
+    """
+
+    def __init__(self, what: str, *, where: str, remedy: str, pairs: tuple[str, ...]):
+        super().__init__(what, where=where, remedy=remedy)
+        self.pairs = pairs
+
+
 class InfeasibleError(UserError):
     """A request that no layout or estimate can satisfy."""
 

@@ -171,6 +171,12 @@ def test_heat_that_changes_no_stiffness_is_listed(tmp_path, name, text, card):
     assert not mesh.unsupported
 
 
+def test_a_modulus_that_is_the_same_at_all_temperatures_does_not_depend_on_them(tmp_path):
+    line = ABAQUS.split("*ELASTIC\n")[1].splitlines()[0]
+    text = ABAQUS.replace(line, f"{line}, 0.\n{line}, 400.", 1) + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
+    assert not imported(tmp_path, text, name="deck.inp").unsupported
+
+
 def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
     text = ABAQUS.replace("*DENSITY", "1.9e11, .3, 400.\n*DENSITY") + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
     assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what

@@ -197,7 +197,7 @@ CONNECTIONS = {
         ABAQUS,
         "surface 'A' is not in the deck",
     ),
-    "contact": (inp(more="*CONTACT PAIR, INTERACTION=I\nA, B"), ABAQUS, "not the same without: 1 × CONTACT PAIR"),
+    "contact": (inp(more="*CONTACT PAIR, INTERACTION=I\nA, B"), ABAQUS, "surface 'A' is not in the deck"),
     "bonded faces": (bar("BGSET,1,1,2"), {}, "not the same without: 1 × BGSET"),
     "a relation that grounds": (
         bar("MPC,1,5,3,1.,3,3,-1.", case="SPC = 1\nMPC = 1"),

@@ -47,9 +47,9 @@ class Suggestion:
     lack; supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which
     holds; unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
     places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
-    largest face; thin: names of its regions of triangles and quadrangles, where it has no solids and no sections; matrices:
-    CalculiX has written .sti, .mas and .dof beside it; face_at: the point by which `places` has the face that a point is on, or
-    the point again where there is none.
+    largest face; thin: names of its regions of triangles and quadrangles, where it has no solids and no sections; pairs: its
+    surfaces in contact, "A on B"; contact: what mesh.contact may be for them; matrices: CalculiX has written .sti, .mas and .dof
+    beside it; face_at: the point by which `places` has the face that a point is on, or the point again where there is none.
     """
 
     length_unit: str = "m"
@@ -67,6 +67,8 @@ class Suggestion:
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
     thin: tuple[str, ...] = ()
+    contact: Literal["bonded", "open"] | None = None
+    pairs: tuple[str, ...] = ()
     matrices: bool = False
     face_at: Callable[[str], str] = str
 

@@ -270,6 +270,18 @@ class MeshFile(Section):
         "though the model would need their stiffness, mass, tie or load. Elements, ties and loads that are not supported have "
         "to be named here.",
     )
+    contact: Literal["bonded", "open"] | None = Field(
+        None,
+        description="What becomes of surfaces of a deck that are in contact (*CONTACT PAIR). bonded: nodes of the first surface "
+        "that lie on the second follow it, the stiffest that a contact can be; open: nothing connects them. Null: a deck with "
+        "contact is an error, but for pairs that it ties itself, which are bonded always.",
+    )
+    mass: Literal["consistent", "lumped"] | None = Field(
+        None,
+        description="Mass of solids: consistent, ∫ ρ N_a N_b dV, or lumped, its diagonal scaled to the mass of each element, as "
+        "programs have it whose frequencies are compared. Null: lumped where a Nastran deck of solids says so "
+        "(PARAM,COUPMASS,-1), else consistent.",
+    )
     spc: SetId | None = Field(
         None,
         description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "

@@ -209,6 +209,16 @@ def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
         )
         lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in found.unsupported]
         lines.append("  ignore: []            # ← names from above, or add to the model what they do")
+    if found.contact:
+        pairs = f"{', '.join(found.pairs[:3])}{', …' * (len(found.pairs) > 3)}"
+        lines.append(
+            f"  # Contact of {printable(pairs)}. open: nothing connects it, as in a *FREQUENCY step of CalculiX;"
+        )
+        lines.append(
+            "  # bonded: nodes that lie on the other surface follow it, the stiffest it can be. Compare the two."
+        )
+        why = "open, it moves freely" if found.contact == "bonded" else "open holds too"
+        lines.append(f"  contact: {found.contact:<12} # ← bonded or open: {why}")
     if found.support_sets:
         sets = ", ".join(map(str, found.support_sets))
         lines.append(f"  spc: {'' if answers.spc is None else answers.spc:<16} # ← set of supports that hold: {sets}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 from strainsight.errors import DeckError, UserError
 from strainsight.mesh.facets import exterior_facets
@@ -33,6 +34,7 @@ def read_mesh(
     spc: int | None = None,
     given: Mapping[str, GivenSection] | None = None,
     include: Sequence[Path] = (),
+    contact: Literal["bonded", "open"] | None = None,
 ) -> Mesh:
     """Read a mesh or deck and convert it to m, kg, s (its time unit is the second).
 
@@ -42,6 +44,7 @@ def read_mesh(
     types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
     place of what its case control selects. given: key of the config → section in SI units of triangles, quadrangles or lines of
     a file that has no sections. include: folders beside that of a deck from which it may include files.
+    contact: whether surfaces of a deck that are in contact are joined where they touch, or not.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
     L, M = length_factor(length_unit), mass_factor(mass_unit)
@@ -66,7 +69,7 @@ def read_mesh(
             f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
     own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
-    mesh = _read(path, format, region_data, solids, materials, ignore, spc, own, include)
+    mesh = _read(path, format, region_data, solids, materials, ignore, spc, own, include, contact)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -94,6 +97,7 @@ def _read(
     spc: int | None,
     given: Mapping[str, GivenSection],
     include: Sequence[Path],
+    contact: Literal["bonded", "open"] | None,
 ) -> Mesh:
     match format:
         case "nastran":
@@ -103,7 +107,7 @@ def _read(
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 
-            return read_abaqus(path, required=solids, stated=materials, ignore=ignore, include=include)
+            return read_abaqus(path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact)
         case "gmsh":
             from strainsight.decks.gmsh.mesh import read_gmsh
 

@@ -113,7 +113,27 @@ def layered_rule(rule: Rule, composite: CompositeSolid) -> Rule:
 
 def relative_masses(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:
     """∫ (ρ/ρ̄) N_a N_b dV [m³] (e, pairs) of elements and their node pairs a ≤ b, ρ̄ the density of their region: ρ is that of a
-    layer where there are some."""
+    layer where there are some. Of a mesh whose mass is lumped, on the diagonal alone, see `lumped`."""
+    m = _consistent(mesh, part, kind)
+    return lumped(m, part.nodes.shape[1]) if mesh.lumped else m
+
+
+def lumped(m: np.ndarray, k: int) -> np.ndarray:
+    """Diagonal masses of elements from their consistent ones m (e, pairs) of the pairs a ≤ b of k nodes [m³ or kg],
+
+        m_a = m_aa Σ_bc m_bc / Σ_b m_bb,    0 beside the diagonal
+
+    the diagonal scaled to the mass of the element, as in Hinton, Rock and Zienkiewicz (1976), so that all are positive, of
+    quadratic elements too.
+    """
+    a, b = np.triu_indices(k)
+    on = a == b
+    diagonal = np.where(on, m, 0.0)
+    total = m @ np.where(on, 1.0, 2.0)
+    return np.asarray(diagonal * (total / diagonal.sum(axis=1))[:, None])
+
+
+def _consistent(mesh: Mesh, part: CellBlock, kind: ElementKind) -> np.ndarray:
     position = mesh.position[part.nodes]
     layered = np.isin(part.region, list(mesh.composites))
     if not layered.any():

@@ -167,7 +167,7 @@ def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:
     """How the free motions stretch each spring (s, n_free), its largest entry one."""
     R, k = spring_rows(mesh, constraint.reference_rows)
     rows = sparse.csr_array(R[np.flatnonzero(k > 0)] @ constraint.transform)
-    largest = np.asarray(abs(rows).max(axis=1).todense()).ravel() if rows.shape[0] else np.zeros(0)
+    largest = np.asarray(abs(rows).max(axis=1).todense()).ravel() if min(rows.shape) else np.zeros(rows.shape[0])
     kept = np.flatnonzero(largest > 0)
     return sparse.csr_array(sparse.diags_array(1 / largest[kept]) @ rows[kept])
 

@@ -82,7 +82,9 @@ class Mesh:
     of which the nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not
     supported → count; effect: "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of
     them; unsupported: those of them that are elements, ties or loads → file:line of the first; notes: sentences on how
-    something was read, doubts: on what the file says that is more likely a mistake; read: card or the like that was taken →
+    something was read, doubts: on what the file says that is more likely a mistake;
+    contacts: what became of surfaces that touch and may part, a sentence each; lumped: whether the mass of
+    solids is on the diagonal; read: card or the like that was taken →
     count; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
     """
 
@@ -115,6 +117,8 @@ class Mesh:
     unsupported: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    contacts: tuple[str, ...] = ()
+    lumped: bool = False
     read: Mapping[str, int] = field(default_factory=dict)
     source: str = ""
     included: tuple[str, ...] = ()

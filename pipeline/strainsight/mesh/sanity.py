@@ -88,7 +88,7 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     length_unit and mass_unit: those that the mesh was converted from, to say which others would make sense; free: nothing
     has to hold it.
     """
-    found = [f"{count} × {card} ignored: {lost(card)}" for card, count in ignored_structure(mesh).items()]
+    found = list(leading_warnings(mesh))
     found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
@@ -120,6 +120,12 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     return tuple(found)
 
 
+def leading_warnings(mesh: Mesh) -> tuple[str, ...]:
+    """What makes the model another structure than the deck's: contact that is bonded or open, and cards that are not used."""
+    ignored = ignored_structure(mesh).items()
+    return (*mesh.contacts, *(f"{count} × {card} ignored: {lost(card)}" for card, count in ignored))
+
+
 def ignored_structure(mesh: Mesh) -> dict[str, int]:
     """Cards that may add stiffness, mass or a tie and are not used, with their count."""
     return {card: count for card, count in mesh.ignored.items() if mesh.effect.get(card) == "structure"}
@@ -147,8 +153,8 @@ def lost(card: str) -> str:
         return "inertia relief is asked for with mesh.free: true"
     if card.endswith("COUPMASS"):
         return (
-            "it asks for lumped mass, and mass is consistent here, as with PARAM,COUPMASS,1: frequencies of two coarse meshes of "
-            "tet10 were 9 and 23 % apart for it"
+            "it asks for lumped mass, and beside shells and beams mass is consistent here, as with PARAM,COUPMASS,1: frequencies "
+            "of two coarse meshes of tet10 were 9 and 23 % apart for it"
         )
     return "the stiffness, mass or tie it may add is missing"
 

@@ -28,13 +28,13 @@ def with_surface_tie(
 ) -> Mesh:
     """A mesh whose nodes (k,) (index) follow the facets of solids whose nodes are all among `onto` (m,):
 
-        z_i = Σ_a N_a(ξ) z_a + ω × g        at the point ξ of the nearest facet, along x, y and z
+        z_i = Σ_a N_a(ξ) z_a + ω × g        at the point ξ of the nearest facet
 
     with the arm g = x_i − x(ξ) over a gap and the turn ω of the facet there, see `_turn`. A node that a facet has is passed over.
     Rigid motions are handed on exactly, linear fields but for their strain over the gap; constant stress, without a gap, where
     the nodal forces of the finer side integrate N_a exactly, and otherwise but for a disturbance in the elements beside.
-    Raises UserError where a node lies farther from the facets than `within` [m], unless those are left as they are, and where one
-    has a displacement system of its own.
+    Relations are along the axes of each node. Raises UserError where a node lies farther from the facets than `within` [m],
+    unless those are left as they are.
     """
     facets = exterior_facets(mesh)
     chosen = np.zeros(len(mesh.position) + 1, dtype=bool)
@@ -75,12 +75,9 @@ def with_surface_tie(
             f"node {mesh.node_ids[nodes[last]]} does not lie on the surface, not within {within:g} m",
             remedy="name the nodes that do, or give `within` [m]",
         )
-    turned = [node for node in np.unique(np.append(nodes, of[of >= 0])).tolist() if node in mesh.axes]
-    if turned:
-        raise UserError(
-            f"node {mesh.node_ids[turned[0]]} has a displacement system of its own (CD, *TRANSFORM)",
-            remedy="take it out there: a surface is tied along x, y and z",
-        )
+    axes = np.array([mesh.axes.get(node, np.eye(3)) for node in nodes.tolist()]).reshape(-1, 3, 3)
+    onto_axes = np.array([mesh.axes.get(node, np.eye(3)) for node in of.ravel().tolist()]).reshape(*of.shape, 3, 3)
+    weight = np.einsum("mic,miaj,majd->mcad", axes, weight, onto_axes)
     number = max([0, *(own.id for own in mesh.relations)]) + 1
     made = []
     for i, node in enumerate(nodes.tolist()):

@@ -137,6 +137,9 @@ class MeshColumns:
     doubts: tuple[str, ...] = dataset(
         "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
     )
+    lumped: int | None = dataset(
+        "/lumped", "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
+    )
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:
@@ -209,6 +212,7 @@ class MeshColumns:
             ),
             notes=tuple(mesh.notes),
             doubts=tuple(mesh.doubts),
+            lumped=1 if mesh.lumped else None,
         )
 
     def made(self) -> Mesh:
@@ -263,6 +267,7 @@ class MeshColumns:
             },
             notes=self.notes,
             doubts=self.doubts,
+            lumped=bool(self.lumped),
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
             effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},
         )

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
+from strainsight.cases.structure.grounds import free_motions
 from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.config.gauge_types import fitting_type
 from strainsight.decks.effects import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
-from strainsight.errors import ChoiceError, UserError
+from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
 from strainsight.gauges.contact import contact_faces
 from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
 from strainsight.mesh.anisotropic import Anisotropic
@@ -29,6 +31,8 @@ from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import GeneralShell, ShellSection
 from strainsight.mesh.units import to_si
 
+CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")
+
 
 def suggestion(path: Path, spc: int | None = None) -> Suggestion:
     """Units that suit the deck's materials, its largest region, what the config has to add, and where loads and supports may be.
@@ -38,8 +42,13 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
     """
     sets: tuple[int, ...] = ()
     by_which = ""
+    contact: Literal["bonded", "open"] | None = None
+    pairs: tuple[str, ...] = ()
     try:
         mesh = read_mesh(path, solids=False, materials=False, ignore=(MISSING_END,))  # in the deck's own numbers
+    except ContactError as error:
+        contact, pairs = _contact(path), error.pairs
+        mesh = read_mesh(path, solids=False, materials=False, contact=contact)
     except ChoiceError as error:
         sets = error.sets
         chosen = sets[0] if spc is None else spc
@@ -73,9 +82,22 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
         taken=(*mesh.node_sets, *mesh.element_sets),
         gauge_type=fitting_type(float(np.sqrt(faces.area.max()))) if units and faces is not None else None,
         thin=thin,
+        contact=contact,
+        pairs=pairs,
         matrices=all(path.with_suffix(ending).is_file() for ending in (".sti", ".mas", ".dof")),
         face_at=str if facets is None or faces is None else _face_at(converted, facets, faces),
     )
+
+
+def _contact(path: Path) -> Literal["bonded", "open"]:
+    """Open, as CalculiX has contact in a frequency analysis, unless something moves freely then, and less of it when bonded."""
+    left: dict[str, int] = {}
+    for choice in CHOICES:
+        try:
+            left[choice] = len(free_motions(read_mesh(path, solids=False, materials=False, contact=choice)))
+        except StrainsightError:  # `import` says what is wrong with it
+            continue
+    return "bonded" if left.get("bonded", 0) < left.get("open", 0) else "open"
 
 
 def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:

@@ -101,6 +101,17 @@ def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
         read(deck((5, 12, "", "", "", "", "")))
 
 
+def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
+    """One ply, or 30°, 0° and 30°: of an element that stands on its head the stiffness is the same."""
+    one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
+    for plies in (one, three):
+        upright, turned_over = (
+            assemble_stiffness(read(deck(plies=plies, nodes=nodes))).toarray()
+            for nodes in ((*range(1, 9),), (5, 8, 7, 6, 1, 4, 3, 2))
+        )
+        np.testing.assert_allclose(turned_over, upright, rtol=1e-9, atol=1e-9 * abs(upright).max())
+
+
 def test_what_no_element_refers_to_is_counted(read):
     mesh = read(deck(more=["PCOMPS,7", ",1,99,0."]))
     assert mesh.ignored == {"MAT8 that no property refers to": 1, "PCOMPS that no element refers to": 1}

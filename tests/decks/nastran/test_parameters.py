@@ -13,8 +13,6 @@ from strainsight.mesh.sanity import sanity_warnings
         ("PARAM,POST,-1", "POST", "none"),
         ("PARAM,AUTOSPC,YES", "AUTOSPC", "none"),
         ("PARAM,COUPMASS,1", "COUPMASS", "none"),
-        ("PARAM,COUPMASS,-1", "COUPMASS", "structure"),
-        ("PARAM,COUPMASS,0", "COUPMASS", "structure"),
         ("PARAM,LGDISP,1", "LGDISP", "structure"),
         ("PARAM,INREL,-1", "INREL", "structure"),
         ("PARAM,CM1,2.", "CM1", "structure"),
@@ -35,11 +33,19 @@ def test_what_counts_here_and_what_states_the_usual_is_not_listed(read, tetrahed
     assert read(f"{tetrahedron}{line}\nENDDATA\n").ignored == {}
 
 
-@pytest.mark.parametrize(("value", "count"), [("-1", 1), ("0", 1), ("1", 0)])
-def test_lumped_mass_that_a_deck_asks_for_is_one_warning(read, tetrahedron, value, count):
+@pytest.mark.parametrize(("value", "lumped"), [("-1", True), ("0", True), ("1", False)])
+def test_mass_of_solids_is_lumped_where_a_deck_says_so(read, tetrahedron, value, lumped):
     mesh = read(f"{tetrahedron}PARAM,COUPMASS,{value}\nENDDATA\n")
-    assert sum("lumped" in text for text in sanity_warnings(mesh)) == count
-    assert not any("lumped" in text for text in mesh.notes)
+    assert mesh.lumped == lumped
+    assert any("is lumped, as PARAM,COUPMASS says" in note for note in mesh.notes) == lumped
+    assert not any("lumped" in text for text in sanity_warnings(mesh))
+
+
+def test_beside_shells_lumped_mass_is_one_warning(read, tetrahedron):
+    more = "CTRIA3,70,7,1,2,3\nPSHELL,7,1,.1,1,,1\nPARAM,COUPMASS,-1\n"
+    mesh = read(f"{tetrahedron}{more}ENDDATA\n")
+    assert not mesh.lumped
+    assert sum("lumped" in text for text in sanity_warnings(mesh)) == 1
 
 
 def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):

@@ -45,7 +45,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import ignored_structure, sanity_warnings, without_loose_masses
+from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_loose_masses
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
@@ -81,9 +81,11 @@ def mesh_of(
             spc=config.spc,
             given=given_sections(config, key),
             include=include,
+            contact=config.contact or ("open" if config.matrices or config.results else None),
         )
         if config.matrices is None and config.results is None:
             mesh = _all_supported(mesh, config.ignore)
+    mesh = _with_mass(mesh, config, key)
     if config.merge is not None:
         with blame(f"{key}.merge"):
             mesh = merged(mesh, config.merge)
@@ -97,6 +99,19 @@ def mesh_of(
         mesh = replace(mesh, doubts=(*mesh.doubts, *odd_gravity(mesh, loads)))
         weighs = config.matrices is None and (config.results is None or has_mass(mesh))
         return with_body_forces(mesh) if weighs else mesh
+
+
+def _with_mass(mesh: Mesh, config: MeshFile, key: str) -> Mesh:
+    """The mesh with the mass of solids that the config chooses."""
+    if config.mass is None:
+        return mesh
+    if config.mass == "lumped" and mesh.thin:
+        raise ConfigError(
+            "the mesh has shells, beams or rods, whose mass is not lumped here",
+            key=f"{key}.mass",
+            remedy="remove the key: mass is consistent",
+        )
+    return replace(mesh, lumped=config.mass == "lumped")
 
 
 def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
@@ -152,7 +167,7 @@ def checked(
 def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", free: bool = False) -> tuple[str, ...]:
     """What is more likely a mistake than meant: cards that change the structure and are not used, what is not joined, what moves
     freely or resists a rigid motion, and the rest of `sanity_warnings`."""
-    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(ignored_structure(mesh))
+    sane, first = sanity_warnings(mesh, length_unit, mass_unit, free), len(leading_warnings(mesh))
     return (
         *sane[:first],
         *connectivity_warnings(mesh),

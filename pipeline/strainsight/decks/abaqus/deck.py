@@ -12,6 +12,8 @@ import numpy as np
 
 from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
+from strainsight.decks.abaqus.contact import Contact, with_contact
+from strainsight.decks.abaqus.cyclic import with_whole_ring
 from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
@@ -32,17 +34,18 @@ from strainsight.decks.moments import turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
+from strainsight.mesh.surface_ties import without_held
 from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE"
+    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR|CYCLICSYMMETRYMODEL"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|SECTIONPOINTS|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
     r"PRINT|FILEFORMAT|FILEOUTPUT|(NODE|ELEMENT|CONTACT|ENERGY|MODAL|INTEGRATED)?OUTPUT|INTEGRATEDOUTPUTSECTION|"
     r"(NODE|EL|CONTACT|ENERGY|MODAL|SECTION)(FILE|PRINT)|PHYSICALCONSTANTS|DIAGNOSTICS|STATIC|(COMPLEX)?FREQUENCY|"
-    r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC"
+    r"(MODAL)?DYNAMIC|STEADYSTATEDYNAMICS|BUCKLE|VISCO|RANDOMRESPONSE|RESPONSESPECTRUM|HEATTRANSFER|DIRECTCYCLIC|SELECTCYCLICSYMMETRYMODES|GREEN"
 )
 """Output, procedures and their control: they change neither stiffness, mass, ties nor supports."""
 STRUCTURAL = re.compile(
@@ -50,8 +53,8 @@ STRUCTURAL = re.compile(
     r"|INITIAL|AMPLITUDE)"
 )
 UNSUPPORTED = re.compile(
-    r"\*(ELEMENT,|TIE( that|$)|MPC|CONTACT$|CONTACT ?PAIR|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
-    r"|SUBSTRUCTURE|SUBMODEL|FASTENER|CYCLIC ?SYMMETRY|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
+    r"\*(ELEMENT,|TIE( that|$)|MPC|CONTACT$|EMBEDDED ?ELEMENT|SHELL ?TO ?SOLID|NONSTRUCTURAL ?MASS|MATRIX"
+    r"|SUBSTRUCTURE|SUBMODEL|FASTENER|PRE-TENSION|RELEASE|COUPLING|DISTRIBUTING ?COUPLING|RIGID ?BODY"
     r"|CLOAD|DLOAD|DSLOAD|INERTIA ?RELIEF)"
 )
 """Elements, ties and loads: what a model is not the same without."""
@@ -61,6 +64,11 @@ OF_THIN = re.compile(
 )
 """What shells and beams are not the same without."""
 BEFORE = "lines before the first keyword"
+OF_CONTACT = re.compile(
+    r"\*(SURFACE ?INTERACTION|SURFACE ?BEHAVIOR|FRICTION|CONTACT ?(DAMPING|INTERFERENCE|FILE|CONTROLS)|CLEARANCE"
+    r"|CHANGE ?(FRICTION|CONTACT ?TYPE|SURFACE ?BEHAVIOR)|GAP ?(CONDUCTANCE|HEAT ?GENERATION))"
+)
+"""How a pair presses and slides: nothing of it is in a pair that is bonded or open."""
 CONTROL = re.compile(rf"\*(CLOAD|DLOAD|DSLOAD|TEMPERATURE|BASE ?MOTION|AMPLITUDE|INITIAL)|{BEFORE}")
 ELEMENT = "*ELEMENT, TYPE="
 REFUSED = {
@@ -76,16 +84,18 @@ def read_abaqus(
     stated: bool = True,
     ignore: Sequence[str] = (),
     include: Sequence[Path] = (),
+    contact: Contact | None = None,
 ) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
     Imported: *NODE, *ELEMENT (the types of `mesh.kinds` and of `cells.THIN`, MASS, ROTARYI, SPRING1, 2, A), *NSET, *ELSET,
     *SURFACE, *PART, *INSTANCE, *SYSTEM, *TRANSFORM, *MATERIAL (*ELASTIC, *DENSITY), the sections of `sections`, *BOUNDARY,
     *CLOAD, *DLOAD, *DSLOAD, *SPRING, *MASS, *ROTARY INERTIA, *RIGID BODY, *COUPLING, *KINEMATIC COUPLING, *MPC (BEAM),
-    *EQUATION, *TIE of surfaces, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets of a part are
-    "INSTANCE.SET" where there are several instances.
+    *EQUATION, *TIE of surfaces, *CONTACT PAIR, *INCLUDE. What else changes the structure is in `ignored` with its count. Sets
+    of a part are "INSTANCE.SET" where there are several instances.
     required: there have to be elements, and sections of shells and beams; stated: section and material of all of them; ignore:
-    keywords and types of elements that are left out; include: folders beside the deck's own that files may come from.
+    keywords and types of elements that are left out; include: folders beside the deck's own that files may come from; contact:
+    what becomes of *CONTACT PAIR, see `with_contact`.
     Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
@@ -159,7 +169,10 @@ def read_abaqus(
         included=included,
         origin=origin,
     )
+    mesh, found = with_whole_ring(mesh, assembly, found)
     mesh, refused = with_tied_surfaces(mesh, assembly, found)
+    mesh = without_held(with_contact(mesh, assembly, keywords, found, contact))
+    control = dict.fromkeys(filter(OF_CONTACT.match, ignored), "none") if mesh.contacts else {}
     for card, where in refused.items():
         if spelt(card) in named:
             dropped[card] = len(where)
@@ -169,6 +182,7 @@ def read_abaqus(
         mesh,
         ignored=dict(sorted(ignored.items())),
         effect=effects(ignored, STRUCTURAL, CONTROL)
+        | control
         | {card: "structure" for card in ignored if card in (ENFORCED, HELD, STRESSED) or card in loaded},
         unsupported={
             card: refused[card][0] if card in refused else _first(card, keywords, assembly)

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from strainsight.decks.abaqus.elastic import LINES, anisotropic_type, solid_stiffness
-from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.abaqus.text import Keyword, Row, split
 from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
+from strainsight.decks.numbers import parse_real
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material
@@ -144,8 +145,15 @@ def definitions(keywords: list[Keyword]) -> dict[str, Definition]:
 
 
 def by_temperature(keywords: Sequence[Keyword]) -> bool:
-    """Whether a material states its *ELASTIC for several temperatures."""
-    return any(k.name == "ELASTIC" and len(k.texts) > LINES.get(anisotropic_type(k), 1) for k in keywords)
+    """Whether a material states its *ELASTIC for several temperatures, and not the same for all."""
+    return any(k.name == "ELASTIC" and _varies(k) for k in keywords)
+
+
+def _varies(elastic: Keyword) -> bool:
+    if kind := anisotropic_type(elastic):
+        return len(elastic.texts) > LINES[kind]
+    constants = 6 if elastic.parameters.get("TYPE", "").upper() == "LAMINA" else 2
+    return len({tuple(parse_real(entry) for entry in split(text)[:constants]) for text in elastic.texts}) > 1
 
 
 def _type(definition: Definition) -> str:

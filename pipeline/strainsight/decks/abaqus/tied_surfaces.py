@@ -13,8 +13,8 @@ from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import Doubt
 from strainsight.decks.numbers import parse_real
 from strainsight.errors import UserError
-from strainsight.mesh.model import Mesh, Origin
-from strainsight.mesh.surface_ties import with_surface_tie, without_held
+from strainsight.mesh.model import IntArray, Mesh, Origin
+from strainsight.mesh.surface_ties import with_surface_tie
 from strainsight.mesh.thin import nodes_that_turn
 
 PLAIN = {"NAME", "ADJUST", "POSITIONTOLERANCE", "TYPE", "NOROTATION", "CONSTRAINTRATIO", "TIEDNSET", "INPUT"}
@@ -23,6 +23,8 @@ TOLERANCE = 0.05
 """Of the mean size of the facets: how far off nodes may lie where the deck does not say (Abaqus; CalculiX: 0.025)."""
 
 
+SECTOR = "CYCLICSYMMETRYMODEL"
+"""The name of the keyword that makes a deck a sector."""
 OF_THIN, OTHER = "*TIE that joins shells or beams", "*TIE that is a symmetry"
 """What a *TIE that is not supported is called, so that `mesh.ignore` can name it and keep the others."""
 
@@ -30,6 +32,13 @@ OF_THIN, OTHER = "*TIE that joins shells or beams", "*TIE that is a symmetry"
 def plain_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
     """The *TIE that join surfaces; cyclic symmetry and the like are none."""
     return [(scope, keyword) for scope, keyword in assembly.keywords("TIE") if set(keyword.parameters) <= PLAIN]
+
+
+def cyclic_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
+    """The *TIE of cut faces, in a deck that is a sector."""
+    if not any(True for _ in assembly.keywords(SECTOR)):
+        return []
+    return [pair for pair in assembly.keywords("TIE") if "CYCLICSYMMETRY" in pair[1].parameters]
 
 
 def with_tied_surfaces(
@@ -42,33 +51,26 @@ def with_tied_surfaces(
     not of solids, `OF_THIN` → file:line of each.
     Raises DeckError for surfaces that are not in the deck, and where no node of the first lies on the second.
     """
-    origin = mesh.origin["relation"]
-    where = [(origin.files[i], line) for i, line in zip(origin.file.tolist(), origin.line.tolist(), strict=True)]
-    turning = nodes_that_turn(mesh.shells, mesh.beams)
     plain = plain_ties(assembly)
-    others = [keyword.where for pair in assembly.keywords("TIE") if pair not in plain for keyword in pair[1:]]
+    taken = [*plain, *cyclic_ties(assembly)]
+    others = [keyword.where for pair in assembly.keywords("TIE") if pair not in taken for keyword in pair[1:]]
     refused = {OTHER: others} if others else {}
     for scope, keyword in plain:
         for row in keyword.rows():
-            first, second = (_surface(row, i, assembly, scope, found) for i in (0, 1))
-            solid = [nodes for _, nodes in second.facets if not np.isin(nodes, turning).any()]
-            if not solid or len(solid) < len(second.facets) or np.isin(first.nodes, turning).any():
+            first, second = (surface_of(row, i, assembly, scope, found) for i in (0, 1))
+            size = facet_size(mesh, first, second)
+            if size is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
                 continue
-            corners = [mesh.position[nodes].mean(axis=1, keepdims=True) - mesh.position[nodes] for nodes in solid]
-            size = 2 * float(np.mean(np.concatenate([np.linalg.norm(own, axis=2).max(axis=1) for own in corners])))
             given = keyword.parameters.get("POSITIONTOLERANCE", "")
             within = parse_real(given) if given else TOLERANCE * size
             if within is None:
                 raise keyword.error("POSITION TOLERANCE is no number", "give a distance")
             name = f"*TIE {keyword.parameters.get('NAME', '')}".strip()
-            before = len(mesh.relations)
             try:
-                mesh = with_surface_tie(mesh, first.nodes, second.nodes, within, name, far="left")
+                mesh, tied = following(mesh, row, first.nodes, second.nodes, within, name)
             except UserError as error:
                 raise row.error(error.what, error.remedy or "") from None
-            tied = (len(mesh.relations) - before) // 3
-            where += [(keyword.files[row.i], keyword.numbers[row.i])] * (3 * tied)
             left = len(np.setdiff1d(first.nodes, second.nodes)) - tied
             said = f"{row.where}: {tied} nodes of {first.name} follow {second.name} ({name})"
             if left:
@@ -76,23 +78,38 @@ def with_tied_surfaces(
                 ways = "give *TIE a larger POSITION TOLERANCE, or tie them in the config (mesh.ties, type: surface)"
                 said = Doubt(f"{said}; {off}: {ways}")
             assembly.notes.append(said)
-    files = tuple(dict.fromkeys(file for file, _ in where))
-    mesh = replace(
-        mesh,
-        origin={
-            **mesh.origin,
-            "relation": Origin(
-                np.arange(1, len(where) + 1),
-                np.array([line for _, line in where], dtype=np.int64),
-                np.array([files.index(file) for file, _ in where], dtype=np.int64),
-                files,
-            ),
-        },
+    return mesh, refused
+
+
+def facet_size(mesh: Mesh, first: Surface, second: Surface) -> float | None:
+    """The mean size of the facets of the second surface; None where it is not of solids, or nodes of the first one turn."""
+    turning = nodes_that_turn(mesh.shells, mesh.beams)
+    solid = [nodes for _, nodes in second.facets if not np.isin(nodes, turning).any()]
+    if not solid or len(solid) < len(second.facets) or np.isin(first.nodes, turning).any():
+        return None
+    corners = [mesh.position[nodes].mean(axis=1, keepdims=True) - mesh.position[nodes] for nodes in solid]
+    return 2 * float(np.mean(np.concatenate([np.linalg.norm(own, axis=2).max(axis=1) for own in corners])))
+
+
+def following(mesh: Mesh, row: Row, nodes: IntArray, onto: IntArray, within: float, name: str) -> tuple[Mesh, int]:
+    """The mesh whose nodes (k,) follow the facets of nodes (m,) where they are within reach, by relations that stand at the
+    row, and how many do. Raises UserError where none is."""
+    before = len(mesh.relations)
+    mesh = with_surface_tie(mesh, nodes, onto, within, name, far="left")
+    made, origin = len(mesh.relations) - before, mesh.origin["relation"]
+    file = row.keyword.files[row.i]
+    files = origin.files if file in origin.files else (*origin.files, file)
+    more = Origin(
+        np.arange(1, before + made + 1),
+        np.append(origin.line, np.full(made, row.keyword.numbers[row.i])),
+        np.append(origin.file, np.full(made, files.index(file))),
+        files,
     )
-    return without_held(mesh), refused
+    return replace(mesh, origin={**mesh.origin, "relation": more}), made // 3
 
 
-def _surface(row: Row, i: int, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]) -> Surface:
+def surface_of(row: Row, i: int, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]) -> Surface:
+    """The surface that entry i of a row names; DeckError where there is none."""
     within, name = assembly.split_name(row.text(i), scope)
     surface = found.get((within.name.upper(), name.upper()))
     if surface is None:

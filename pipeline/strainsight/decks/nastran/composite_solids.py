@@ -68,7 +68,7 @@ def composite_solid(
     system = resolved_system(card, 1, systems)
     for block, nodes, ids in own:
         if len(nodes):
-            _check_across(card, block, nodes, ids, Orientation(system, axes), position, notes)
+            _check_across(card, block, nodes, ids, Orientation(system, axes), _alike(plies), position, notes)
     return CompositeSolid(
         tuple(Layer(p.material, p.thickness, Orientation(system, axes @ _turned(p.angle))) for p in plies)
     )
@@ -80,17 +80,19 @@ def _check_across(
     nodes: np.ndarray,
     ids: np.ndarray,
     orientation: Orientation,
+    alike: bool,
     position: FloatArray,
     notes: list[str],
 ) -> None:
-    """Axis 3 of elements at their centres against the normal of the layers there, ∂x/∂ξ × ∂x/∂η."""
+    """Axis 3 of elements at their centres against the normal of the layers there, ∂x/∂ξ × ∂x/∂η, or its line where the layers
+    are `alike` from both sides."""
     kind = kind_of(block.kind)
     x = position[nodes]
     r, s = np.einsum("kd,ekc->dec", kind.gradient(kind.centre)[0], x)[:2]
     normal = np.cross(r, s)
     centre = np.einsum("k,ekc->ec", kind.shape(kind.centre)[0], x)
     cosine = np.einsum("ec,ec->e", normal, orientation.axes_at(centre)[:, :, 2]) / np.linalg.norm(normal, axis=1)
-    angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    angle = np.degrees(np.arccos(np.clip(abs(cosine) if alike else cosine, -1.0, 1.0)))
     worst = int(np.argmax(angle))
     if angle[worst] > MOST:
         raise card.error(
@@ -103,6 +105,12 @@ def _check_across(
             f"PCOMPS {card.text(0)}: the axis of CORDM across the plies is up to {angle[worst]:.3g}° off the normal of elements "
             f"({ids[worst]}); axes of plies are those of CORDM, not projected on the element"
         )
+
+
+def _alike(plies: Sequence[Ply]) -> bool:
+    """Whether plies counted from the other side are the same."""
+    own = [(ply.material, ply.thickness, ply.angle) for ply in plies]
+    return own == own[::-1]
 
 
 def _turned(degrees: float) -> FloatArray:

@@ -19,7 +19,7 @@ from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
-from strainsight.decks.nastran.parameters import count_parameters, mass_scale
+from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
 from strainsight.decks.nastran.preload import preloads
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
@@ -153,6 +153,12 @@ def read_nastran(
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
     ignored.update({card: len(lines) for card, lines in loaded.items()})
+    diagonal = lumped(deck) and not (thin.shells or thin.beams)
+    if diagonal:
+        del ignored["PARAM COUPMASS"]
+        notes.append(
+            "mass of solids is lumped, as PARAM,COUPMASS says: the diagonal, scaled to the mass of each element"
+        )
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
     sprung = springs(cards, grids, notes)
@@ -193,6 +199,7 @@ def read_nastran(
         | ({MISSING_END: deck.last.where} if cut else {}),
         notes=said,
         doubts=doubts,
+        lumped=diagonal,
         read={name: len(found) for name, found in cards.items() if name in TAKEN},
         source=str(path),
         included=deck.included,

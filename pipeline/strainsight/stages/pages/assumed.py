@@ -27,7 +27,15 @@ Row = tuple[str, str, str]
 
 def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
     """Of a mesh as it is computed; program: whose deck it was, as `format_of` says; free: nothing has to hold it."""
-    rows = (*_cards(mesh), *_connections(mesh), *_rigid(mesh, free), *_masses(mesh), *_differences(mesh, program))
+    contacts = (("contact", "", text) for text in mesh.contacts)
+    rows = (
+        *contacts,
+        *_cards(mesh),
+        *_connections(mesh),
+        *_rigid(mesh, free),
+        *_masses(mesh),
+        *_differences(mesh, program),
+    )
     return Table(ASSUMES, ("what", "how many", "detail"), rows)
 
 
@@ -119,9 +127,12 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
     for text in (
         "linear about the state without load: no preload, contact, large displacement or temperature",
         "damping is that of the config, whatever the deck says",
-        {
-            "nastran": "mass is consistent; Nastran lumps it where the deck has no PARAM,COUPMASS: on coarse meshes frequencies "
-            "are higher here",
+        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent one, scaled to the mass of each "
+        "element; on coarse meshes frequencies are lower than by consistent mass"
+        if mesh.lumped
+        else {
+            "nastran": "mass is consistent; Nastran lumps it where the deck has no PARAM,COUPMASS (mesh.mass: lumped): on "
+            "coarse meshes frequencies are higher here",
             "abaqus": "mass is consistent; Abaqus lumps that of elements of the first order: on coarse meshes frequencies are "
             "higher here",
         }.get(program, "mass is consistent"),

@@ -1,0 +1,179 @@
+"""*CONTACT PAIR: two blocks, one on the other, bonded or open as the config says; CalculiX as oracle."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.decks.abaqus.test_tied_surfaces import deck, frequencies
+
+from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.config.mesh import MeshFile
+from strainsight.config.template import template
+from strainsight.errors import ContactError, DeckError
+from strainsight.fem.model import build_model
+from strainsight.fem.modes import modes
+from strainsight.mesh.additions import node_indices
+from strainsight.mesh.merging import merged
+from strainsight.stages.pages.assumed import assumed_table
+from strainsight.stages.suggestion import suggestion
+
+SOFT, TIED = "LINEAR\n1e12, 1e3", "TIED\n1e12\n*FRICTION\n.1, 1e12"
+CORNERS = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)]
+EDGES = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+HEX20 = CORNERS + [tuple(np.add(CORNERS[a], CORNERS[b]) // 2) for a, b in EDGES]
+
+
+def contact(behaviour: str = SOFT, options: str = "") -> str:
+    return (
+        f"*SURFACE INTERACTION, NAME=I\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={behaviour}\n"
+        f"*CONTACT PAIR, INTERACTION=I, TYPE=SURFACE TO SURFACE{options}\nBOTTOM, TOP\n"
+    )
+
+
+def quadratic(more: str) -> str:
+    """Two C3D20, each 1 m wide, and one of half the width on both, all clamped at their far faces."""
+    lines, sets = [], []
+    for first, (low, wide) in enumerate([((0, 0, 0), (2, 1, 1)), ((0.5, 0.25, 1), (1, 0.5, 1))]):
+        base, cells = 1000 * first, 2 - first
+        nodes: dict[tuple[int, int, int], int] = {}
+        elements = []
+        for i in range(cells):
+            own = [(2 * i + x, y, z) for x, y, z in HEX20]
+            elements.append([nodes.setdefault(point, base + 1 + len(nodes)) for point in own])
+        lines.append("*NODE")
+        for (i, j, k), number in nodes.items():
+            x, y, z = (float(low[c] + wide[c] * (i / cells, j, k)[c] / 2) for c in range(3))
+            lines.append(f"{number}, {x!r}, {y!r}, {z!r}")
+        lines.append("*ELEMENT, TYPE=C3D20, ELSET=ALL")
+        for i, own in enumerate(elements):
+            lines += [", ".join(map(str, [base + 1 + i, *own[:10]])) + ",", ", ".join(map(str, own[10:]))]
+        far = [str(number) for point, number in nodes.items() if point[2] == 2 * first]
+        sets += ["*BOUNDARY", *(f"{number}, 1, 3" for number in far)]
+        numbers = [f"{base + 1 + i}, S{1 if first else 2}" for i in range(cells)]
+        sets += [f"*SURFACE, NAME={'BOTTOM' if first else 'TOP'}", *numbers]
+    rest = "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
+    return "\n".join([*lines, *sets, rest]) + more
+
+
+def eight(mesh):
+    model = build_model(mesh)
+    return modes(model.stiffness.constant, model.mass.constant, 8)[0]
+
+
+def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):
+    text = deck(2, contact())
+    with pytest.raises(ContactError, match="holds together or apart: BOTTOM on TOP") as caught:
+        read(text)
+    assert caught.value.where.endswith(f":{text.splitlines().index('BOTTOM, TOP') + 1}")
+    assert "mesh.contact: bonded" in (caught.value.remedy or "")
+    assert "mesh.contact: open" in (caught.value.remedy or "")
+    assert caught.value.pairs == ("BOTTOM on TOP",)
+
+
+def test_left_out_by_name_it_is_no_question(read):
+    mesh = read(deck(2, contact()), ignore=["CONTACT PAIR"])
+    assert (mesh.relations, mesh.ignored["*CONTACT PAIR"]) == ((), 1)
+
+
+def test_bonded_is_what_a_tie_makes_and_open_what_nothing_makes(read):
+    bonded, tied = read(deck(2, contact()), contact="bonded"), read(deck(2))
+    assert frequencies(bonded) == pytest.approx(frequencies(tied), rel=1e-12)
+    assert bonded.where("relation", 1) == bonded.where("relation", len(bonded.relations))
+    one = read(deck(1, contact()), contact="bonded")
+    loose = read(deck(1, contact()), contact="open")
+    assert loose.relations == ()
+    assert frequencies(one) == pytest.approx(frequencies(merged(loose, 1e-9)), rel=1e-9)
+
+
+@pytest.mark.parametrize("choice", [None, "open", "bonded"])
+@pytest.mark.parametrize("text", [contact(TIED), contact(SOFT, ", TIED")])
+def test_what_the_deck_ties_is_bonded_whatever_is_chosen(read, choice, text):
+    mesh = read(deck(2, text), contact=choice)
+    assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
+    assert "TIED in the deck" in mesh.contacts[0]
+
+
+def test_what_became_of_contact_leads_warnings_and_what_the_model_assumes(tmp_path):
+    path = tmp_path / "deck.inp"
+    path.write_text(deck(2, contact()))
+    for choice, words in (("bonded", "9 of 9 nodes bonded"), ("open", "open (mesh.contact)")):
+        config = MeshFile(file="deck.inp", contact=choice)
+        mesh = mesh_of(config, path)
+        checked(mesh, config)
+        assert model_warnings(mesh)[0].startswith(f"contact of BOTTOM on TOP: {words}")
+        assert assumed_table(mesh, "abaqus", False).rows[0] == ("contact", "", mesh.contacts[0])
+        assert mesh.effect["*SURFACE BEHAVIOR"] == "none"
+
+
+def test_only_what_touches_is_bonded(read):
+    apart = read(deck(2, contact(), gap=0.2), contact="bonded")
+    assert apart.relations == ()
+    assert "0 of 9 nodes bonded (mesh.contact), 9 lie more than" in apart.contacts[0]
+    adjusted = read(deck(2, contact(SOFT, ", ADJUST=0.3"), gap=0.2), contact="bonded")
+    assert len(adjusted.relations) == 27
+
+
+def test_both_ways_round_a_pair_is_bonded_once(read):
+    mesh = read(deck(2, contact() + "TOP, BOTTOM\n"), contact="bonded")
+    assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
+    itself = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, TOP")), contact="bonded")
+    assert mesh.contacts[1] == "contact of TOP on BOTTOM: that of the pair above, the other way round"
+    assert (itself.relations, itself.contacts) == ((), ("contact of TOP on TOP: open: a surface with itself",))
+
+
+def test_shells_are_not_bonded(read):
+    text = deck(1, contact()) + (
+        "*NODE\n9001, 0., 0., 2.\n9002, 1., 0., 2.\n9003, 1., 1., 2.\n*ELEMENT, TYPE=S3, ELSET=SKIN\n9001, 9001, 9002, 9003\n"
+        "*SHELL SECTION, ELSET=SKIN, MATERIAL=M\n.01\n*SURFACE, NAME=PLATE\nSKIN, SPOS\n"
+        "*CONTACT PAIR, INTERACTION=I\nPLATE, TOP\n"
+    )
+    assert len(read(text, contact="open").contacts) == 2
+    with pytest.raises(DeckError, match="PLATE on TOP joins shells or beams"):
+        read(text, contact="bonded")
+
+
+def test_nodes_with_axes_of_their_own_are_bonded_as_others(read):
+    """The same structure along other axes of its nodes has the same frequencies."""
+    text = deck(2, contact())
+    turned = (
+        text
+        + "*TRANSFORM, NSET=UPPER0, TYPE=C\n.1, .2, 0., .1, .2, 1.\n*TRANSFORM, NSET=LOWER1\n1., 2., 3., 0., 1., 1.\n"
+    )
+    mesh = read(turned, contact="bonded")
+    assert len(mesh.axes) == 13
+    assert frequencies(mesh) == pytest.approx(frequencies(read(text, contact="bonded")), rel=1e-9)
+
+
+def test_init_writes_a_choice_that_holds_the_parts(tmp_path):
+    path = tmp_path / "deck.inp"
+    path.write_text(deck(2, contact()))
+    found = suggestion(path)
+    assert (found.contact, found.pairs) == ("bonded", ("BOTTOM on TOP",))
+    assert "  contact: bonded       # ← bonded or open: open, it moves freely" in template("deck.inp", found)
+    path.write_text(deck(2, contact()) + "*BOUNDARY\nUPPER1, 1, 3\n")
+    assert suggestion(path).contact == "open"
+    path.write_text(deck(2))
+    assert suggestion(path).contact is None
+    assert "contact" not in template("deck.inp", suggestion(path))
+
+
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@pytest.mark.parametrize("kind", ["soft", "tied"])
+def test_a_frequency_step_of_calculix_has_no_contact_and_a_tie_is_bonded(tmp_path, read, kind):
+    """Whatever presses the blocks together, a *FREQUENCY step without PERTURBATION leaves them apart, TIED ones too; bonded is
+    its *TIE."""
+    step = "*STEP\n*FREQUENCY\n8\n*END STEP\n"
+    found = {}
+    for name, more in (("contact", contact(SOFT if kind == "soft" else TIED)), ("tie", "*TIE, NAME=T\nBOTTOM, TOP\n")):
+        (tmp_path / f"{name}.inp").write_text(quadratic(more + step))
+        subprocess.run(["ccx", name], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
+        rows = [line.split() for line in (tmp_path / f"{name}.dat").read_text().splitlines()]
+        found[name] = [float(row[3]) for row in rows if len(row) == 5 and row[0].isdigit()][:8]
+    bonded = read(quadratic(contact()), contact="bonded")
+    np.testing.assert_allclose(eight(bonded), found["tie"], rtol=1e-6)
+    np.testing.assert_allclose(eight(replace(bonded, relations=())), found["contact"], rtol=1e-6)
+    assert len(node_indices(bonded, "BOTTOM")) == 8

@@ -1,0 +1,152 @@
+"""*CYCLIC SYMMETRY MODEL: a sector of a wheel made whole, beside the wheel written whole, and CalculiX."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from itertools import product
+
+import numpy as np
+import pytest
+from tests.decks.abaqus.test_contact import HEX20
+
+from strainsight.errors import DeckError
+from strainsight.fem.mass import mass_properties
+from strainsight.fem.model import build_model
+from strainsight.fem.modes import modes
+
+N, CELLS = 5, 2
+MATERIAL = "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n"
+PLY = (
+    "*MATERIAL, NAME=M\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n"
+    "2.e11, 1.e10, 1.e10, .3, .3, .4, 6.e9, 6.e9\n3.e9\n*DENSITY\n1600.\n"
+)
+SECTOR = "*TIE, CYCLIC SYMMETRY, NAME=T\nFIRST, LAST\n*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 0., 3.\n"
+
+
+def at(i: int, j: int, k: int) -> tuple[float, float, float]:
+    """Half cells along radius, angle and height: 1 m to 1.6 m, a bend in the rim, 0.5 m high."""
+    radius, angle = 1.0 + 0.3 * i + 0.02 * (j % 2), np.pi * j / (N * CELLS)
+    return radius * np.cos(angle), radius * np.sin(angle), 0.25 * k + 0.01 * i
+
+
+def wheel(sectors: int, material: str = MATERIAL, section: str = "", more: str = "") -> str:
+    """The first of the N sectors, or all of them, the cells of each in an ELSET S1, S2, …; held at the inner edge below along
+    the radius and the axis, and in one sector in all."""
+    nodes: dict[tuple[int, int, int], int] = {}
+    half = 2 * CELLS
+    lines, sets = ["*NODE"], []
+    elements = []
+    for s, c in product(range(sectors), range(CELLS)):
+        points = [(x, half * s + 2 * c + y, z) for x, y, z in HEX20]
+        if sectors == N:
+            points = [(x, y % (half * N), z) for x, y, z in points]
+        elements.append((s, [nodes.setdefault(point, len(nodes) + 1) for point in points]))
+    lines += [f"{number}, {', '.join(f'{x:.12e}' for x in at(*point))}" for point, number in nodes.items()]
+    for s in range(sectors):
+        lines.append(f"*ELEMENT, TYPE=C3D20, ELSET=S{s + 1}")
+        for e, (of, own) in enumerate(elements):
+            if of == s:
+                lines += [", ".join(map(str, [e + 1, *own[:10]])) + ",", ", ".join(map(str, own[10:]))]
+        lines.append(f"*SOLID SECTION, ELSET=S{s + 1}, MATERIAL=M{section.format(s + 1)}")
+    inner = [number for (i, _, k), number in nodes.items() if (i, k) == (0, 0)]
+    sets += ["*NSET, NSET=INNER", *map(str, inner), "*TRANSFORM, NSET=INNER, TYPE=C\n0., 0., 0., 0., 0., 1."]
+    sets += ["*BOUNDARY\nINNER, 1, 1\nINNER, 3, 3"]
+    for name, j in (("FIRST", 0), ("LAST", half)):
+        own = [number for point, number in nodes.items() if point[1] == j]
+        sets += [f"*NSET, NSET={name}S", *map(str, own), f"*SURFACE, NAME={name}, TYPE=NODE\n{name}S"]
+    for s in range(sectors):
+        a, b = (nodes[2, half * s + 1, k] for k in (0, 2))
+        sets.append(f"*EQUATION\n2\n{a}, 3, 1., {b}, 3, -1.")
+        sets.append(f"*ELEMENT, TYPE=MASS, ELSET=P{s}\n{9001 + s}, {nodes[2, half * s + 2, 2]}\n*MASS, ELSET=P{s}\n50.")
+    return "\n".join([*lines, *sets, material]) + more
+
+
+def frequencies(mesh, count=24):
+    model = build_model(mesh)
+    return modes(model.stiffness.constant, model.mass.constant, count)[0]
+
+
+def test_a_sector_has_the_frequencies_and_the_mass_of_the_wheel_written_whole(read):
+    held = "*BOUNDARY\nINNER, 2, 2\n"
+    ring, whole = read(wheel(1, more=SECTOR + held)), read(wheel(N, more=held))
+    assert len(ring.position) == len(whole.position)
+    assert frequencies(ring) == pytest.approx(frequencies(whole), rel=1e-8)
+    for a, b in zip(mass_properties(ring), mass_properties(whole), strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
+    assert sum(own.mass for own in ring.point_masses) == 50 * N
+    assert any("made a whole ring of 5" in note for note in ring.notes)
+    assert ring.unsupported == {}
+
+
+@pytest.mark.parametrize(
+    ("sector", "of_all"),
+    [
+        (
+            ", ORIENTATION=O1",
+            [
+                f"*ORIENTATION, NAME=O{s + 1}\n{np.cos(v):.12e}, {np.sin(v):.12e}, 0., {-np.sin(v):.12e}, {np.cos(v):.12e}, 0.\n"
+                for s, v in enumerate(2 * np.pi * np.arange(N) / N)
+            ],
+        ),
+        (", ORIENTATION=O", ["*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n"]),
+    ],
+)
+def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
+    more = "*BOUNDARY\nINNER, 2, 2\n" + "".join(of_all)
+    ring = read(wheel(1, PLY, sector, SECTOR + more))
+    whole = read(wheel(N, PLY, ", ORIENTATION=O{}" if len(of_all) > 1 else sector, more))
+    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
+    assert len(ring.regions) == (N if len(of_all) > 1 else 1)
+
+
+def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
+    mesh = read(wheel(1, more=SECTOR + "*STEP\n*STATIC\n*CLOAD\n20, 3, 7.\n20, 1, 2.\n*END STEP\n"))
+    (load,) = mesh.loads.values()
+    np.testing.assert_allclose(load.force.sum(axis=0), [0, 0, 7 * N], atol=1e-12)
+    each = [mesh.element_sets[f"SECTOR-{j + 1}"] for j in range(N)]
+    assert sorted(np.concatenate(each)) == sorted(mesh.element_sets["S1"])
+    assert len(mesh.element_sets["S1"]) == N * CELLS
+    number = int(each[2][0])
+    assert number % 10 == 1
+    assert mesh.where("element", number) == mesh.where("element", 1)
+
+
+def test_either_cut_face_may_be_named_first(read):
+    held = "*BOUNDARY\nINNER, 2, 2\n"
+    turned = read(wheel(1, more=SECTOR.replace("FIRST, LAST", "LAST, FIRST") + held))
+    assert frequencies(turned, 12) == pytest.approx(frequencies(read(wheel(1, more=SECTOR + held)), 12), rel=1e-9)
+
+
+def test_cut_faces_that_do_not_meet_are_refused(read):
+    with pytest.raises(DeckError, match="do not meet where one is turned by 360°/7"):
+        read(wheel(1, more=SECTOR.replace("N=5", "N=7")))
+
+
+@pytest.mark.parametrize(
+    ("more", "match"),
+    [
+        ("*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
+        ("*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
+    ],
+)
+def test_stages_of_several_numbers_are_refused(read, more, match):
+    with pytest.raises(DeckError, match=match):
+        read(wheel(1, more=SECTOR + more))
+
+
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+def test_nodal_diameters_of_calculix_are_modes_of_the_ring(tmp_path, read):
+    text = wheel(1, more="*BOUNDARY\nINNER, 2, 2\n" + SECTOR).replace("N=5", "N=5, NGRAPH=1")
+    step = "*STEP\n*FREQUENCY\n6\n*SELECT CYCLIC SYMMETRY MODES, NMIN=0, NMAX=2\n*END STEP\n"
+    (tmp_path / "wheel.inp").write_text(text + step)
+    subprocess.run(["ccx", "wheel"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
+    rows = [line.split() for line in (tmp_path / "wheel.dat").read_text().splitlines()]
+    rows = [row for row in rows if len(row) == 6 and row[0].isdigit() and row[1].isdigit()]
+    # CalculiX writes modes of no nodal diameter twice, and of others both of a pair
+    of = {d: [float(row[4]) for row in rows if int(row[0]) == d] for d in range(3)}
+    of[0] = of[0][::2]
+    limit = min(own[-1] for own in of.values())
+    expected = sorted(f for own in of.values() for f in own if f < 0.999 * limit)
+    assert len(expected) > 6
+    np.testing.assert_allclose(frequencies(read(text))[: len(expected)], expected, rtol=2e-6)
