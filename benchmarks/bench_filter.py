@@ -6,7 +6,8 @@ bearing, three loads unknown. One-shot is the extended Kalman filter whose state
 the step inside the update; both carry a factor of the covariance. The same with the ball diameter unknown under known loads,
 from a guess 1 % too large. All in one process, one BLAS thread, in turns; shortest of some runs each. Errors are those of the
 loads, over their largest value, on the filter's own step without noise ("all": the filter makes up for what the step leaves out,
-which here is no error); noise that the filter is told: 1e-11 of strain, m, rad. Times are those of the processor.
+of which such a truth has nothing, so that this is its error);
+noise that the filter is told: 1e-11 of strain, m, rad. Times are those of the processor.
 """
 
 from __future__ import annotations
