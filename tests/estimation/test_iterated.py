@@ -218,6 +218,26 @@ def test_a_corrected_state_keeps_to_the_constraint():
     assert away[False] > 1e-3
 
 
+def test_where_the_constraint_is_restored_the_last_increment_needs_no_step():
+    """Fewer steps, and an end within 3e-6 σ of the one that takes them all: along the circle, in ten updates."""
+    taken, ends = {}, {}
+    for restored in (False, True):
+        model, steps, found = Pendulum(np.zeros((6, 6)), np.array([1e-4]), np.eye(6), h=0.05), [], []
+        plain = model.f
+        object.__setattr__(model, "f", lambda x, plain=plain, steps=steps: steps.append(1) or plain(x))
+        for angle in np.linspace(0.3, 0.9, 10):
+            x = np.array([[np.sin(angle), -np.cos(angle), 0, 0, 0, 0]])
+            along = np.array([np.cos(angle), np.sin(angle), 0, 0, 0, 0])
+            P = (1e-2**2 * np.outer(along, along) + np.diag([0, 0, 0, 0, 1e-2, 1.0]))[None]
+            y = model.f(x)[:, :1] + 0.01
+            found.append(refine(model, 0, x, P, np.zeros((6, 6)), model.R[None], y, 20, restored=restored).x[0])
+        taken[restored], ends[restored] = len(steps), np.array(found)
+    assert taken[True] < taken[False]
+    off = np.abs(ends[True] - ends[False])
+    assert off[:, :2].max() < 3e-6 * 1e-2
+    assert off.max() > 0
+
+
 class Brittle(Toy):
     """x⁺ = √x: no outcome for a negative start, to which a full increment leads."""
 

@@ -6,6 +6,8 @@ import mpmath
 import numpy as np
 import pytest
 
+from strainsight.errors import NumericalError
+from strainsight.estimation.belief import belief_of
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.reduced import Driven
@@ -92,3 +94,20 @@ def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_i
     assert np.count_nonzero(np.abs(F).max(axis=0)) == 6
     with pytest.raises(np.linalg.LinAlgError):
         pivoted_factors(np.full((1, 2, 2), np.nan))
+
+
+@pytest.mark.parametrize("form", ["joseph", "square_root"])
+def test_what_innovations_are_expected_to_be_is_their_covariance(form):
+    """L Lᵀ = H (A (P + before) Aᵀ + process) Hᵀ + R, multiplied out, L lower with a positive diagonal; sensors that are the same
+    and have no noise are refused."""
+    rng = np.random.default_rng(3)
+    n, m = 6, 2
+    P, before, process = (X @ X.T for X in rng.normal(size=(3, n, 3)))
+    A, H, R = rng.normal(size=(1, n, n)), rng.normal(size=(1, m, n)), np.array([[0.3, 0.02]])
+    L = belief_of(form, P[None]).expected(A, process, before, H, R, 0.1)[0]
+    S = H[0] @ (A[0] @ (P + before) @ A[0].T + process) @ H[0].T + np.diag(R[0])
+    np.testing.assert_allclose(L @ L.T, S, rtol=1e-12)
+    assert np.all(np.diag(L) > 0)
+    assert L[0, 1] == 0
+    with pytest.raises(NumericalError, match=r"not positive definite at 0\.1 s"):
+        belief_of(form, P[None]).expected(A, process, before, np.zeros((1, m, n)), 0 * R, 0.1)

@@ -9,6 +9,8 @@ import numpy as np
 
 from strainsight.estimation.update import (
     Form,
+    beside,
+    innovation_factor,
     joseph,
     pivoted_factors,
     predict,
@@ -16,6 +18,7 @@ from strainsight.estimation.update import (
     square_factor,
     transposed,
     update_factor,
+    whitened_gain,
 )
 
 
@@ -29,6 +32,18 @@ class Belief(Protocol):
 
     def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Belief:
         """A (P + before) Aᵀ + process."""
+        ...
+
+    def expected(
+        self,
+        A: np.ndarray,
+        process: np.ndarray,
+        before: np.ndarray | None,
+        H: np.ndarray,
+        R: np.ndarray,
+        instant: float,
+    ) -> np.ndarray:
+        """L (b, m, m) of the innovations after `predicted`, without it."""
         ...
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Belief, np.ndarray, np.ndarray]:
@@ -48,6 +63,17 @@ class Joseph:
 
     def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Joseph:
         return Joseph(predict(self.covariance if before is None else self.covariance + before, A, process))
+
+    def expected(
+        self,
+        A: np.ndarray,
+        process: np.ndarray,
+        before: np.ndarray | None,
+        H: np.ndarray,
+        R: np.ndarray,
+        instant: float,
+    ) -> np.ndarray:
+        return whitened_gain(self.predicted(A, process, before).covariance, H, R, instant)[1]
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Joseph, np.ndarray, np.ndarray]:
         P, G, L = joseph(self.covariance, H, R, instant)
@@ -70,12 +96,18 @@ class SquareRoot:
         return self.factor @ transposed(self.factor)
 
     def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> SquareRoot:
-        F = self.factor
-        if before is not None:
-            own = self._factor("before", before)
-            b = max(len(F), len(own))
-            F = np.concatenate([np.broadcast_to(X, (b, *X.shape[1:])) for X in (F, own)], axis=-1)
-        return SquareRoot(predict_factor(F, A, self._factor("process", process)), self.known)
+        return SquareRoot(predict_factor(self._with(before), A, self._factor("process", process)), self.known)
+
+    def expected(
+        self,
+        A: np.ndarray,
+        process: np.ndarray,
+        before: np.ndarray | None,
+        H: np.ndarray,
+        R: np.ndarray,
+        instant: float,
+    ) -> np.ndarray:
+        return innovation_factor(self._with(before), A, self._factor("process", process), H, R, instant)
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[SquareRoot, np.ndarray, np.ndarray]:
         F, G, L = update_factor(self.factor, H, R, instant)
@@ -83,6 +115,10 @@ class SquareRoot:
 
     def reset(self, runs: np.ndarray, P: np.ndarray) -> SquareRoot:
         return SquareRoot(np.where(runs[:, None, None], square_factor(P), self.factor), self.known)
+
+    def _with(self, before: np.ndarray | None) -> np.ndarray:
+        """A factor of P + before."""
+        return self.factor if before is None else beside(self.factor, self._factor("before", before))
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
         if which not in self.known or self.known[which][0] is not Q:

@@ -106,7 +106,8 @@ def filter_runs(
     a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
     through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
     raises the cost or fails is halved. project: puts x (B, n) at instant k back on constraints after every update, its
-    covariance is left as it is; a step with the constraints inside and an update through it need none. progress: called with
+    covariance is left as it is; a step with the constraints inside and an update through it need none, but save a step with it.
+    progress: called with
     every step that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
     No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
     that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
@@ -153,7 +154,10 @@ def filter_runs(
             innovation, H = record.innovation[k], _where_it_failed(ahead, H, 0.0)
             if not there[k].all():
                 H, innovation = np.where(there[k][..., None], H, 0.0), np.nan_to_num(innovation)
-            if calm < CALM:
+            if through_step and iterating:
+                R = np.broadcast_to(R, (b, y.shape[2]))
+                L = belief.expected(A, process, before, H, R, instant)
+            elif calm < CALM:
                 prior, R = belief.predicted(A, process, before), np.broadcast_to(R, (b, y.shape[2]))
                 after, G, L = prior.updated(H, R, instant)
             adjusted = whiten(L, innovation)
@@ -163,7 +167,7 @@ def filter_runs(
             else:
                 if through_step:
                     full = belief.covariance if before is None else belief.covariance + before
-                    found = refine(model, k, x, full, process, R, y[k], iterations, damped)
+                    found = refine(model, k, x, full, process, R, y[k], iterations, damped, project is not None)
                     A = _where_it_failed(found.x, found.A, np.eye(model.size))
                     prior = belief.predicted(A, process, before)
                 else:

@@ -20,7 +20,9 @@ SHORT = 1e-3
 rounding of the cost where the noise is small."""
 LAST, IDLE = 3.0, 10.0
 """Times SETTLED: an increment shorter than LAST that has shrunk to a tenth is taken to first order, without another step,
-which leaves out less than 1e-11 of a standard deviation; one shorter than IDLE that shrinks no more is rounding."""
+which leaves out less than 1e-11 of a standard deviation; one shorter than IDLE that shrinks no more is rounding. Where x is put
+back on constraints one shorter than SHORT is taken so, too, if the next, shrunk as much again, would be shorter than LAST: what
+the first order leaves out is no larger than that."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ def refine(
     measured: np.ndarray,
     most: int,
     damped: bool = True,
+    restored: bool = False,
 ) -> Refined:
     """The most probable start ξ and disturbance w of a step, given its measurement, by damped Gauss-Newton:
 
@@ -57,7 +60,8 @@ def refine(
     x (B, n), prior (b, n, n) [with `before`] before the step k, process (b, n, n) or (n, n) after it; process None: x and
     prior stand behind the step, f is the identity, and this is the iterated extended Kalman filter;
     R (b, m); measured y (B, m), NaN where missing; most: iterations; damped False: every increment is taken as it is, and
-    a step that fails leaves NaN in its run.
+    a step that fails leaves NaN in its run; restored: whether x is put back on constraints behind this, so that it may leave them
+    to second order in an increment of SHORT.
     Source: Bell and Cathey, IEEE Trans. Automatic Control 38 (1993); García-Fernández et al., Signal Processing 2021.
     """
     there = np.isfinite(measured)
@@ -87,7 +91,8 @@ def refine(
         length = np.sum(d_mu * apply(prior, d_mu), axis=-1) + np.sum(d_nu * apply(Q, d_nu), axis=-1)
         going &= length > SETTLED**2
         going &= (length > (IDLE * SETTLED) ** 2) | (length < 0.01 * before)
-        last = going & (length < (LAST * SETTLED) ** 2)
+        quick = restored & np.isfinite(before) & (length < SHORT**2) & (length**2 < (LAST * SETTLED) ** 2 * before)
+        last = going & (quick | (length < (LAST * SETTLED) ** 2))
         if last.any():
             moved = apply(A, apply(prior, d_mu)) + apply(Q, d_nu)
             after, taken, going = np.where(last[:, None], after + moved, after), taken + last, going & ~last

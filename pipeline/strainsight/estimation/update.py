@@ -77,10 +77,29 @@ def update(
 
 def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
     """Lower triangular F⁻ with F⁻F⁻ᵀ = A F Fᵀ Aᵀ + Q, from the QR factors of [A F, Q½]ᵀ; Q_factor (b or 1, n, any)."""
-    AF = A @ F
-    b = max(len(AF), len(Q_factor))
-    stacked = np.concatenate([np.broadcast_to(X, (b, *X.shape[1:])) for X in (AF, Q_factor)], axis=-1)
-    return _lower(stacked)
+    return _lower(beside(A @ F, Q_factor))
+
+
+def beside(*factors: np.ndarray) -> np.ndarray:
+    """Columns of all factors (b or 1, n, any) in one."""
+    b = max(len(X) for X in factors)
+    whole = np.empty((b, factors[0].shape[1], sum(X.shape[2] for X in factors)))
+    at = 0
+    for X in factors:
+        whole[:, :, at : at + X.shape[2]] = X
+        at += X.shape[2]
+    return whole
+
+
+def innovation_factor(
+    F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float
+) -> np.ndarray:
+    """L (b, m, m) of HP⁻Hᵀ + R = LLᵀ, P⁻ of `predict_factor`, by the QR factors of [R½, H A F, H Q½]ᵀ; R (b, m)."""
+    L = _lower(beside(np.sqrt(R)[:, :, None] * np.eye(R.shape[-1]), H @ A @ F, H @ Q_factor))
+    diagonal = np.diagonal(L, axis1=-2, axis2=-1)
+    if not np.all(diagonal != 0):
+        raise _indefinite(instant)
+    return L * np.where(diagonal < 0, -1.0, 1.0)[:, None, :]
 
 
 def update_factor(F: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, ...]:

@@ -18,6 +18,8 @@ from strainsight.multibody.relations import Relation
 from strainsight.multibody.sensors import Felt, Readings
 from strainsight.multibody.system import System
 
+TINY = float(np.finfo(float).tiny)
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -110,17 +112,18 @@ def _equations(
     """Balance without accelerations; matrix (n + m square) and right-hand side of `instant` for (D v̇, λ/s), s (m,)."""
     n, m, d, drives = system.size, system.constrained, system.metric, system.drives
     none = np.zeros(m)
-    at = balance(system, q, v, np.zeros(n), none, none, u, theta, system.at(theta))
+    at = balance(system, q, v, np.zeros(n), none, none, u, theta, system.at(theta), tangents=False)
     bend = at.B_rate @ v
     if at.driven is not None:
         p_rate = u[drives.at + len(drives.names) :]
         for i, (row, k) in enumerate(zip(drives.row, drives.which, strict=True)):
             bend[row] += p_rate[k] * (at.driven.gradient[i] @ v + at.driven.bend[i]) + at.driven.slope[i] * p_second[k]
-    B = at.B / d
-    s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
+    A, per = np.zeros((n + m, n + m)), 1 / d
+    B = at.B * per
+    s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), TINY)
     B *= s[:, None]
-    A = np.block([[at.mass / np.outer(d, d), -B.T], [B, np.zeros((m, m))]])
-    return at, A, s, -np.concatenate([at.load / d, s * bend])
+    A[:n, :n], A[:n, n:], A[n:, :n] = (at.mass * per) * per[:, None], -B.T, B
+    return at, A, s, -np.concatenate([at.load * per, s * bend])
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:

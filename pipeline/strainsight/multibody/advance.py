@@ -112,8 +112,8 @@ class Slopes:
     B_w: np.ndarray
 
 
-def slopes(system: System, at: Advance) -> Slopes:
-    """By the chain rule through the stages, each exact: with c = (1 − γ)/γ and those of the stages Aᵢ, Bᵢ,
+def slopes(system: System, at: Advance, forced: bool = True) -> Slopes:
+    """By the chain rule through the stages, each exact: with c = (1 − γ)/γ and those of the stages Aᵢ, Bᵢ; B_w if `forced`,
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
     """
@@ -125,12 +125,11 @@ def slopes(system: System, at: Advance) -> Slopes:
     through = CARRIED * second.A
     A = through @ first.A
     A += (1 - CARRIED) * second.A
-    inside = through @ first.B_u
-    start, end = between(system.drives, at.stages[0].h / GAMMA, GAMMA)
-    return Slopes(
-        A,
-        inside @ start,
-        second.B_u + inside @ end,
-        second.B_theta + through @ first.B_theta,
-        second.B_w + through @ first.B_w,
-    )
+    B_w = second.B_w + through @ first.B_w if forced else second.B_w[:, :0]
+    inside, h = through @ first.B_u, at.stages[0].h / GAMMA
+    if system.drives.names:
+        W = between(system.drives, h, GAMMA)
+        start, end = inside @ W[0], inside @ W[1]
+    else:
+        start, end = (1 - GAMMA) * inside, GAMMA * inside
+    return Slopes(A, start, second.B_u + end, second.B_theta + through @ first.B_theta, B_w)

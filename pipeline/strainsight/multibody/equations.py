@@ -14,6 +14,8 @@ from strainsight.multibody.inertia import inertia_load
 from strainsight.multibody.products import curvature, relation_rows
 from strainsight.multibody.system import Element, System
 
+NONE = np.zeros((0, 0))
+
 
 @dataclass(frozen=True)
 class Balance:
@@ -48,8 +50,10 @@ def balance(
     u: np.ndarray,
     theta: np.ndarray,
     elastic: tuple[np.ndarray, np.ndarray],
+    tangents: bool = True,
 ) -> Balance:
-    """All terms at once; q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,), elastic: K(θ), C(θ) of `System.at`.
+    """All terms at once, without tangents no stiffness and no damping;
+    q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,), elastic: K(θ), C(θ) of `System.at`.
 
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
     for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
@@ -62,24 +66,28 @@ def balance(
     if len(rows):
         F[rows] = -u[which]
     K, C = elastic
-    stiffness, damping = K.copy(), C.copy()
+    stiffness, damping = (K.copy(), C.copy()) if tangents else (NONE, NONE)
     slopes = []
     for element in system.elements:
         own = element.rows
         g, rate = G[own], G_rate[own]
         F[own], F_rho, F_rate, F_theta = element_load(element, rho[own], g @ v, theta, u)
         slopes.append(F_theta)
+        if not tangents:
+            continue
         stiffness += g.T @ (F_rho @ g)
         if F_rate is not None:
             stiffness += g.T @ (F_rate @ rate)
             damping += g.T @ (F_rate @ g)
-    weight = np.zeros((2, len(F)))
-    weight[0, :m] = mu
-    weight[1] = F
-    weight[1, :m] = -lam
-    spread(system.drives, u, weight)
-    H = curvature(system.products, system.size, weight, b, J)
-    stiffness += H[1]
+    by_mu = NONE
+    if tangents:
+        weight = np.zeros((2, len(F)))
+        weight[0, :m] = mu
+        weight[1] = F
+        weight[1, :m] = -lam
+        spread(system.drives, u, weight)
+        by_mu, bent = curvature(system.products, system.size, weight, b, J)
+        stiffness += bent
     load = G[m:].T @ F[m:]
     load += K @ q
     load += C @ v
@@ -90,9 +98,10 @@ def balance(
             for j in range(3):
                 at = slice(moment.R + 3 * j, moment.R + 3 * j + 3)
                 load[at] -= cross @ q[at]
-                stiffness[at, at] -= cross
                 load[moment.eta] -= moment.rotation[j] * (q[at] @ T)
-                stiffness[moment.eta, at] -= np.outer(moment.rotation[j], T)
+                if tangents:
+                    stiffness[at, at] -= cross
+                    stiffness[moment.eta, at] -= np.outer(moment.rotation[j], T)
         else:
             load[moment.eta] -= moment.rotation.T @ T
     mass = system.mass
@@ -102,10 +111,11 @@ def balance(
             own = slice(body.at, body.at + 12 + len(body.modal))
             mass[own, own], g, Gq, Gv = inertia_load(body, q, v, a)
             load[own] += g
-            stiffness[own, own] += Gq
-            damping[own, own] += Gv
+            if tangents:
+                stiffness[own, own] += Gq
+                damping[own, own] += Gv
     load += system.mass @ a
-    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, H[0], G, tuple(slopes), driven)
+    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, by_mu, G, tuple(slopes), driven)
 
 
 def with_multipliers(

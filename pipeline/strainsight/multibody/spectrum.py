@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, null_space, qr, solve_triangular
+from scipy.linalg import eigh, null_space
+from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from strainsight.multibody.equations import Balance, balance, with_multipliers
 from strainsight.multibody.system import System
@@ -53,12 +54,16 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
 def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """N (n, r), B N = 0, and λ (m,) with the smallest ‖load − Bᵀλ‖, the smallest one where constraints depend on each other."""
     m = len(B)
-    Q, R, order = qr(B.T, pivoting=True, check_finite=False)
-    diagonal = np.abs(np.diag(R))
-    if m > len(Q) or not diagonal[-1] > APART * diagonal[0]:
+    n = B.shape[1]
+    packed, order, reflections, _, _ = dgeqp3(B.T)
+    diagonal = np.abs(np.diag(packed))
+    if m > n or not diagonal[-1] > APART * diagonal[0]:
         return null_space(B), np.linalg.lstsq(B.T, load, rcond=None)[0]
+    square = np.zeros((n, n))
+    square[:, :m] = packed
+    Q, _, _ = dorgqr(square, reflections)
     lam = np.empty(m)
-    lam[order] = solve_triangular(R[:m], Q[:, :m].T @ load, check_finite=False)
+    lam[order - 1] = dtrtrs(packed[:m], Q[:, :m].T @ load)[0]
     return Q[:, m:], lam
 
 

@@ -108,10 +108,11 @@ class System:
 
     def at(self, theta: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K(θ), C(θ) (n, n)."""
-        K, C = self.stiffness, self.damping
+        K, C, theta = self.stiffness, self.damping, np.asarray(theta, dtype=float)
         if len(self.stiffness_terms):
-            K = K + np.tensordot(theta, self.stiffness_terms, 1)
-            C = C + np.tensordot(theta, self.damping_terms, 1)
+            count = len(self.stiffness_terms)
+            K = K + (theta @ self.stiffness_terms.reshape(count, -1)).reshape(K.shape)
+            C = C + (theta @ self.damping_terms.reshape(count, -1)).reshape(C.shape)
         return K, C
 
 

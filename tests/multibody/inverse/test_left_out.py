@@ -11,7 +11,8 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.multibody.bodies import FlexibleBody
 from strainsight.multibody.forces import PointForce
 from strainsight.multibody.frames import Frame
-from strainsight.multibody.inverse.loads import load_process
+from strainsight.multibody.inverse.left_out import Start, change_at, linearised
+from strainsight.multibody.inverse.loads import load_process, step_responses
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.sensors import StrainSensor, readings
@@ -112,6 +113,46 @@ def test_the_process_of_a_load_keeps_its_variance():
         np.testing.assert_allclose(P[0, 0], 9.0)
         np.testing.assert_allclose(moving.transition @ P @ moving.transition.T + moving.drawn, P, rtol=1e-9, atol=1e-9)
         np.testing.assert_allclose(moving.std, [0.0, np.sqrt(P[1, 1])])
+
+
+@pytest.mark.parametrize("doublings", [0, 5])
+def test_responses_of_a_step_are_exponentials_of_larger_matrices(doublings):
+    """Van Loan: Φ, X, Y in exp([F G 0; 0 0 1; 0 0 0] s), the noise in exp([−F Q; 0 Fᵀ] s), by SciPy."""
+    rng = np.random.default_rng(4)
+    n, k, part = 7, 2, 0.02
+    F, G = rng.normal(size=(n, n)), rng.normal(size=(n, k))
+    F *= 0.8 / part / np.linalg.norm(F)
+    drawn = np.zeros((n, 2))
+    drawn[[1, 4]] = [[30.0, 0.0], [7.0, 0.01]]
+    Q, s = drawn @ drawn.T, part * 2**doublings
+    whole = np.zeros((n + 2 * k, n + 2 * k))
+    whole[:n, :n], whole[:n, n : n + k], whole[n : n + k, n + k :] = F, G, np.eye(k)
+    exact = expm(whole * s)
+    noise = expm(np.block([[-F, Q], [np.zeros((n, n)), F.T]]) * s)
+    expected = exact[:n, :n], noise[n:, n:].T @ noise[:n, n:], exact[:n, n : n + k], exact[:n, n + k :]
+    for found, own in zip(step_responses(F, Q, G, part, doublings), expected, strict=True):
+        np.testing.assert_allclose(found, own, rtol=0, atol=1e-11 * np.abs(own).max())
+    assert not step_responses(F, None, G, part, doublings)[1].any()
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_the_change_alone_is_that_of_the_whole(method):
+    """What the step leaves out of one start by the response to its forces, and by the maps of all of them."""
+    b, h = bench(), 0.02
+    model = b.model(h, 2, load=1e3, corrected=True, rest=False, method=method)
+    x, _ = b.start(model)
+    x[model.u] += [3e2, -2e2, 1e2]
+    x[model.v] += 1e-3 * np.arange(b.system.size)
+    x = model.projected(x[None], 0)[0]
+    u, end = np.array(model.known[:2], dtype=float)
+    u[model.inputs] = x[model.u]
+    end[model.inputs] = x[model.u] + 40.0
+    start = Start(x[model.q], x[model.v], x[model.c], u, end, model.coordinates.theta(x[model.xi])[0])
+    given = b.system, method, model.loads, model.inputs, start, (x[model.q], x[model.v])
+    whole = linearised(*given).left.change
+    assert np.any(whole)
+    d = np.tile(b.system.metric, 2)
+    np.testing.assert_allclose(d * change_at(*given), d * whole, rtol=0, atol=1e-9 * np.abs(d * whole).max())
 
 
 def test_at_rest_nothing_is_left_out_whatever_the_loads():

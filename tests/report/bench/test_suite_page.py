@@ -24,6 +24,7 @@ from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
+from strainsight.report.suite.results import RED, counts
 from strainsight.report.suite.statements import measured, statements_table, target
 from strainsight.report.suite.studies import study_figures
 
@@ -93,6 +94,21 @@ def over_seeds(*values, **more):
 )
 def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdict):
     assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("numbers", "word"),
+    [
+        ({"claim.F$z": "overconfident"}, "overconfident"),
+        ({"identified.F$z": False}, "not identified"),
+        ({"verdict.F$z": "contradicted by its sensors"}, "contradicted by its sensors"),
+    ],
+)
+def test_every_fault_of_a_run_is_counted(numbers, word):
+    """The page of a suite with a run of each fault had no word for the last."""
+    found = counts(suite([run("good"), run("bad", **numbers)]))
+    assert [places for said, places in found.items() if said in RED] == [[2]]
+    assert word in found
 
 
 def test_the_target_and_what_is_measured_in_words():

@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.advance import Method
-from strainsight.multibody.inverse.left_out import LeftOut, Linearised, Start, linearised
+from strainsight.multibody.inverse.left_out import LeftOut, Linearised, Start, change_at, linearised
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.system import System
@@ -38,10 +38,10 @@ class Begun:
     since: int = 0
     serves: int = 1
 
-    @property
-    def noise(self) -> np.ndarray:
-        """Covariance (2n, 2n) of the motion that no state tells."""
-        return self.stale if self.left is None else self.left.noise + self.stale
+    def noises(self, k: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Parts of the covariance (2n, 2n) of the motion that no state tells of step k, None of none: the same arrays as long as
+        a linearisation serves."""
+        return (None, None) if self.k != k else (None if self.left is None else self.left.noise, self.stale)
 
 
 def begun(
@@ -83,7 +83,7 @@ def begun(
             moved = xi.copy()
             moved[j] += WIDTH
             there = start._replace(theta=coordinates.theta(moved)[0])
-            by_xi[:, j] = (linearised(system, method, loads, inputs, there, middle).left.change - left.change) / WIDTH
+            by_xi[:, j] = (change_at(system, method, loads, inputs, there, middle) - left.change) / WIDTH
         serves, apart = 1, []
         if old is not None and before is not None:
             d = left.change - old.change(system, loads.h, start)
@@ -92,7 +92,7 @@ def begun(
             if before.serves > 1:
                 apart.append(d)
         if apart or k % CHECKED == 0:
-            apart.append(left.change - linearised(system, method, loads, inputs, start, (start.q, start.v)).left.change)
+            apart.append(left.change - change_at(system, method, loads, inputs, start, (start.q, start.v)))
         if apart:
             off = np.array(apart)
             new = off.T @ off

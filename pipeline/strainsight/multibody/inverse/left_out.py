@@ -51,11 +51,12 @@ class Linearised:
 
         T (by_speed ẏ₀ + by_load c + by_constant f₀' + by_ramp B(u(h) − u₀)),    f₀' = f₀ + C ẏ₀ − B c
 
-    T (n, r); mass, damping (r, r); push B (r, all inputs), of them unknown (r, k) by c; by_speed, by_constant, by_ramp (2r, r),
-    by_load (2r, k); left: what is left out where it was linearised.
+    T (n, r), along (n, r) = D²T; mass, damping (r, r); push B (r, all inputs), of them unknown (r, k) by c;
+    by_speed, by_constant, by_ramp (2r, r), by_load (2r, k); left: what is left out where it was linearised.
     """
 
     T: np.ndarray
+    along: np.ndarray
     mass: np.ndarray
     damping: np.ndarray
     push: np.ndarray
@@ -68,16 +69,9 @@ class Linearised:
 
     def change(self, system: System, h: float, start: Start) -> np.ndarray:
         """`LeftOut.change` (2n,) of a step of h from start."""
-        d = system.metric
-        along = self.T * (d * d)[:, None]
-        p_second = (start.u_end - start.u)[system.drives.rates] / h
-        moving = instant(system, start.q, start.v, start.u, start.theta, p_second)
-        speed = start.v @ along
-        constant = self.mass @ (moving.acceleration @ along) + self.damping @ speed - self.unknown @ start.c
-        ramp = self.push @ (start.u_end - start.u)[: self.push.shape[1]]
+        speed, constant, ramp = _driven(system, h, start, self)
         found = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
-        r = len(speed)
-        return np.concatenate([self.T @ found[:r], self.T @ found[r:]])
+        return _out(self.T, found[:, None])[:, 0]
 
 
 def linearised(
@@ -101,26 +95,13 @@ def linearised(
     inputs (nu,): places of the unknown loads in `system.inputs`.
     """
     h, n, k = loads.h, system.size, loads.size
-    at = tangent_space(system, *middle, start.u, start.theta)
-    T, d = at.T, system.metric
+    flow = _flow(system, loads, inputs, start, middle)
+    T, M, C, K, B, unknown = flow.T, flow.mass, flow.damping, flow.stiffness, flow.push, flow.unknown
     r = T.shape[1]
-    M, C, K = at.project(at.at.mass), at.project(at.at.damping), at.project(at.at.stiffness)
-    B = -T.T @ input_slopes(system, at.at, middle[0])
-    unknown = np.zeros((r, k))
-    unknown[:, loads.first] = B[:, inputs]
-
-    # η = ω y, so that both halves of a motion count alike
-    per = np.linalg.solve(M, np.hstack([K, C, unknown, np.eye(r)]))
-    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r]))), 1.0 / h)
-    size = 2 * r + k
-    F, Q, G = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, r))
-    F[:r, r : 2 * r] = omega * np.eye(r)
-    F[r : 2 * r, :r], F[r : 2 * r, r : 2 * r] = -per[:, :r] / omega, -per[:, r : 2 * r]
-    F[r : 2 * r, 2 * r :], G[r : 2 * r] = per[:, 2 * r : -r], per[:, -r:]
-    F[2 * r :, 2 * r :], Q[2 * r :, 2 * r :] = loads.A, loads.Q
-    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))) / SHORT))))
-    phi, gathered, constant, ramp = step_responses(F, Q, G, h / 2**doublings, doublings)
-    units = np.concatenate([np.full(r, 1 / omega), np.ones(r + k)])
+    G = np.zeros((len(flow.F), r))
+    G[r : 2 * r] = flow.yields
+    phi, gathered, constant, ramp = step_responses(flow.F, flow.Q, G, h / 2**flow.doublings, flow.doublings)
+    units = flow.units
     phi, gathered = units[:, None] * phi / units, units[:, None] * gathered * units
     z, c = slice(0, 2 * r), slice(2 * r, 2 * r + k)
     constant, ramp = units[z, None] * constant[z], units[z, None] * ramp[z]
@@ -131,13 +112,111 @@ def linearised(
     known = _by_ends(gathered[z, c], loads.drawn)
     by_drawn = known - last @ unknown
     noise = _semidefinite(gathered[z, z] - known @ gathered[c, z], np.diag(gathered)[z])
-    out, back = np.zeros((2 * n, 2 * r)), np.zeros((2 * r, 2 * n))
-    out[:n, :r] = out[n:, r:] = T
-    back[:r, :n] = back[r:, n:] = T.T * (d * d)
-    bridge = out @ noise
-    left = LeftOut(np.zeros(2 * n), out @ by_state @ back, out @ by_load, out @ by_drawn, bridge @ bridge.T)
-    found = Linearised(T, M, C, B, unknown, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
+    bridge = _out(T, noise)
+    along = flow.along
+    left = LeftOut(
+        np.zeros(2 * n), _out(T, _back(by_state, along)), _out(T, by_load), _out(T, by_drawn), bridge @ bridge.T
+    )
+    found = Linearised(
+        T, along, M, C, B, unknown, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left
+    )
     return replace(found, left=replace(left, change=found.change(system, h, start)))
+
+
+def change_at(
+    system: System,
+    method: Method,
+    loads: LoadProcess,
+    inputs: np.ndarray,
+    start: Start,
+    middle: tuple[np.ndarray, np.ndarray],
+) -> np.ndarray:
+    """`LeftOut.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
+    h = loads.h
+    flow = _flow(system, loads, inputs, start, middle)
+    T, r = flow.T, flow.T.shape[1]
+    speed, constant, ramp = _driven(system, h, start, flow)
+    G = np.zeros((len(flow.F), 2))
+    G[r : 2 * r] = flow.yields @ np.column_stack([constant, ramp / h])
+    phi, _, by_constant, by_ramp = step_responses(flow.F, None, G, h / 2**flow.doublings, flow.doublings)
+    begun = np.concatenate([np.zeros(r), speed, start.c])
+    exact = flow.units[: 2 * r] * ((phi @ begun) + by_constant[:, 0] + by_ramp[:, 1])[: 2 * r]
+    through, first, last = _step(flow.mass, flow.damping, flow.stiffness, h, method)
+    by_step = through[:, r:] @ speed + first @ (flow.unknown @ start.c + constant)
+    by_step += last @ (flow.unknown @ (loads.transition @ start.c) + constant + ramp)
+    return _out(T, (exact - by_step)[:, None])[:, 0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Flow:
+    """The bench linearised at one place: T (n, r) and D²T (n, r); mass, damping, stiffness (r, r), push B (r, all inputs), of
+    them unknown (r, k) by c; in states (ωy, ẏ, c), so that both halves of a motion count alike: F, the intensity Q of their
+    noise, yields (r, r) = M⁻¹, units of the states; doublings of a part of the step that make the whole."""
+
+    T: np.ndarray
+    along: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    push: np.ndarray
+    unknown: np.ndarray
+    F: np.ndarray
+    Q: np.ndarray
+    yields: np.ndarray
+    units: np.ndarray
+    doublings: int
+
+
+def _flow(
+    system: System, loads: LoadProcess, inputs: np.ndarray, start: Start, middle: tuple[np.ndarray, np.ndarray]
+) -> _Flow:
+    h, k, d = loads.h, loads.size, system.metric
+    at = tangent_space(system, *middle, start.u, start.theta)
+    T = at.T
+    r = T.shape[1]
+    M, C, K = at.project(at.at.mass), at.project(at.at.damping), at.project(at.at.stiffness)
+    B = -T.T @ input_slopes(system, at.at, middle[0])
+    unknown = np.zeros((r, k))
+    unknown[:, loads.first] = B[:, inputs]
+    per = np.linalg.solve(M, np.hstack([K, C, unknown, np.eye(r)]))
+    omega = max(float(np.sqrt(np.linalg.norm(per[:, :r]))), 1.0 / h)
+    size = 2 * r + k
+    F, Q = np.zeros((size, size)), np.zeros((size, size))
+    F[:r, r : 2 * r] = omega * np.eye(r)
+    F[r : 2 * r, :r], F[r : 2 * r, r : 2 * r] = -per[:, :r] / omega, -per[:, r : 2 * r]
+    F[r : 2 * r, 2 * r :] = per[:, 2 * r : -r]
+    F[2 * r :, 2 * r :], Q[2 * r :, 2 * r :] = loads.A, loads.Q
+    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))) / SHORT))))
+    units = np.ones(size)
+    units[:r] = 1 / omega
+    return _Flow(T, T * (d * d)[:, None], M, C, K, B, unknown, F, Q, per[:, -r:], units, doublings)
+
+
+def _driven(
+    system: System, h: float, start: Start, at: _Flow | Linearised
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """ẏ₀, f₀' = f₀ + C ẏ₀ − B c and B(u(h) − u₀) (r,) of a step from start."""
+    p_second = (start.u_end - start.u)[system.drives.rates] / h
+    moving = instant(system, start.q, start.v, start.u, start.theta, p_second)
+    speed = start.v @ at.along
+    constant = at.mass @ (moving.acceleration @ at.along) + at.damping @ speed - at.unknown @ start.c
+    return speed, constant, at.push @ (start.u_end - start.u)[: at.push.shape[1]]
+
+
+def _out(T: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(q, v) (2n, k) of motions z (2r, k)."""
+    n, r = T.shape
+    found = np.empty((2 * n, z.shape[1]))
+    found[:n], found[n:] = T @ z[:r], T @ z[r:]
+    return found
+
+
+def _back(X: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """X (k, 2r) by motions as one by q and v (k, 2n)."""
+    n, r = along.shape
+    found = np.empty((len(X), 2 * n))
+    found[:, :n], found[:, n:] = X[:, :r] @ along.T, X[:, r:] @ along.T
+    return found
 
 
 def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:

@@ -53,12 +53,14 @@ class LoadProcess:
 
 
 SHORT = 0.8
-"""Radians per part of a step that a series of TERMS terms is right to rounding for."""
-TERMS = 17
-_POWERS = np.arange(TERMS)
-_OVERLAP = 1.0 / (1.0 + np.add.outer(_POWERS, _POWERS))
-"""∫ sⁱ sʲ ds from 0 to 1."""
-_INVERSE = [1.0 / factorial(j) for j in range(TERMS)]
+"""Radians per part of a step that series of 4 · FOURTHS terms are right to rounding for, and a Gauss rule of NODES of squares."""
+FOURTHS, NODES = 5, 7
+_SERIES = np.array([1.0 / factorial(j) for j in range(4 * FOURTHS + 2)])
+_REMAINDER = _SERIES[2:].reshape(FOURTHS, 4)
+"""Of φ₂(x) = (eˣ − 1 − x)/x², four powers a row."""
+_AT, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(NODES)[i] + shift) for i, shift in ((0, 1.0), (1, 0.0)))
+_EXPONENTIALS = np.sqrt(_WEIGHTS)[:, None] * _AT[:, None] ** np.arange(4 * FOURTHS) * _SERIES[:-2]
+"""√weight · eˢˣ at the nodes s of the rule (NODES, 4 · FOURTHS), by powers of x."""
 
 
 def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,46 +69,60 @@ def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tup
 
 
 def step_responses(
-    F: np.ndarray, Q: np.ndarray, G: np.ndarray, part: float, doublings: int
+    F: np.ndarray, Q: np.ndarray | None, G: np.ndarray, part: float, doublings: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Φ = exp(F s) (n, n), ∫₀ˢ exp(F t) Q exp(F t)ᵀ dt (n, n), X = ∫₀ˢ exp(F t) G dt and Y = ∫₀ˢ exp(F (s − t)) G t dt (n, k),
     s = part · 2^doublings, ‖F‖ part ≤ about SHORT:
 
         Φ₂ₛ = Φₛ Φₛ,   Q₂ₛ = Qₛ + Φₛ Qₛ Φₛᵀ,   X₂ₛ = Xₛ + Φₛ Xₛ,   Y₂ₛ = Yₛ + Φₛ Yₛ + s Xₛ
 
-    from the Taylor series of the part, by powers of F⁴ (Paterson, Stockmeyer).
+    from the series of φ₂(A) = A⁻²(eᴬ − 1 − A) of a part p, A = F p, by powers of A⁴ (Paterson, Stockmeyer), Φ = 1 + A + A² φ₂,
+    X = p (1 + A φ₂) G, Y = p² φ₂ G, and a Gauss rule for the noise; Q None: of none.
     """
     n, k = G.shape
-    there = np.flatnonzero(Q.any(axis=0))
-    values, vectors = np.linalg.eigh(Q[np.ix_(there, there)])
-    both = np.zeros((TERMS, n, len(there) + k))
-    both[0, there, k:], both[0, :, :k] = vectors * np.sqrt(np.maximum(values, 0.0)), G
-    first = F * part
-    for j in range(1, TERMS):
-        np.matmul(first, both[j - 1], out=both[j])
-        both[j] /= j
-    low = [np.eye(n), first, first @ first]
-    low.append(low[2] @ first)
+    A = F * part
+    low = np.empty((4, n, n))
+    low[0], low[1] = np.eye(n), A
+    np.matmul(A, A, out=low[2])
+    np.matmul(low[2], A, out=low[3])
     fourth = low[2] @ low[2]
-    phi = low[0] * _INVERSE[TERMS - 1]
-    for j in range(TERMS - 5, -1, -4):
-        phi = fourth @ phi
-        for i, own in enumerate(low):
-            phi += own * _INVERSE[j + i]
-    terms, fed, s = both[:, :, k:], np.empty((n, 2 * k)), part
-    fed[:, :k] = part * np.tensordot(1 / (1.0 + _POWERS), both[:, :, :k], axes=1)
-    fed[:, k:] = part**2 * np.tensordot(1 / ((1.0 + _POWERS) * (2.0 + _POWERS)), both[:, :, :k], axes=1)
-    weighted = np.tensordot(part * _OVERLAP, terms, axes=1)
-    wide = TERMS * len(there)
-    gathered = terms.transpose(1, 0, 2).reshape(n, wide) @ weighted.transpose(1, 0, 2).reshape(n, wide).T
+    rows = (_REMAINDER @ low.reshape(4, n * n)).reshape(FOURTHS, n, n)
+    phi2 = rows[-1]
+    for row in rows[-2::-1]:
+        phi2 = fourth @ phi2 + row
+    phi1 = A @ phi2 + low[0]
+    # Φ beside X and Y, which it carries on
+    carried, s = np.empty((n, n + 2 * k)), part
+    carried[:, :n] = A @ phi1 + low[0]
+    carried[:, n : n + k], carried[:, n + k :] = part * (phi1 @ G), part**2 * (phi2 @ G)
+    gathered = _gathered(Q, low, fourth, part)
     for _ in range(doublings):
-        gathered = gathered + phi @ gathered @ phi.T
-        before = fed
-        fed = phi @ before
-        fed += before
-        fed[:, k:] += s * before[:, :k]
-        phi, s = phi @ phi, 2 * s
-    return phi, 0.5 * (gathered + gathered.T), fed[:, :k], fed[:, k:]
+        phi = carried[:, :n]
+        if gathered is not None:
+            gathered = gathered + phi @ gathered @ phi.T
+        further = phi @ carried
+        further[:, n:] += carried[:, n:]
+        further[:, n + k :] += s * carried[:, n : n + k]
+        carried, s = further, 2 * s
+    noise = np.zeros((n, n)) if gathered is None else 0.5 * (gathered + gathered.T)
+    return carried[:, :n], noise, carried[:, n : n + k], carried[:, n + k :]
+
+
+def _gathered(Q: np.ndarray | None, low: np.ndarray, fourth: np.ndarray, part: float) -> np.ndarray | None:
+    """∫ exp(A s) Q exp(A s)ᵀ ds · part over 0 to 1 (n, n), by a Gauss rule; None of no noise; low: A⁰ to A³, fourth A⁴."""
+    if Q is None or not Q.any():
+        return None
+    there = np.flatnonzero(Q.any(axis=0))
+    values, vectors = np.linalg.eigh(Q[there[:, None], there])
+    n, drawn = len(Q), len(there)
+    powers = np.empty((FOURTHS, n, 4, drawn))
+    powers[0] = (low[:, :, there] @ (vectors * np.sqrt(part * np.maximum(values, 0.0)))).transpose(1, 0, 2)
+    flat = powers.reshape(FOURTHS, n, 4 * drawn)
+    for j in range(1, FOURTHS):
+        np.matmul(fourth, flat[j - 1], out=flat[j])
+    nodes = np.tensordot(_EXPONENTIALS.reshape(NODES, FOURTHS, 4), powers, axes=((1, 2), (0, 2)))
+    factor = nodes.transpose(1, 0, 2).reshape(n, NODES * drawn)
+    return np.asarray(factor @ factor.T)
 
 
 def load_process(models: Sequence[InputModel], amplitude: np.ndarray, increment: np.ndarray, h: float) -> LoadProcess:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
-from scipy.linalg.lapack import dposv
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from strainsight.errors import InfeasibleError
 from strainsight.multibody.initial import moving_constraints, project_position
@@ -12,6 +15,7 @@ from strainsight.multibody.system import System
 ITERATIONS = 20
 ROUNDING = 1e-15
 """A correction below this, beside the state in the metric, is none."""
+TINY = float(np.finfo(float).tiny)
 
 
 def nearest_state(
@@ -28,25 +32,23 @@ def nearest_state(
     q, d = np.array(q, dtype=float), system.metric
     if not system.constrained:
         return q, np.array(v, dtype=float)
-    before = np.inf
+    before, per = np.inf, 1 / d
     for _ in range(ITERATIONS):
         phi, B, rate = moving_constraints(system, q, u)
-        x = _across(B / d, phi)
-        if x is None:
+        across = _factor(B * per)
+        if across is None:
             break
-        q -= x / d
-        size, whole = float(np.linalg.norm(x)), float(np.linalg.norm(d * q))
+        x = _across(across, phi)
+        q -= x * per
+        y = d * q
+        size, whole = math.sqrt(x @ x), math.sqrt(y @ y)
+        if not math.isfinite(size):
+            break
         if size <= ROUNDING * whole or (size < 1e-12 * whole and size > 0.3 * before):
-            B = B / d
             y = d * v
             for _ in range(2):
-                x = _across(B, B @ y + rate)
-                if x is None:
-                    break
-                y = y - x
-            else:
-                return q, y / d
-            break
+                y = y - _across(across, B @ (y * per) + rate)
+            return q, y * per
         before = size
     project_position(system, q, u)
     raise InfeasibleError(
@@ -55,9 +57,22 @@ def nearest_state(
     )
 
 
-def _across(B: np.ndarray, value: np.ndarray) -> np.ndarray | None:
-    """Bᵀ(BBᵀ)⁻¹ value by Cholesky of unit rows; None where BBᵀ is singular."""
-    s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), np.finfo(float).tiny)
+class _Across(NamedTuple):
+    """Lengths⁻¹ s (m,) of the rows of B, these as units (m, n), and Cholesky's factor of unit unitᵀ."""
+
+    s: np.ndarray
+    unit: np.ndarray
+    lower: np.ndarray
+
+
+def _factor(B: np.ndarray) -> _Across | None:
+    """None where BBᵀ is singular."""
+    s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), TINY)
     unit = s[:, None] * B
-    _, z, info = dposv(unit @ unit.T, s * value)
-    return unit.T @ z if info == 0 and np.all(np.isfinite(z)) else None
+    lower, info = dpotrf(unit @ unit.T, lower=1)
+    return _Across(s, unit, lower) if info == 0 else None
+
+
+def _across(B: _Across, value: np.ndarray) -> np.ndarray:
+    """Bᵀ(BBᵀ)⁻¹ value."""
+    return np.asarray(dpotrs(B.lower, B.s * value, lower=1)[0] @ B.unit)

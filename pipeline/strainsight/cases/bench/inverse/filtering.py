@@ -177,7 +177,7 @@ def _filter(
         iterations=1 if once else method.iterations,
         through_step=not once,
         damped=method.update != "undamped",
-        project=offsets.projected(model) if not stays and (once or model.corrected) else None,
+        project=None if stays else offsets.projected(model),
         progress=progress,
         watch=watch,
         refuse=refuse,
