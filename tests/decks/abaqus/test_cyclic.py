@@ -118,6 +118,60 @@ def test_either_cut_face_may_be_named_first(read):
     assert frequencies(turned, 12) == pytest.approx(frequencies(read(wheel(1, more=SECTOR + held)), 12), rel=1e-9)
 
 
+def test_cut_faces_that_are_named_twice_are_one_cut(read):
+    held = "*BOUNDARY\nINNER, 2, 2\n"
+    once = read(wheel(1, more=SECTOR + held))
+    for names in ("FIRST, LAST", "LAST, FIRST"):
+        twice = read(wheel(1, more=f"{SECTOR}*TIE, CYCLIC SYMMETRY, NAME=U\n{names}\n{held}"))
+        assert len(twice.position) == len(once.position)
+        assert frequencies(twice, 12) == pytest.approx(frequencies(once, 12), rel=1e-9)
+
+
+def test_a_rigid_hub_whose_reference_is_on_the_axis_is_one(read):
+    """Mass on the axis is that of one sector, N times in all, as CalculiX counts it."""
+    hub = "*NODE\n7000, 0., 0., {}\n*RIGID BODY, NSET=INNER, REF NODE=7000\n*BOUNDARY\n7000, 1, 6\n" + (
+        "*ELEMENT, TYPE=MASS, ELSET=Q\n9900, 7000\n*MASS, ELSET=Q\n{}\n"
+    )
+
+    def free(text, height, mass):
+        return text.replace("*BOUNDARY\nINNER, 1, 1\nINNER, 3, 3", "") + hub.format(height, mass)
+
+    ring, whole = read(free(wheel(1, more=SECTOR), 0.1, 3.0)), read(free(wheel(N), 0.1, 3.0 * N))
+    assert len(ring.rigid) == 1
+    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
+    assert mass_properties(ring)[0] == pytest.approx(mass_properties(whole)[0], rel=1e-12)
+
+
+def wedge(off: float) -> str:
+    """A sixth of a disc, one wedge with an edge on the axis, or `off` it [m]; held at the rim."""
+    v = np.pi / 3
+    corner = [(off, 0.0), (1.0, 0.0), (np.cos(v), np.sin(v))]
+    nodes = [(*point, z) for z in (0.0, 0.5) for point in corner]
+    return "\n".join(
+        [
+            "*NODE",
+            *(f"{i + 1}, {', '.join(f'{x:.12e}' for x in point)}" for i, point in enumerate(nodes)),
+            "*ELEMENT, TYPE=C3D6, ELSET=E\n1, 1, 2, 3, 4, 5, 6\n*SOLID SECTION, ELSET=E, MATERIAL=M",
+            "*NSET, NSET=A\n1, 2, 4, 5\n*NSET, NSET=B\n1, 3, 4, 6",
+            "*SURFACE, NAME=FIRST, TYPE=NODE\nA\n*SURFACE, NAME=LAST, TYPE=NODE\nB\n*BOUNDARY\n3, 1, 3",
+            MATERIAL + SECTOR.replace("N=5", "N=6"),
+        ]
+    )
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-7, 1e-5])
+def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read, off):
+    ring = read(wedge(off))
+    assert len(ring.position) == 2 + 2 * 6
+    assert frequencies(ring, 6) == pytest.approx(frequencies(read(wedge(0.0)), 6), rel=1e-4)
+
+
+def test_an_equation_for_a_cut_node_alone_is_refused(read):
+    low, high = 2, 6  # of the first cut face
+    with pytest.raises(DeckError, match=r"\*EQUATION.* is one with a node of the opposite cut face"):
+        read(wheel(1, more=f"{SECTOR}*EQUATION\n2\n{low}, 1, 1., {high}, 1, -1.\n"))
+
+
 def test_cut_faces_that_do_not_meet_are_refused(read):
     with pytest.raises(DeckError, match="do not meet where one is turned by 360°/7"):
         read(wheel(1, more=SECTOR.replace("N=5", "N=7")))
