@@ -125,6 +125,26 @@ def test_both_ways_round_a_pair_is_bonded_once(read):
     assert (itself.relations, itself.contacts) == ((), ("contact of TOP on TOP: open: a surface with itself",))
 
 
+@pytest.mark.parametrize("first", ["*CONTACT PAIR, INTERACTION=I\nBELOW, ABOVE\n", "*TIE, NAME=T\nBELOW, ABOVE\n"])
+def test_surfaces_of_other_names_that_follow_each_other_are_no_circle(read, first):
+    again = "*SURFACE, NAME=BELOW\nTOPS, S2\n*SURFACE, NAME=ABOVE\nBOTTOMS, S1\n"
+    mesh = read(deck(2, again + first + contact()), contact="bonded")
+    assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the")
+    assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
+
+
+def test_a_pair_whose_coarser_surface_follows_says_so(read):
+    mesh = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, BOTTOM")), contact="bonded")
+    assert "the finer surface is free between them: name BOTTOM first" in mesh.contacts[0]
+    assert "free between" not in read(deck(2, contact()), contact="bonded").contacts[0]
+
+
+def test_a_tied_pair_the_other_way_round_of_an_open_one_is_bonded(read):
+    tied = contact(TIED).replace("NAME=I", "NAME=J").replace("INTERACTION=I", "INTERACTION=J")
+    text = contact().replace("BOTTOM, TOP", "TOP, BOTTOM") + tied
+    assert frequencies(read(deck(2, text), contact="open")) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
+
+
 def test_shells_are_not_bonded(read):
     text = deck(1, contact()) + (
         "*NODE\n9001, 0., 0., 2.\n9002, 1., 0., 2.\n9003, 1., 1., 2.\n*ELEMENT, TYPE=S3, ELSET=SKIN\n9001, 9001, 9002, 9003\n"
