@@ -50,8 +50,8 @@ def with_contact(
     PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus), are bonded always.
 
     Nodes that are farther off than ADJUST, or than `TOLERANCE` of a facet, stay open, and so do those that follow something
-    already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces that are not in the deck, and where
-    surfaces of shells are to be bonded.
+    already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces
+    that are not in the deck, and where surfaces of shells are to be bonded.
     """
     pairs = list(_pairs(assembly, keywords, found))
     asked = [pair for pair in pairs if not pair.tied]
