@@ -14,6 +14,9 @@ from strainsight.mesh.forces import BodyForce, NodalForces
 from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
 
+NO_TURN = Orientation(BASIC, np.eye(3))
+"""Of a material without an orientation: its axes are the basic ones."""
+
 
 @dataclass(frozen=True)
 class Copies:
@@ -96,35 +99,44 @@ class Copies:
         found = []
         for block in self.mesh.blocks:
             for number in np.unique(block.region).tolist():
-                layered = number in self.mesh.composites or self.mesh.anisotropic_of(number) is not None
-                if not layered or number in found:
-                    continue
                 x = self.mesh.position[block.nodes[block.region == number]].mean(axis=1)
-                own = self.mesh.orientations.get(number, Orientation(BASIC, np.eye(3)))
                 R = self.turns[1]
-                there = own.axes_at(self.origin + (x - self.origin) @ R.T)
-                if not np.allclose(there, R @ own.axes_at(x), atol=1e-9):
+                there = self.origin + (x - self.origin) @ R.T
+                if number not in found and not all(
+                    np.allclose(own.axes_at(there), R @ own.axes_at(x), atol=1e-9) for own in self._orientations(number)
+                ):
                     found.append(number)
         return found
+
+    def _orientations(self, region: int) -> list[Orientation]:
+        """How the axes of its anisotropic materials lie, of a region of layers in each."""
+        mesh = self.mesh
+        if region in mesh.composites:
+            layers = mesh.composites[region].layers
+            return [own.orientation for own in layers if own.material in mesh.anisotropic]
+        return [mesh.orientations.get(region, NO_TURN)] if mesh.anisotropic_of(region) is not None else []
 
     def _with_regions(self, mesh: Mesh, turned: Sequence[int]) -> Mesh:
         """The mesh with a region of its own in every copy for those of the numbers `turned`, its axes turned."""
         regions, orientations, composites = dict(mesh.regions), dict(mesh.orientations), dict(mesh.composites)
         for number in turned:
-            own = orientations.get(number, Orientation(BASIC, np.eye(3)))
             for j in range(1, len(self.turns)):
-                R, other = self.turns[j], number + j * self.shift
+                other = number + j * self.shift
                 name = f"{mesh.regions[number].name} (sector {j + 1})"
                 regions[other] = replace(mesh.regions[number], id=other, name=name)
-                system = replace(
-                    own.system,
-                    origin=self.origin + R @ (own.system.origin - self.origin),
-                    axes=R @ own.system.axes,
-                )
-                orientations[other] = replace(own, system=system)
                 if number in composites:
-                    composites[other] = composites[number]
+                    layers = composites[number].layers
+                    layers = tuple(replace(own, orientation=self._turned(own.orientation, j)) for own in layers)
+                    composites[other] = replace(composites[number], layers=layers)
+                else:
+                    orientations[other] = self._turned(orientations.get(number, NO_TURN), j)
         return replace(mesh, regions=regions, orientations=orientations, composites=composites)
+
+    def _turned(self, own: Orientation, j: int) -> Orientation:
+        """As it is in copy j."""
+        R, system = self.turns[j], own.system
+        there = replace(system, origin=self.origin + R @ (system.origin - self.origin), axes=R @ system.axes)
+        return replace(own, system=there)
 
     def _axes(self) -> dict[int, FloatArray]:
         """Displacement systems of the nodes that have one, or that a tie or relation speaks of along its own: turned."""
