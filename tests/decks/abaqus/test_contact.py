@@ -18,6 +18,7 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
+from strainsight.records.mesh import MeshColumns
 from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.suggestion import suggestion
 
@@ -105,6 +106,7 @@ def test_what_became_of_contact_leads_warnings_and_what_the_model_assumes(tmp_pa
         mesh = mesh_of(config, path)
         checked(mesh, config)
         assert model_warnings(mesh)[0].startswith(f"contact of BOTTOM on TOP: {words}")
+        assert model_warnings(MeshColumns.of(mesh).made())[0] == model_warnings(mesh)[0]  # of the page
         assert assumed_table(mesh, "abaqus", False).rows[0] == ("contact", "", mesh.contacts[0])
         assert mesh.effect["*SURFACE BEHAVIOR"] == "none"
 
