@@ -51,7 +51,7 @@ installation are avoided (a test of their own below); where stiffness and mass, 
 or modes and static responses do (test_results.py); where gauges are bonded already (test_sensors.py) or bridges
 (test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
 (tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are placed
-for (test_load_cases.py); where mass is lumped (tests/fem/test_lumped.py) or surfaces are in contact (tests/decks/abaqus/test_contact.py);
+for (test_load_cases.py); where mass is lumped (tests/fem/test_lumped.py) or surfaces are in contact (test_contact.py);
 where joints are driven (test_bench_driven.py); of shells, beams and anisotropic materials (a test of their own below); where a
 stiffness is no multiple of its parameter (test_laminated.py); where a thickness is free (test_thickness.py)."""
 

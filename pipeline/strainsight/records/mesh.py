@@ -138,7 +138,11 @@ class MeshColumns:
         "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
     )
     contacts: tuple[str, ...] | None = dataset(
-        "/contacts", "1", "pair", "what became of each pair of surfaces in contact; missing without contact", default=None
+        "/contacts",
+        "1",
+        "pair",
+        "what became of each pair of surfaces in contact; missing without contact",
+        default=None,
     )
     lumped: int | None = dataset(
         "/lumped", "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
