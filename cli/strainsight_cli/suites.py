@@ -9,14 +9,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import typer
+
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.failures import tell
+from strainsight_cli.failures import CONTRADICTED, tell
 from strainsight_cli.status import print_statuses, sum_of
 from strainsight_cli.timing import peak_memory, timing_table
-from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, refuse_taken, say, show_results
+from strainsight_cli.work import Progress, Work, bring_up_to_date, contradicted, makers, refuse_taken, say, show_results
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -146,7 +148,8 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
 
 
 def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
-    """Bring every run up to date, `jobs` at a time, then the page; a run that fails ends it, and the message says which."""
+    """Bring every run up to date, `jobs` at a time, then the page; a run that fails ends it, and the message says which.
+    Ends with 3 where a record of a test contradicts its model."""
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
         found = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
@@ -155,11 +158,12 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
             say(_heading(page))
         with _named(page):
             (own,) = bring_up_to_date(page, [page.stages[0].name] if force else [], as_json, verbose, say, progress)
-    if as_json:
-        return
-    show_results([own], [page.stages[0].name])
-    render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
-    print(peak_memory(jobs))
+    if not as_json:
+        show_results([own], [page.stages[0].name])
+        render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
+        print(peak_memory(jobs))
+    if any(contradicted(artefact) for run in found for artefact in run):
+        raise typer.Exit(CONTRADICTED)
 
 
 def _all_runs(

@@ -136,6 +136,12 @@ def test_a_section_is_that_of_a_shell_or_of_a_beam(load, text, key, what):
     assert caught.value.remedy
 
 
+def test_a_choice_of_mass_beside_matrices_is_refused(load):
+    with pytest.raises(ConfigError, match=r"the mass is that of mesh\.matrices") as caught:
+        load(CONFIG.replace("  matrices:", "  mass: lumped\n  matrices:"))
+    assert caught.value.key == "mesh.mass"
+
+
 def test_sections_beside_matrices_are_refused(load):
     with pytest.raises(ConfigError, match=r"stiffness and mass are those of mesh\.matrices") as caught:
         load(CONFIG.replace("  matrices:", "  sections: {skin: {regions: all, thickness: 0.002}}\n  matrices:"))

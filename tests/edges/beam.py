@@ -195,12 +195,14 @@ def finished(
 
 
 def infinite(found: Mapping[str, Artefact]) -> list[str]:
-    """stage/dataset of what holds NaN or infinity, but for those where that has a meaning."""
+    """stage/dataset of what holds NaN or infinity, but for those where that has a meaning, as of σ that is withheld."""
+    withheld = {"std", "smoothed_std"} if any("out_of_range" in own.summary for own in found.values()) else set()
     every = [(f"{stage}{path}", artefact[path]) for stage, artefact in found.items() for path in artefact.paths()]
     return [
         name
         for name, array in every
         if array.dtype.kind == "f" and not np.isfinite(array).all() and not name.startswith(SEEN_AS_NONE)
+        if not withheld & set(name.split("/"))
     ]
 
 

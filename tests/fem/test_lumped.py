@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.decks.abaqus.test_contact import HEX20
+from tests.edges.beam import bricks
 
 from strainsight.cases.structure.mesh import mesh_of
 from strainsight.config.mesh import MeshFile
@@ -64,6 +65,19 @@ def test_what_is_lumped_stays_so_in_the_artefact(tmp_path):
     for choice, expected in ((None, False), ("lumped", True), ("consistent", False)):
         mesh = mesh_of(MeshFile(file="a.inp", mass=choice), path)
         assert mesh.lumped == MeshColumns.of(mesh).made().lumped == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "choice", "by"),
+    [("-1", None, "PARAM,COUPMASS"), ("-1", "consistent", ""), ("1", "lumped", "mesh.mass"), ("1", None, "")],
+)
+def test_a_note_says_that_mass_is_lumped_and_by_what_and_no_other(tmp_path, value, choice, by):
+    path = tmp_path / "a.bdf"
+    path.write_text(bricks((1, 1, 1)).replace("ENDDATA", f"PARAM,COUPMASS,{value}\nENDDATA"))
+    mesh = mesh_of(MeshFile(file="a.bdf", mass=choice), path)
+    said = [note for note in mesh.notes if "lumped" in note]
+    assert [note.partition(":")[0] for note in said] == ([f"mass of solids is lumped, as {by} says"] if by else [])
+    assert mesh.lumped == bool(by)
 
 
 def test_shells_are_not_lumped(tmp_path):

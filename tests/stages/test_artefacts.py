@@ -44,16 +44,16 @@ BELOW_KIND = {
 ONLY_SOMETIMES = (
     r"/bodies/.*/(stiffness|damping|reach)/\(\?|/reduced/(mass|input_slope)/\(\?|/matrices/|/gauges/given/|/gauges/arms/|/glued/|/sweep/"
     r"|/elimination/metric|/selected/greedy/load|/clearance/|/load_cases/|/arm_peak|^/installation$"
-    r"|^/drives/|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/|^/composites/|/lumped$|/(factors|roots|weights)/|^/gauges/row_change/"
+    r"|^/drives/|^/shells/|^/beams/|^/sections/|^/laminae/|^/results/|^/anisotropic/|^/orientations/|^/composites/|/lumped$|/contacts$|/(factors|roots|weights)/|^/gauges/row_change/"
 )
 """Where a body has free moduli (test_bench_out_of_range.py), a density is a parameter, and a load acts on it, or errors of
 installation are avoided (a test of their own below); where stiffness and mass, or strain rows, come from files (test_ready.py),
 or modes and static responses do (test_results.py); where gauges are bonded already (test_sensors.py) or bridges
 (test_bridges.py, test_bridge_patterns.py); where sweeps are asked for (test_estimate.py); by another criterion than the trace
 (tests/cli/test_criteria.py); of the final set only; where a clearance is kept (test_clearance.py); where load cases are placed
-for (test_load_cases.py); where mass is lumped (tests/fem/test_lumped.py); where joints are driven (test_bench_driven.py); of
-shells, beams and anisotropic materials (a test of their own below); where a stiffness is no multiple of its parameter
-(test_laminated.py); where a thickness is free (test_thickness.py)."""
+for (test_load_cases.py); where mass is lumped (tests/fem/test_lumped.py) or surfaces are in contact (test_contact.py);
+where joints are driven (test_bench_driven.py); of shells, beams and anisotropic materials (a test of their own below); where a
+stiffness is no multiple of its parameter (test_laminated.py); where a thickness is free (test_thickness.py)."""
 
 
 UNITS_OF = {

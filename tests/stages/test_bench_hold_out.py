@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
+from strainsight.stages.bench import estimate
 from strainsight.stages.pages.bench_run import estimate_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
@@ -56,12 +57,17 @@ def estimated(folder, *changes, sensors=SENSORS, ends=0):
     return Artefact(folder / "results" / "bench" / "estimate.h5"), said
 
 
-def of_test(folder, record, *changes, ends=0):
-    """A record as a test of this bench."""
+def measured(folder, record):
+    """`estimate.measured` of a record that becomes a file."""
     np.savetxt(folder / "test.csv", record, delimiter=",", header="t,a,b,c,d,x,y,z", comments="", fmt="%.15g")
     units = {"gauges": [{"channel": c, "unit": "m/m"} for c in "abcd"], "tip": [{"channel": c, "unit": "m"} for c in "xyz"]}
-    file = {"file": "test.csv", "time": {"channel": "t"}, "channels": units}
-    return estimated(folder, f"estimate.measured={json.dumps(file)}", EACH, *changes, ends=ends)
+    return {"file": "test.csv", "time": {"channel": "t"}, "channels": units}
+
+
+def of_test(folder, record, *changes, ends=0):
+    """A record as a test of this bench."""
+    file = json.dumps(measured(folder, record))
+    return estimated(folder, f"estimate.measured={file}", EACH, *changes, ends=ends)
 
 
 def ratios(found):
@@ -124,6 +130,35 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
     for name in ("side", "down"):
         assert accepted.summary[f"verdict.{name}"] == found.summary[f"verdict.{name}"] == "contradicted by its sensors"
+
+
+def test_a_suite_with_such_a_record_ends_with_3_too(rig):
+    folder, record = rig
+    record = record.copy()
+    record[:, 2] *= 1.2
+    own = {"sensors": SENSORS, "measured": measured(folder, record)}
+    one = {"config": "bench.yaml", "name": "one", "label": "One", "set": {f"estimate.{key}": value for key, value in own.items()}}
+    (folder / "suite.yaml").write_text(json.dumps({"kind": "suite", "name": "all", "title": "All", "runs": [one]}))
+    done = CliRunner().invoke(app, ["run", str(folder / "suite.yaml"), "--results", str(folder / "results")])
+    assert done.exit_code == 3, done.output
+    assert (folder / "results" / "all" / "report.html").exists()
+
+
+def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(rig, monkeypatch):
+    folder, record = rig
+    record = record.copy()
+    record[:, 2] *= 1.2
+    beyond = "σ is withheld: E came out at 2 Pa, and reduce made the model for 0 to 1"
+    monkeypatch.setattr(estimate, "bench_out_of_range", lambda *own: beyond)
+    offset = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
+    found, said = of_test(folder, record, f"estimate.sensors={offset}", ends=3)
+    assert (found.summary["trusted"], found.summary["out_of_range"]) == (False, beyond)
+    assert found.summary["verdict.side"] == "σ is withheld"
+    assert beyond in said
+    assert "the record contradicts the model: side, down are contradicted" in said
+    assert np.isnan(found["/sensors/tip/bias_std"]).all()
+    assert "offsets at the end" in said
+    assert "withheld" in said[said.index("offsets at the end") :]
 
 
 def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):

@@ -20,6 +20,7 @@ FREE = {
     "estimate.inputs": {"down": {"std": 100.0, "increment": 20.0}},
     "estimate.parameters": {"E": {"guess": 1.1 * E, "std": 0.2 * E}},
     "estimate.hold_out": "each",
+    "estimate.runs": 2,
     "forces.weight": {"type": "gravity", "acceleration": [0.0, -98.1, 0.0]},
 }
 
@@ -68,3 +69,7 @@ def test_console_and_page_begin_with_it(done):
     assert (estimate.summary["verdict.down"] == "σ is withheld") == narrow
     assert ("E: beyond the range of the reduced model" in page) == narrow
     assert ("and reduce made the model for" in page) == narrow
+    # a cross stands beside what does not hold, and no figure speaks of a claim that is not there
+    assert ("✓ σ is withheld" in page, "✓ beyond the range" in page) == (False, False)
+    assert ("✕ σ is withheld" in page) == narrow
+    assert ("claimed standard deviations" in page) != narrow

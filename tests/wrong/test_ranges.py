@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from strainsight.cases.structure.out_of_range import validated_out_of_range
 from strainsight.config.load import load_config
+from strainsight.records.record import read
+from strainsight.records.validated import Validated
 
 from ..edges.beam import E, bricks, finished
 from .decks import config
@@ -31,6 +34,9 @@ def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
     found = finished(tmp_path, "report", bricks((5, 1, 1)), changes)
     summary, page = found["validate"].summary, (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
     assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
-    assert not any(key.startswith("claim") for key in summary)
+    assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]
+    own = read(Validated, found["validate"])
+    for std in (*own.std.values(), *own.smoothed_std.values(), *own.noise.std.values(), own.gauge.std, own.field.std):
+        assert np.isnan(std).all()
     assert "E: σ is withheld" in page
     assert "claimed σ)" not in page

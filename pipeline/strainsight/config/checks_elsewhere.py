@@ -16,6 +16,8 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
     matrices = config.mesh.matrices
     if matrices is not None and config.mesh.free:
         yield Problem("mesh.free", "is of an assembled model, and mesh.matrices is given", "remove one of the two keys")
+    if matrices is not None and config.mesh.mass is not None:
+        yield Problem("mesh.mass", "the mass is that of mesh.matrices", "remove one of the two keys")
     for name, load in config.loads.items():
         if matrices is not None and (load.gravity or load.rotation):
             what = "the mass is that of mesh.matrices, which says of no place where it is"

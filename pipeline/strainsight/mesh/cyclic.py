@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
@@ -14,6 +17,8 @@ from strainsight.mesh.sector_copies import Copies
 
 CLOSE = 1e-3
 """Of the shortest distance between nodes of a cut face: nodes of both that are this near after the turn are one."""
+ON_AXIS = 1e-6
+"""Of the largest radius: how far nodes of the axis may lie off it, as a deck of seven digits has them."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +44,8 @@ def whole_ring(
     the axis are one in all copies. Copies carry everything that the sector has: elements, supports, ties, relations, masses,
     springs, material axes and loads, turned with them, and sets, which hold all copies; sets SECTOR-1, SECTOR-2, … have one
     each. Ids of copy j are those of the sector + j 10^k, and of the sector itself as they were.
-    Raises UserError where a cut face does not meet the opposite one, where elements are shells or beams, and where supports of
-    two nodes that become one hold other directions.
+    Raises UserError where a cut face does not meet the opposite one, where elements are shells or beams, where supports of two
+    nodes that become one hold other directions, and where a relation is for a node that becomes one without any.
     """
     if mesh.thin:
         raise UserError(
@@ -50,21 +55,20 @@ def whole_ring(
     e = axis / np.linalg.norm(axis)
     turns = np.array([_turn(e, 2 * np.pi * j / count) for j in range(count)])
     n = len(mesh.position)
-    into = np.arange(count * n)  # copy j of node i is j n + i
+    met: list[IntArray] = []  # pairs (k, 2) of nodes that are one; copy j of node i is j n + i
+    follows = np.zeros(n, dtype=bool)
     loose: list[tuple[IntArray, IntArray]] = []
+    rows = np.arange(count)[:, None] * n
     for first, second in cuts:
         pair, step, left = _meeting(mesh.position, first, second, c, e, count)
-        for j in range(count):
-            into[j * n + pair[:, 0]] = (j + step) % count * n + pair[:, 1]
-        rows = np.arange(count)[:, None] * n
+        follows[pair[:, 0]] = True
+        met += [np.column_stack([j * n + pair[:, 0], (j + step) % count * n + pair[:, 1]]) for j in range(count)]
         loose.append(((rows + left).ravel(), (rows + second).ravel()))
     apart = mesh.position - c
     radius = np.linalg.norm(apart - np.outer(apart @ e, e), axis=1)
-    on_axis = np.flatnonzero(radius <= 1e-9 * max(radius.max(), 1e-300))
-    for j in range(count):
-        into[j * n + on_axis] = on_axis
-    while (further := into[into] != into).any():
-        into[further] = into[into[further]]
+    on_axis = np.flatnonzero(radius <= ON_AXIS * max(radius.max(), 1e-300))
+    met += [np.column_stack([j * n + on_axis, on_axis]) for j in range(1, count)]
+    into = _as_one(np.concatenate(met), np.tile(follows, count))
     kept = np.flatnonzero(into == np.arange(count * n))
     new = np.zeros(count * n, dtype=np.int64)
     new[kept] = np.arange(len(kept))
@@ -103,4 +107,15 @@ def _meeting(
         )
     near = off <= CLOSE * spacing.min()
     pair = np.column_stack([first[near], second[which[near]]])
-    return pair[pair[:, 0] != pair[:, 1]], step, first[~near]
+    return pair, step, first[~near]
+
+
+def _as_one(pairs: IntArray, follows: NDArray[np.bool_]) -> IntArray:
+    """Each node's representative (k,) where the nodes of pairs (m, 2) are one: the first of them that does not follow, else the
+    first."""
+    k = len(follows)
+    group = connected_components(sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(k, k)), directed=False)[1]
+    rank = np.arange(k) + k * follows
+    least = np.full(k, 2 * k)
+    np.minimum.at(least, group, rank)
+    return np.asarray(least[group] % k)

@@ -14,6 +14,9 @@ from strainsight.mesh.forces import BodyForce, NodalForces
 from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
 
+NO_TURN = Orientation(BASIC, np.eye(3))
+"""Of a material without an orientation: its axes are the basic ones."""
+
 
 @dataclass(frozen=True)
 class Copies:
@@ -96,35 +99,44 @@ class Copies:
         found = []
         for block in self.mesh.blocks:
             for number in np.unique(block.region).tolist():
-                layered = number in self.mesh.composites or self.mesh.anisotropic_of(number) is not None
-                if not layered or number in found:
-                    continue
                 x = self.mesh.position[block.nodes[block.region == number]].mean(axis=1)
-                own = self.mesh.orientations.get(number, Orientation(BASIC, np.eye(3)))
                 R = self.turns[1]
-                there = own.axes_at(self.origin + (x - self.origin) @ R.T)
-                if not np.allclose(there, R @ own.axes_at(x), atol=1e-9):
+                there = self.origin + (x - self.origin) @ R.T
+                if number not in found and not all(
+                    np.allclose(own.axes_at(there), R @ own.axes_at(x), atol=1e-9) for own in self._orientations(number)
+                ):
                     found.append(number)
         return found
+
+    def _orientations(self, region: int) -> list[Orientation]:
+        """How the axes of its anisotropic materials lie, of a region of layers in each."""
+        mesh = self.mesh
+        if region in mesh.composites:
+            layers = mesh.composites[region].layers
+            return [own.orientation for own in layers if own.material in mesh.anisotropic]
+        return [mesh.orientations.get(region, NO_TURN)] if mesh.anisotropic_of(region) is not None else []
 
     def _with_regions(self, mesh: Mesh, turned: Sequence[int]) -> Mesh:
         """The mesh with a region of its own in every copy for those of the numbers `turned`, its axes turned."""
         regions, orientations, composites = dict(mesh.regions), dict(mesh.orientations), dict(mesh.composites)
         for number in turned:
-            own = orientations.get(number, Orientation(BASIC, np.eye(3)))
             for j in range(1, len(self.turns)):
-                R, other = self.turns[j], number + j * self.shift
+                other = number + j * self.shift
                 name = f"{mesh.regions[number].name} (sector {j + 1})"
                 regions[other] = replace(mesh.regions[number], id=other, name=name)
-                system = replace(
-                    own.system,
-                    origin=self.origin + R @ (own.system.origin - self.origin),
-                    axes=R @ own.system.axes,
-                )
-                orientations[other] = replace(own, system=system)
                 if number in composites:
-                    composites[other] = composites[number]
+                    layers = composites[number].layers
+                    layers = tuple(replace(own, orientation=self._turned(own.orientation, j)) for own in layers)
+                    composites[other] = replace(composites[number], layers=layers)
+                else:
+                    orientations[other] = self._turned(orientations.get(number, NO_TURN), j)
         return replace(mesh, regions=regions, orientations=orientations, composites=composites)
+
+    def _turned(self, own: Orientation, j: int) -> Orientation:
+        """As it is in copy j."""
+        R, system = self.turns[j], own.system
+        there = replace(system, origin=self.origin + R @ (system.origin - self.origin), axes=R @ system.axes)
+        return replace(own, system=there)
 
     def _axes(self) -> dict[int, FloatArray]:
         """Displacement systems of the nodes that have one, or that a tie or relation speaks of along its own: turned."""
@@ -177,27 +189,24 @@ class Copies:
         return np.array(sorted(set(pairs)), dtype=np.int64).reshape(-1, 2), systems
 
     def _ties(self) -> tuple[tuple[RigidElement, ...], tuple[AveragingElement, ...], IntArray]:
-        """Rigid and averaging elements of all copies, numbered together, and the number in the sector of each. Averages of
-        the copies whose reference is one node are one."""
-        count = len(self.turns)
+        """Rigid and averaging elements of all copies, numbered together, and the number in the sector of each. Those of the
+        copies whose reference is one node are one."""
         rigid: list[RigidElement] = []
         averaging: list[AveragingElement] = []
         number: list[int] = []
         for tie in self.mesh.rigid:
-            for j in range(count):
+            for reference, group in self._by_reference(tie.reference):
                 number.append(tie.id)
-                nodes = np.unique(self.at[j][tie.nodes])
-                reference = int(self.at[j, tie.reference])
+                nodes = np.unique(self.at[group][:, tie.nodes])
                 rigid.append(replace(tie, id=len(number), reference=reference, nodes=nodes[nodes != reference]))
         for own in self.mesh.averaging:
-            references = self.at[:, own.reference]
-            groups = [list(range(count))] if len(np.unique(references)) == 1 else [[j] for j in range(count)]
+            groups = self._by_reference(own.reference)
             if own.dependent is not None and len(groups) == 1:
                 raise UserError(
                     f"{own}: an average about the axis whose equations are solved for other nodes is not made whole",
                     remedy="let it be solved for its reference",
                 )
-            for group in groups:
+            for reference, group in groups:
                 number.append(own.id)
                 every = np.concatenate([self.at[j][own.nodes] for j in group])
                 nodes, first, place = np.unique(every, return_index=True, return_inverse=True)
@@ -206,7 +215,7 @@ class Copies:
                     replace(
                         own,
                         id=len(number),
-                        reference=int(references[group[0]]),
+                        reference=reference,
                         nodes=nodes,
                         weight=np.bincount(place, np.tile(own.weight, len(group))).astype(float),
                         directions=None if own.directions is None else own.directions[first],
@@ -218,15 +227,23 @@ class Copies:
                 )
         return tuple(rigid), tuple(averaging), np.array(number, dtype=np.int64)
 
+    def _by_reference(self, node: int) -> list[tuple[int, list[int]]]:
+        """The nodes that a reference is in the ring, and the copies of each: one of all copies on the axis."""
+        own, every = self.at[:, node].tolist(), list(range(len(self.turns)))
+        return [(own[0], every)] if len(set(own)) == 1 else [(own[j], [j]) for j in every]
+
     def _relations(self, axes: Mapping[int, FloatArray]) -> tuple[tuple[Relation, ...], IntArray]:
         """Relations of all copies, and the number in the sector of each. Of a motion that is one with that of another copy the
-        relation of that one counts."""
+        relation of that one counts; where it has none, UserError."""
         made: list[Relation] = []
+        idle: dict[int, Relation] = {}
         number: list[int] = []
         n = len(self.mesh.position)
         for own in self.mesh.relations:
             for j, R in enumerate(self.turns):
-                if self.kept[self.at[j, own.node[0]]] != j * n + own.node[0]:
+                follower = int(self.at[j, own.node[0]])
+                if self.kept[follower] != j * n + own.node[0]:
+                    idle[follower] = own
                     continue
                 terms: dict[tuple[int, int], float] = {}
                 for node, component, value in zip(own.node.tolist(), own.component.tolist(), own.value, strict=True):
@@ -244,6 +261,12 @@ class Copies:
                         own, id=len(number), node=node, component=component, value=np.array([terms[k] for k in keys])
                     )
                 )
+        for row in set(idle) - {own.follower[0] for own in made}:
+            raise UserError(
+                f"{idle[row]}: node {self.mesh.node_ids[idle[row].node[0]]} is one with a node of the opposite cut face, which "
+                "follows nothing",
+                remedy="let the equation be solved for another motion, or write it for the node of the opposite face",
+            )
         return tuple(made), np.array(number, dtype=np.int64)
 
     def _masses(self) -> Iterator[PointMass]:

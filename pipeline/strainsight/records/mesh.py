@@ -137,6 +137,13 @@ class MeshColumns:
     doubts: tuple[str, ...] = dataset(
         "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
     )
+    contacts: tuple[str, ...] | None = dataset(
+        "/contacts",
+        "1",
+        "pair",
+        "what became of each pair of surfaces in contact; missing without contact",
+        default=None,
+    )
     lumped: int | None = dataset(
         "/lumped", "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
     )
@@ -212,6 +219,7 @@ class MeshColumns:
             ),
             notes=tuple(mesh.notes),
             doubts=tuple(mesh.doubts),
+            contacts=mesh.contacts or None,
             lumped=1 if mesh.lumped else None,
         )
 
@@ -267,6 +275,7 @@ class MeshColumns:
             },
             notes=self.notes,
             doubts=self.doubts,
+            contacts=self.contacts or (),
             lumped=bool(self.lumped),
             ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
             effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},

@@ -9,7 +9,7 @@ from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
-from strainsight.cases.structure.out_of_range import validated_out_of_range
+from strainsight.cases.structure.out_of_range import validated_out_of_range, without_sigma
 from strainsight.cases.structure.sweeps import sweep_table
 from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
@@ -23,6 +23,9 @@ from strainsight.stages import inputs
 from strainsight.stages.pages.claims import claims_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
+
+OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
+"""Numbers of the summary that σ is in."""
 
 
 def run(context: Context[PlacementConfig]) -> Output:
@@ -43,10 +46,12 @@ def run(context: Context[PlacementConfig]) -> Output:
     numbers = validation_numbers(found, config.validation.truth.model)
     values = {name: own.estimate for name, own in found.accuracy.items()}
     beyond = validated_out_of_range(config, found.trial.problem, values)
-    numbers |= {"out_of_range": beyond} if beyond else {}
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
     numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own and not beyond}
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}
+    if beyond:
+        numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
+        numbers["out_of_range"], own = beyond, without_sigma(own)
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     # Where not all read strain, an array has several units.

@@ -18,6 +18,7 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
+from strainsight.records.mesh import MeshColumns
 from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.suggestion import suggestion
 
@@ -105,6 +106,7 @@ def test_what_became_of_contact_leads_warnings_and_what_the_model_assumes(tmp_pa
         mesh = mesh_of(config, path)
         checked(mesh, config)
         assert model_warnings(mesh)[0].startswith(f"contact of BOTTOM on TOP: {words}")
+        assert model_warnings(MeshColumns.of(mesh).made())[0] == model_warnings(mesh)[0]  # of the page
         assert assumed_table(mesh, "abaqus", False).rows[0] == ("contact", "", mesh.contacts[0])
         assert mesh.effect["*SURFACE BEHAVIOR"] == "none"
 
@@ -123,6 +125,26 @@ def test_both_ways_round_a_pair_is_bonded_once(read):
     itself = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, TOP")), contact="bonded")
     assert mesh.contacts[1] == "contact of TOP on BOTTOM: that of the pair above, the other way round"
     assert (itself.relations, itself.contacts) == ((), ("contact of TOP on TOP: open: a surface with itself",))
+
+
+@pytest.mark.parametrize("first", ["*CONTACT PAIR, INTERACTION=I\nBELOW, ABOVE\n", "*TIE, NAME=T\nBELOW, ABOVE\n"])
+def test_surfaces_of_other_names_that_follow_each_other_are_no_circle(read, first):
+    again = "*SURFACE, NAME=BELOW\nTOPS, S2\n*SURFACE, NAME=ABOVE\nBOTTOMS, S1\n"
+    mesh = read(deck(2, again + first + contact()), contact="bonded")
+    assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the")
+    assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
+
+
+def test_a_pair_whose_coarser_surface_follows_says_so(read):
+    mesh = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, BOTTOM")), contact="bonded")
+    assert "the finer surface is free between them: name BOTTOM first" in mesh.contacts[0]
+    assert "free between" not in read(deck(2, contact()), contact="bonded").contacts[0]
+
+
+def test_a_tied_pair_the_other_way_round_of_an_open_one_is_bonded(read):
+    tied = contact(TIED).replace("NAME=I", "NAME=J").replace("INTERACTION=I", "INTERACTION=J")
+    text = contact().replace("BOTTOM, TOP", "TOP, BOTTOM") + tied
+    assert frequencies(read(deck(2, text), contact="open")) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
 
 
 def test_shells_are_not_bonded(read):

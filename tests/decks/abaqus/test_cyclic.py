@@ -98,6 +98,25 @@ def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
     whole = read(wheel(N, PLY, ", ORIENTATION=O{}" if len(of_all) > 1 else sector, more))
     assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
     assert len(ring.regions) == (N if len(of_all) > 1 else 1)
+    assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
+
+
+@pytest.mark.parametrize("kind", ["each", "cylindrical"])
+def test_axes_of_layers_turn_with_their_sector(read, kind):
+    """Layers across the height, along radius and angle turned by 30° about the axis."""
+    angles = 2 * np.pi * np.arange(N) / N
+    axes = [f"{np.cos(v):.12e}, {np.sin(v):.12e}, 0., {-np.sin(v):.12e}, {np.cos(v):.12e}, 0.\n3, 0." for v in angles]
+    each = "".join(f"*ORIENTATION, NAME=O{s + 1}\n{own}\n" for s, own in enumerate(axes))
+    around = "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n3, 0.\n"
+    more = "*BOUNDARY\nINNER, 2, 2\n" + (each if kind == "each" else around)
+
+    def layered(text):
+        return text.replace("MATERIAL=M@", "COMPOSITE, ORIENTATION=O").replace("@@", "\n1., 2, M, 30.\n2., 2, M, 0.")
+
+    ring = read(layered(wheel(1, PLY, "@1@@" if kind == "each" else "@@@", SECTOR + more)))
+    whole = read(layered(wheel(N, PLY, "@{}@@" if kind == "each" else "@@@", more)))
+    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
+    assert len(ring.regions) == (N if kind == "each" else 1)
 
 
 def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
@@ -116,6 +135,60 @@ def test_either_cut_face_may_be_named_first(read):
     held = "*BOUNDARY\nINNER, 2, 2\n"
     turned = read(wheel(1, more=SECTOR.replace("FIRST, LAST", "LAST, FIRST") + held))
     assert frequencies(turned, 12) == pytest.approx(frequencies(read(wheel(1, more=SECTOR + held)), 12), rel=1e-9)
+
+
+def test_cut_faces_that_are_named_twice_are_one_cut(read):
+    held = "*BOUNDARY\nINNER, 2, 2\n"
+    once = read(wheel(1, more=SECTOR + held))
+    for names in ("FIRST, LAST", "LAST, FIRST"):
+        twice = read(wheel(1, more=f"{SECTOR}*TIE, CYCLIC SYMMETRY, NAME=U\n{names}\n{held}"))
+        assert len(twice.position) == len(once.position)
+        assert frequencies(twice, 12) == pytest.approx(frequencies(once, 12), rel=1e-9)
+
+
+def test_a_rigid_hub_whose_reference_is_on_the_axis_is_one(read):
+    """Mass on the axis is that of one sector, N times in all, as CalculiX counts it."""
+    hub = "*NODE\n7000, 0., 0., {}\n*RIGID BODY, NSET=INNER, REF NODE=7000\n*BOUNDARY\n7000, 1, 6\n" + (
+        "*ELEMENT, TYPE=MASS, ELSET=Q\n9900, 7000\n*MASS, ELSET=Q\n{}\n"
+    )
+
+    def free(text, height, mass):
+        return text.replace("*BOUNDARY\nINNER, 1, 1\nINNER, 3, 3", "") + hub.format(height, mass)
+
+    ring, whole = read(free(wheel(1, more=SECTOR), 0.1, 3.0)), read(free(wheel(N), 0.1, 3.0 * N))
+    assert len(ring.rigid) == 1
+    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
+    assert mass_properties(ring)[0] == pytest.approx(mass_properties(whole)[0], rel=1e-12)
+
+
+def wedge(off: float) -> str:
+    """A sixth of a disc, one wedge with an edge on the axis, or `off` it [m]; held at the rim."""
+    v = np.pi / 3
+    corner = [(off, 0.0), (1.0, 0.0), (np.cos(v), np.sin(v))]
+    nodes = [(*point, z) for z in (0.0, 0.5) for point in corner]
+    return "\n".join(
+        [
+            "*NODE",
+            *(f"{i + 1}, {', '.join(f'{x:.12e}' for x in point)}" for i, point in enumerate(nodes)),
+            "*ELEMENT, TYPE=C3D6, ELSET=E\n1, 1, 2, 3, 4, 5, 6\n*SOLID SECTION, ELSET=E, MATERIAL=M",
+            "*NSET, NSET=A\n1, 2, 4, 5\n*NSET, NSET=B\n1, 3, 4, 6",
+            "*SURFACE, NAME=FIRST, TYPE=NODE\nA\n*SURFACE, NAME=LAST, TYPE=NODE\nB\n*BOUNDARY\n3, 1, 3",
+            MATERIAL + SECTOR.replace("N=5", "N=6"),
+        ]
+    )
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-7, 1e-5])
+def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read, off):
+    ring = read(wedge(off))
+    assert len(ring.position) == 2 + 2 * 6
+    assert frequencies(ring, 6) == pytest.approx(frequencies(read(wedge(0.0)), 6), rel=1e-4)
+
+
+def test_an_equation_for_a_cut_node_alone_is_refused(read):
+    low, high = 2, 6  # of the first cut face
+    with pytest.raises(DeckError, match=r"\*EQUATION.* is one with a node of the opposite cut face"):
+        read(wheel(1, more=f"{SECTOR}*EQUATION\n2\n{low}, 1, 1., {high}, 1, -1.\n"))
 
 
 def test_cut_faces_that_do_not_meet_are_refused(read):

@@ -102,16 +102,17 @@ def mesh_of(
 
 
 def _with_mass(mesh: Mesh, config: MeshFile, key: str) -> Mesh:
-    """The mesh with the mass of solids that the config chooses."""
-    if config.mass is None:
-        return mesh
+    """The mesh with the mass of solids that the config chooses, or the deck, and a note where it is lumped."""
     if config.mass == "lumped" and mesh.thin:
         raise ConfigError(
             "the mesh has shells, beams or rods, whose mass is not lumped here",
             key=f"{key}.mass",
             remedy="remove the key: mass is consistent",
         )
-    return replace(mesh, lumped=config.mass == "lumped")
+    chosen = mesh.lumped if config.mass is None else config.mass == "lumped"
+    by = "PARAM,COUPMASS" if config.mass is None else f"{key}.mass"
+    note = f"mass of solids is lumped, as {by} says: the diagonal, scaled to the mass of each element"
+    return replace(mesh, lumped=chosen, notes=(*mesh.notes, *[note] * chosen))
 
 
 def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:

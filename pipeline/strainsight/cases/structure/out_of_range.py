@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from strainsight.cases.out_of_range import beyond_their_ranges, withheld_beyond
 from strainsight.cases.structure.filtered_test import Filtered, Filtering
@@ -10,6 +13,7 @@ from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import unknown_units
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.model import physical
+from strainsight.records.validated import Validated
 
 
 def out_of_range_in_words(config: PlacementConfig, each: Sequence[Filtering], found: Sequence[Filtered]) -> str:
@@ -29,6 +33,24 @@ def validated_out_of_range(config: PlacementConfig, problem: Problem, values: Ma
     """The same of a validation; values of the parameters [SI]."""
     beyond = _beyond(config, problem, values)
     return withheld_beyond(beyond, f"widen {_keys(beyond)}")
+
+
+def without_sigma(own: Validated) -> Validated:
+    """A validation without σ of its run: NaN. Random sets and repeats, each an estimate of its own, keep theirs."""
+
+    def nothing(std: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+        return {name: np.full_like(values, np.nan) for name, values in std.items()}
+
+    return replace(
+        own,
+        std=nothing(own.std),
+        smoothed_std=nothing(own.smoothed_std),
+        gauge=replace(own.gauge, std=np.full_like(own.gauge.std, np.nan)),
+        field=replace(own.field, std=np.full_like(own.field.std, np.nan)),
+        noise=replace(own.noise, std=nothing(own.noise.std)),
+        compared=None,
+        budget=None,
+    )
 
 
 def _beyond(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:

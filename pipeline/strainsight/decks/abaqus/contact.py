@@ -17,6 +17,8 @@ from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
 
 Contact = Literal["bonded", "open"]
+COARSER = 1.5
+"""Between the mean sizes of facets, from which a surface that follows is the coarser one."""
 SHOWN = 6
 """Pairs that an error names."""
 
@@ -48,8 +50,8 @@ def with_contact(
     PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus), are bonded always.
 
     Nodes that are farther off than ADJUST, or than `TOLERANCE` of a facet, stay open, and so do those that follow something
-    already. Raises ContactError where there is a pair and no choice, DeckError for surfaces that are not in the deck, and where
-    surfaces of shells are to be bonded.
+    already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces
+    that are not in the deck, and where surfaces of shells are to be bonded.
     """
     pairs = list(_pairs(assembly, keywords, found))
     asked = [pair for pair in pairs if not pair.tied]
@@ -65,7 +67,8 @@ def with_contact(
         )
     said: list[str] = []
     for i, pair in enumerate(pairs):
-        if any(own.first is pair.second and own.second is pair.first for own in pairs[:i]):
+        turned = [own for own in pairs[:i] if own.first is pair.second and own.second is pair.first]
+        if any(own.tied or not pair.tied for own in turned):
             words = "that of the pair above, the other way round"
         elif pair.tied or choice == "bonded":
             mesh, words = _bonded(mesh, pair)
@@ -123,15 +126,20 @@ def _bonded(mesh: Mesh, pair: Pair) -> tuple[Mesh, str]:
         )
     within = TOLERANCE * size if pair.adjust is None else max(pair.adjust, TOLERANCE * size)
     free = np.setdiff1d(nodes, following_already(mesh))
+    able = np.setdiff1d(free, _followed_by(mesh, pair.second.nodes))
     try:
         mesh, tied = (
-            following(mesh, pair.row, free, pair.second.nodes, within, "*CONTACT PAIR") if len(free) else (mesh, 0)
+            following(mesh, pair.row, able, pair.second.nodes, within, "*CONTACT PAIR") if len(able) else (mesh, 0)
         )
     except UserError:
         tied = 0
     left = [f"{shared} are nodes of both"] if shared else []
     left += [f"{len(nodes) - len(free)} follow something already"] if len(free) < len(nodes) else []
-    left += [f"{len(free) - tied} lie more than {within:.3g} off and stay open"] if tied < len(free) else []
+    left += [f"{len(free) - len(able)} are followed by the other surface"] if len(able) < len(free) else []
+    left += [f"{len(able) - tied} lie more than {within:.3g} off and stay open"] if tied < len(able) else []
+    own = facet_size(mesh, pair.second, pair.first)
+    if tied and own is not None and own > COARSER * size:
+        left += [f"the finer surface is free between them: name {pair.second.name} first"]
     how = "TIED in the deck" if pair.tied else "mesh.contact"
     bound = "" if pair.tied or not tied else "; what may open or slide is stiffer here than it is"
     return mesh, f"{tied} of {len(pair.first.nodes)} nodes bonded ({how}){''.join(f', {own}' for own in left)}{bound}"
@@ -142,3 +150,9 @@ def following_already(mesh: Mesh) -> IntArray:
     led = [own.nodes for own in mesh.rigid] + [np.array([own.reference]) for own in mesh.averaging]
     led += [own.node[:1] for own in mesh.relations]
     return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *led]))
+
+
+def _followed_by(mesh: Mesh, nodes: IntArray) -> IntArray:
+    """Nodes that some of `nodes` (m,) follow by relations: to follow these in turn would be a circle."""
+    ahead = [own.node[1:] for own in mesh.relations if np.isin(own.node[0], nodes)]
+    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *ahead]))

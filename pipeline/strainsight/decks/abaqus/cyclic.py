@@ -55,10 +55,12 @@ def with_whole_ring(
     n = len(mesh.position)
     loose = sum(len(own) for own, _ in ring.loose)
     met = count * n - len(ring.mesh.position)
+    own = [region.name for number, region in mesh.regions.items() if number + ring.shift in ring.mesh.regions]
     assembly.notes.append(
         f"{first.where}: the sector is made a whole ring of {count}: {len(ring.mesh.position)} nodes, ids of copy j are those of "
         f"the sector + j × {ring.shift}; {met} nodes of cut faces and the axis became others"
         + f", {loose} follow the facets of the opposite face" * bool(loose)
+        + (f"; {', '.join(own)}, whose axes turn: a region in each, as '{own[0]} (sector 2)'" if own else "")
         + "; sets and loads are on every copy, SECTOR-1, SECTOR-2, … have one each"
     )
     return made, surfaces

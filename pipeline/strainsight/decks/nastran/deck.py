@@ -156,9 +156,6 @@ def read_nastran(
     diagonal = lumped(deck) and not (thin.shells or thin.beams)
     if diagonal:
         del ignored["PARAM COUPMASS"]
-        notes.append(
-            "mass of solids is lumped, as PARAM,COUPMASS says: the diagonal, scaled to the mass of each element"
-        )
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
     sprung = springs(cards, grids, notes)

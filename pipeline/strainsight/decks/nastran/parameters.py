@@ -78,8 +78,8 @@ def mass_scale(deck: Deck) -> float:
 
 
 def lumped(deck: Deck) -> bool:
-    """Whether a deck says that its mass is lumped: COUPMASS that is not positive."""
-    return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS"))
+    """Whether a deck says that its mass is lumped: COUPMASS, in its last card, that is not positive."""
+    return any((parse_real(card.text(1)) or 0) <= 0 for card in _named(_parameters(deck), "COUPMASS")[-1:])
 
 
 def large_displacements(deck: Deck) -> bool | None:

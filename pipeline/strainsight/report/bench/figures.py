@@ -52,19 +52,20 @@ class Line:
 def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
-    A single line has the band of ±2 claimed standard deviations, the claimed σ beside its error, and what it is once it is
-    smoothed.
+    A single line has the band of ±2 claimed standard deviations and the claimed σ beside its error, unless σ is withheld, and
+    what it is once it is smoothed.
     """
     factor, unit = shown_unit([line.history for line in lines])
     labels = [line_label(line.label, len(lines)) for line in lines]
     known = [(place, line.history) for place, line in enumerate(lines) if line.history.truth is not None]
+    claimed = len(lines) == 1 and bool(np.isfinite(lines[0].history.std).any())
     with styled():
         drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
         _truths(axes, [history for _, history in known], factor)
         for place, line in enumerate(lines):
             own, style = line.history, line_style(place)
             index = visible_instants(np.column_stack([drawable(own.mean), drawable(own.std)]), 240)
-            if len(lines) == 1:
+            if claimed:
                 low, high = ((own.mean + sign * 2 * own.std)[index] / factor for sign in (-1, 1))
                 axes.fill_between(
                     own.time[index], drawable(low), drawable(high), color=BLUE, alpha=0.2, lw=0, label="±2σ"
@@ -91,12 +92,11 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Dr
     caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + (
         " beside the truth (dashed)" if known else ""
     )
-    if len(lines) == 1:
-        caption += ", with ±2 claimed standard deviations" + ("" if smoothed is None else ", and smoothed (green)")
+    caption += ", with ±2 claimed standard deviations" if claimed else ""
+    caption += "" if smoothed is None else ", and smoothed (green)"
     if known:
-        caption += "; below, the size of the error over the largest true value" + (
-            ", and the claimed σ (dotted)" if len(lines) == 1 else ""
-        )
+        caption += "; below, the size of the error over the largest true value"
+        caption += ", and the claimed σ (dotted)" if claimed else ""
     text = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
     return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", image)
 

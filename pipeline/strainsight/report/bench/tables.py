@@ -11,11 +11,11 @@ from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
 from strainsight.report.page.positions import AXES, axes, decimals
-from strainsight.report.placement.verdicts import CONTRADICTED, DIVERGED, LOST, OVER, UNTESTED, WEAK
+from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, DIVERGED, LOST, OVER, UNTESTED, WEAK, WITHHELD
 from strainsight.report.text import number
 
-NOT_GOOD = (DIVERGED, LOST, OVER, CONTRADICTED, WEAK)
-"""Verdicts on an unknown whose σ does not hold, or says that nothing is known."""
+NOT_GOOD = (DIVERGED, BEYOND, WITHHELD, LOST, OVER, CONTRADICTED, WEAK)
+"""Verdicts on an unknown whose σ does not hold, is withheld, or says that nothing is known."""
 Cell = Callable[[BenchRun, BenchUnknown], str]
 
 

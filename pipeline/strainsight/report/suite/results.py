@@ -11,11 +11,21 @@ from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.verdicts import run_faults
 from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.placement.verdicts import CAUTIOUS, CONTRADICTED, DIVERGED, HELD, LOST, OVER, faults
+from strainsight.report.placement.verdicts import (
+    BEYOND,
+    CAUTIOUS,
+    CONTRADICTED,
+    DIVERGED,
+    HELD,
+    LOST,
+    OVER,
+    WITHHELD,
+    faults,
+)
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
 NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
-RED = (DIVERGED, LOST, CONTRADICTED, OVER)
+RED = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVER)
 WORDS = (*RED, HELD, CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
 """What a run may come to, what does not hold first."""
 

@@ -12,6 +12,7 @@ from strainsight.cases.bench.inverse.estimation import Estimated, estimated
 from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, without_sigma
 from strainsight.cases.bench.inverse.verdicts import (
     claim_numbers,
+    contradicted,
     contradiction_in_words,
     message_of,
     verdicts_of,
@@ -69,17 +70,18 @@ def run(context: Context[BenchConfig]) -> Output:
         context,
     )
     beyond = bench_out_of_range(own, bodies)
+    out_of_range: dict[str, Scalar] = {"out_of_range": beyond} if beyond else {}
+    tested = () if own.without is None else own.without.rows
     own = without_sigma(own) if beyond else own
     result = compared(config, own)
-    found, summary = result.found, _summary(estimate, own, result)
-    summary |= {"out_of_range": beyond} if beyond else {}
+    found, summary = result.found, _summary(estimate, own, result) | out_of_range
     method, truth = str(summary["method"]), str(summary["truth"])
     free = own.unknowns.free
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
     judged = config, free, summary, result.claims, float(summary["nis"]), late
     rows = () if own.without is None else own.without.rows
-    verdicts = verdicts_of(*judged, rows)
-    against = contradiction_in_words(config, verdicts)
+    verdicts = verdicts_of(*judged, tested)
+    against = contradiction_in_words(config, contradicted(config, free, result.claims, *judged[-2:], tested))
     words = against if not estimate.accept else against and f"accepted: {against.removesuffix(f', {ACCEPT}')}"
     warnings = [
         *filter(None, (beyond, words)),
@@ -92,7 +94,7 @@ def run(context: Context[BenchConfig]) -> Output:
         # what the others say of a channel keeps its σ: that claim is what is tested
         own = replace(without_sigma(own), without=own.without)
         result = compared(config, own)
-        found, summary = result.found, _summary(estimate, own, result) | {"withheld": against}
+        found, summary = result.found, _summary(estimate, own, result) | out_of_range | {"withheld": against}
     if isinstance(estimate.measured, FromFile):
         summary |= {"trusted": not against, "accepted": estimate.accept}
     summary |= {f"verdict.{name}": word for name, word in verdicts.items()}
@@ -200,11 +202,11 @@ def _table(own: Estimated, result: Compared, verdicts: Mapping[str, str], in_tes
 def _offsets(found: BenchEstimated, units: Mapping[str, str]) -> Table | None:
     """Of every component that has an offset: what it reads too much at the end."""
     rows = [
-        (name, str(k + 1), f"{own.bias[k]:.4g}", f"{std:.3g}", units[f"sensor {name}"])
+        (name, str(k + 1), f"{own.bias[k]:.4g}", "withheld" if np.isnan(std) else f"{std:.3g}", units[f"sensor {name}"])
         for name, own in found.sensors.items()
         if own.bias is not None and own.bias_std is not None
         for k, std in enumerate(own.bias_std)
-        if std > 0
+        if std != 0 and np.isfinite(own.bias[k])
     ]
     return Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)) if rows else None
 

@@ -120,10 +120,10 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     units = {name: unit_of(own, "estimate", name) for name in names}
     beyond = str(summary.get("out_of_range", ""))
     notes = [f"{capital(text)}." for text in (*filter(None, (beyond,)), *posterior_doubts(own.posterior, units))]
-    for name in names:
+    for name in names if not beyond else ():
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
-        if claims and claims[0].verdict == OVER and not beyond:
+        if claims and claims[0].verdict == OVER:
             notes.append(f"{name} is {in_words(claims[0])}.")
         random = own.all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:

@@ -203,7 +203,7 @@ def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, 
     validate = up["validate"]
     strongest = float(up["train"].summary["strongest_rms"])
     level = float(up["screen"].summary["noise_std"]) / strongest
-    error, std = ({n: float(validate.summary[f"{key}.{n}"]) for n in names} for key in ("error", "std"))
+    error, std = ({n: float(validate.summary.get(f"{key}.{n}", np.nan)) for n in names} for key in ("error", "std"))
     rows, study = [NoiseRow(level, 1.0, error, std)], read(Validated, validate).noise
     for i, factor in enumerate(study.factor.tolist()):
         error, std = ({n: float(by[n][i]) for n in names} for by in (study.error, study.std))

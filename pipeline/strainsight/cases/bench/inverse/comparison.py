@@ -119,7 +119,8 @@ def _load(
             claim = claim_of(off, std[late], alike=samples_alike(scaled) * len(own.unknowns.starts))
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
-            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
+            if np.isfinite(std[late]).any():
+                numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
     elif there is None:
         numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
     if there is not None:

@@ -109,18 +109,15 @@ def verdicts_of(
     Where the truth is known, by error over σ. Where it is not, sensors have to bear it out: it is contradicted where innovations
     are larger than the filter claims, or the others contradict a channel that was left out.
     """
-    estimate = asked(config)
-    # errors of gauges are in σ, and not in what innovations are held against
-    against = _size(nis, innovations) == OVERCONFIDENT and estimate.tolerances is None
-    judged_rows = [own.claim.verdict for own in rows if own.claim is not None]
-    against |= OVERCONFIDENT in judged_rows
+    estimate, judged_rows = asked(config), [own.claim.verdict for own in rows if own.claim is not None]
+    against = contradicted(config, free, claims, nis, innovations, rows)
     found = {}
     for name in (*estimate.inputs, *free):
         claim = claims.get(name)
         word = UNTESTED if claim is None and not judged_rows else BORNE_OUT if claim is None else claim.verdict
         if name in estimate.inputs and _share(numbers, name) > HARDLY:
             word = WEAK
-        if claim is None and against:
+        if name in against:
             word = CONTRADICTED
         if claim is not None and claim.verdict == OVERCONFIDENT:
             word = OVERCONFIDENT
@@ -134,10 +131,25 @@ def verdicts_of(
     return found
 
 
-def contradiction_in_words(config: BenchConfig, verdicts: Mapping[str, str]) -> str:
-    """That the record of a test contradicts the model of what it is estimated by, and what to do; empty where it does not, and
+def contradicted(
+    config: BenchConfig,
+    free: tuple[str, ...],
+    claims: Mapping[str, Claim],
+    nis: float,
+    innovations: int,
+    rows: Sequence[Left],
+) -> tuple[str, ...]:
+    """Unknowns of no known truth where sensors contradict the model, whatever else is wrong with them; arguments as of
+    `verdicts_of`."""
+    # errors of gauges are in σ, and not in what innovations are held against
+    against = _size(nis, innovations) == OVERCONFIDENT and asked(config).tolerances is None
+    against |= any(own.claim is not None and own.claim.verdict == OVERCONFIDENT for own in rows)
+    return tuple(name for name in (*asked(config).inputs, *free) if against and name not in claims)
+
+
+def contradiction_in_words(config: BenchConfig, against: Sequence[str]) -> str:
+    """That the record of a test contradicts the model of unknowns `against`, and what to do; empty where there is none, and
     where it is no test."""
-    against = [name for name, word in verdicts.items() if word == CONTRADICTED]
     if not against or not isinstance(asked(config).measured, FromFile):
         return ""
     more = "" if asked(config).hold_out is not None else ", estimate.hold_out: each says which channel it is"
