@@ -40,6 +40,7 @@ def certify(
     *,
     fixed: Collection[int] = (),
     limits: Limits | None = None,
+    start: np.ndarray | None = None,
     tolerance: float = 1e-4,
     budget: int = 300,
 ) -> Certificate:
@@ -54,7 +55,7 @@ def certify(
     and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
     the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. A metric with kinks is softened by the same τ: with
     its W_s, tr(W_s P_s) bounds the metric itself (`Criterion`). Ends when bound and relaxed cost agree to `tolerance` or
-    after `budget` evaluations: the bound is valid at any time.
+    after `budget` evaluations: the bound is valid at any time. start (pool,): weights to begin with.
     Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
     """
     count = len(pools[0].rows)
@@ -63,7 +64,7 @@ def certify(
     # half the set itself, half the uniform weights: near the answer and still inside
     chosen = np.zeros(count)
     chosen[np.asarray(gauges, dtype=int)] = 1.0
-    w = region.project(0.5 * (chosen + len(gauges) / len(chosen)))
+    w = region.project(0.5 * (chosen + len(gauges) / len(chosen)) if start is None else start)
     smooth = (aggregate == "mean" or len(pools) == 1) and all(p.metric.smooth for p in pools)
     temperatures = [0.0] if smooth else [t * cost for t in (1e-2, 1e-3, 1e-4)]
     relaxed, used = np.inf, 0

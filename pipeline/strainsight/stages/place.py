@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=28,
+    version=29,
     reads=(
         "seed",
         "mesh.length_unit",

@@ -53,7 +53,7 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
         "final": final,
         "greedy": greedy,
         **{
-            name: _kept(task.under([pools[i] for i in some], name, "mean", some), keep, fixed)
+            name: _kept(task.under([task.searched[i] for i in some], name, "mean", some), keep, fixed)
             for name in task.metrics
             if name != criterion
         },

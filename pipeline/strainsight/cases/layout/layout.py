@@ -70,10 +70,12 @@ def proved(
     aggregate: Aggregate,
     progress: Callable[[str, float], None],
     whole: tuple[Sequence[Pool], Limits, np.ndarray] | None = None,
+    searched: Sequence[Pool] = (),
 ) -> Layout:
     """The best layout as far as `place.prove` lets it be sought, and the bound on all others.
 
     whole: scenarios and limits of all candidates, and the number there of every pool row; then the bound is over all of them.
+    searched: scenarios that cost less, at whose relaxed optimum the bound of these begins.
     """
     gauges, cost, proof = layout.gauges, layout.cost, None
     if settings.prove > 0:  # never beside worst_failure: the config refuses that
@@ -86,7 +88,13 @@ def proved(
         return Layout(gauges, cost, layout.exchange, None, proof)
     least, beyond = np.inf, None
     if whole is None:
-        certificate = certify(pools, gauges, cost, aggregate, limits=limits)
+        near = (
+            certify(searched, gauges, score(searched, gauges, aggregate), aggregate, limits=limits)
+            if searched
+            else None
+        )
+        start = None if near is None else near.weights
+        certificate = certify(pools, gauges, cost, aggregate, limits=limits, start=start)
     else:
         every, within, rows = whole
         certificate = certify(every, rows[gauges], cost, aggregate, limits=within)

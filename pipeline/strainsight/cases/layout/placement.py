@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -84,7 +84,8 @@ def placed(
     pool, whole = task.pool, task.whole
     every = None if whole is None else (task.under(whole.pools), whole.limits, whole.rows)
     with blame("place.keep"):
-        layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress, every)
+        searched = () if task.searched is task.pools else task.under(task.searched)
+        layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress, every, searched)
     expected, final = _most_missed_first(task, expected_of(task, layout), layout.gauges)
     gauges = pool.gauges_of(final)
     own = listed(gauges)
@@ -105,8 +106,16 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
     """Elimination and exchanges."""
     progress("elimination", 0.3)
     with blame("place.keep"):
-        result = eliminate_from(task.under(task.pools), task.limits, task.aggregate, names=task.unknowns.states)
-        return result, layout_of(result.pools, result.kept, task.limits, task.settings, task.aggregate, progress)
+        result = eliminate_from(task.under(task.searched), task.limits, task.aggregate, names=task.unknowns.states)
+        layout = layout_of(result.pools, result.kept, task.limits, task.settings, task.aggregate, progress)
+    if task.searched is task.pools:
+        return result, layout
+    pools = tuple(task.under(task.pools))
+    cost = np.append(result.cost[:-1], score(pools, result.kept, task.aggregate))
+    return (
+        replace(result, cost=cost, pools=pools),
+        replace(layout, cost=score(pools, layout.gauges, task.aggregate)),
+    )
 
 
 def _widened(
@@ -132,14 +141,14 @@ def _widened(
         task = pooled(np.union1d(whole.rows, new))
         start = whole.rows[start] if task.whole is None else np.searchsorted(task.whole.rows, whole.rows[start])
         if layout.exchange:
-            swapped = exchange(task.under(task.pools), start, task.aggregate, limits=task.limits)
-            start, cost = swapped.gauges, float(swapped.cost[-1])
+            start = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits).gauges
+            cost = score(task.under(task.pools), start, task.aggregate)
         if task.whole is None:  # the pool is every candidate
             break
     if task is before:
         return task, result, layout
     result, own = _drafted(task, progress)
-    led_on = exchange(result.pools, start, task.aggregate, limits=task.limits) if own.exchange else None
+    led_on = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if own.exchange else None
     gauges = start if led_on is None else led_on.gauges
     cost = score(result.pools, gauges, task.aggregate)
     return task, result, Layout(gauges, cost, led_on) if cost < own.cost * (1 - TIE) else own

@@ -18,6 +18,7 @@ from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.limits import Limits
 from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Aggregate, Pool, thesis_weight, weight_of_pools
+from strainsight.placement.slow_motions import of_last_states, slow_pools
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,12 @@ class Task:
         return self.settings.metric_over or self.unknowns.names
 
     @cached_property
+    def searched(self) -> tuple[Pool, ...]:
+        """What elimination and exchanges go by: the pools, of large models in their slow motions."""
+        own = self.unknowns
+        return slow_pools(self.pools, (len(self.pools[0].P) - len(own.states)) // 2, own.at)
+
+    @cached_property
     def metrics(self) -> dict[str, tuple[Metric, ...]]:
         """Every criterion of these unknowns by its name, one a load case: the trace weighed as `weights` asks for, of the
         scenarios of that case; the others in units of `size`. Unknowns that are silent in a case have no weight there."""
@@ -125,11 +132,11 @@ class Task:
         """
         metrics, cases = self.metrics[criterion or self.settings.criterion], self.cases
         if cases is None:
-            return [pool.under(metrics[0]) for pool in pools]
+            return [pool.under(of_last_states(metrics[0], len(pool.P))) for pool in pools]
         of = cases.of if at is None else cases.of[np.asarray(at)]
         factors = cases.factors(of, self.aggregate if aggregate is None else aggregate)
         return [
-            pool.under(metrics[case].times(factor))
+            pool.under(of_last_states(metrics[case].times(factor), len(pool.P)))
             for pool, case, factor in zip(pools, of.tolist(), factors.tolist(), strict=True)
         ]
 

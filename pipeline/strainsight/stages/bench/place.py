@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=20,
+    version=21,
     reads=(
         "seed",
         "bodies",
