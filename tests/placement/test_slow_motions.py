@@ -1,4 +1,4 @@
-"""Scenarios in their slow motions: statics exact, σ as it was, frequencies that coincide together, and the layouts of all motions."""
+"""Scenarios in their slow motions: statics exact, σ as it was, modes of one frequency together, the layouts of all motions."""
 
 from __future__ import annotations
 

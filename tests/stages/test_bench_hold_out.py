@@ -161,6 +161,12 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert "withheld" in said[said.index("offsets at the end") :]
 
 
+def test_there_is_nothing_to_accept_where_the_truth_is_simulated(rig):
+    code, said = run(rig[0], "estimate", f"estimate.sensors={json.dumps(SENSORS)}", "estimate.accept=true")
+    assert code == 2
+    assert "estimate.accept: there is no record of a test that could contradict the model" in said
+
+
 def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):
     folder, record = rig
     gain, exchanged = record.copy(), record.copy()

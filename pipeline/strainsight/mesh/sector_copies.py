@@ -53,6 +53,11 @@ class Copies:
             name: np.sort(np.concatenate([own + j * shift for j in range(count)]))
             for name, own in mesh.element_sets.items()
         }
+        named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
+        if named:
+            raise UserError(
+                f"the set {named[0]} is called as a copy of the sector will be", remedy="give it another name"
+            )
         for j in range(count):
             elements = np.concatenate([block.ids + j * shift for block in mesh.blocks])
             element_sets[f"SECTOR-{j + 1}"] = np.sort(elements)

@@ -131,6 +131,11 @@ def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
     assert mesh.where("element", number) == mesh.where("element", 1)
 
 
+def test_a_set_that_is_called_as_a_copy_would_be_is_refused(read):
+    with pytest.raises(DeckError, match="the set SECTOR-3 is called as a copy of the sector will be"):
+        read(wheel(1, more=SECTOR + "*NSET, NSET=SECTOR-3\n7\n"))
+
+
 def test_either_cut_face_may_be_named_first(read):
     held = "*BOUNDARY\nINNER, 2, 2\n"
     turned = read(wheel(1, more=SECTOR.replace("FIRST, LAST", "LAST, FIRST") + held))

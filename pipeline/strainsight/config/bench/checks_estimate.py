@@ -43,6 +43,12 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         )
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
+    if estimate.accept and not isinstance(estimate.measured, FromFile):
+        yield Problem(
+            "estimate.accept",
+            "there is no record of a test that could contradict the model",
+            "leave it out (--accept), or name the record under estimate.measured",
+        )
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)

@@ -131,8 +131,8 @@ def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
         "element; on coarse meshes frequencies are lower than by consistent mass"
         if mesh.lumped
         else {
-            "nastran": "mass is consistent; Nastran lumps it where the deck has no PARAM,COUPMASS (mesh.mass: lumped): on "
-            "coarse meshes frequencies are higher here",
+            "nastran": "mass is consistent; Nastran lumps it unless PARAM,COUPMASS is 1 (mesh.mass: lumped): on coarse meshes "
+            "frequencies are higher then",
             "abaqus": "mass is consistent; Abaqus lumps that of elements of the first order: on coarse meshes frequencies are "
             "higher here",
         }.get(program, "mass is consistent"),
