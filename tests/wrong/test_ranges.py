@@ -34,6 +34,7 @@ def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
     found = finished(tmp_path, "report", bricks((5, 1, 1)), changes)
     summary, page = found["validate"].summary, (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
     assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
+    assert summary["verdict"] == "σ is withheld"
     assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]
     own = read(Validated, found["validate"])
     for std in (*own.std.values(), *own.smoothed_std.values(), *own.noise.std.values(), own.gauge.std, own.field.std):

@@ -18,7 +18,7 @@ from strainsight.gauges.candidates import STRAIN
 from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
-from strainsight.report.placement.verdicts import OVER, in_words
+from strainsight.report.placement.verdicts import OVER, WITHHELD, in_words
 from strainsight.stages import inputs
 from strainsight.stages.pages.claims import claims_of
 from strainsight.workflow.output import Output
@@ -51,7 +51,8 @@ def run(context: Context[PlacementConfig]) -> Output:
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}
     if beyond:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
-        numbers["out_of_range"], own = beyond, without_sigma(own)
+        numbers |= {"out_of_range": beyond, "verdict": WITHHELD}
+        own = without_sigma(own)
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     # Where not all read strain, an array has several units.
@@ -76,7 +77,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=28,
+    version=29,
     reads=(
         "damping",
         *(
