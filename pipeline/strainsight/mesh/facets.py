@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError
+from strainsight.mesh.joins import STRAIGHT
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.model import CellBlock, IntArray, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
@@ -166,7 +167,7 @@ def exterior_facets(mesh: Mesh) -> Facets:
             remedy="remove elements that overlap",
             entity=("element", int(shared[-1])),
         )
-    _check_conforming(facets, order, new)
+    _check_conforming(facets, order, new, straight_sides(mesh))
     outside = times[group] == 1
     if mesh.blocks and mesh.thin:
         outside &= ~_covered(mesh, facets, key, outside)
@@ -218,10 +219,21 @@ def _turn(around: IntArray, nodes: IntArray) -> bool:
     return sum(b > a for a, b in zip(at, [*at[1:], at[0]], strict=True)) > len(at) / 2
 
 
-def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray) -> None:
+def straight_sides(mesh: Mesh) -> NDArray[np.bool_]:
+    """Which nodes (n,), and −1 at the end, follow the mean motion of two others: sides with them are straight, as if without."""
+    components = np.zeros(len(mesh.position) + 1, dtype=np.int64)
+    for own in mesh.relations:
+        if own.name == STRAIGHT:
+            components[own.follower[0]] += 1
+    return components == 3
+
+
+def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray, straight: NDArray[np.bool_]) -> None:
+    """straight (n + 1,): nodes that are as if they were not there."""
     pair = np.flatnonzero(~new)
     a, b = order[pair - 1], order[pair]
-    apart = np.any(np.sort(facets.nodes[a], axis=1) != np.sort(facets.nodes[b], axis=1), axis=1)
+    nodes = np.where(straight[facets.nodes], -1, facets.nodes)
+    apart = np.any(np.sort(nodes[a], axis=1) != np.sort(nodes[b], axis=1), axis=1)
     if apart.any():
         i = int(np.argmax(apart))
         first, second = facets.element_id[a[i]], facets.element_id[b[i]]

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from strainsight.mesh.thin import FloatArray, IntArray
 
+STRAIGHT = "straight side"
+"""Name of the relations of a mid-side node that is not in the file: it follows the mean motion of the ends of its side."""
+
 
 @dataclass(frozen=True)
 class RigidElement:

@@ -152,7 +152,7 @@ def test_every_card_not_imported_is_counted(read, tetrahedron):
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "a node stands twice", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "3 nodes, where a CTETRA has 4 or 10", 5),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4,5\n,,,7", "2 of 6 mid-side nodes", 5),
+        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4,5\n,,,7", "node 5 is not in the deck", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,x", "'x', not an integer", 5),
         ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", "property 2 is no PSOLID", 5),
         ("CTETRA,10,1,1,2,3,4", "CPYRA,10,1,1,2,3,4,1", "CPYRA solids are not supported", 5),

@@ -19,6 +19,7 @@ from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
 from strainsight.decks.nastran.loads import LOADS, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
+from strainsight.decks.nastran.middles import straight_sides, with_middles
 from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
 from strainsight.decks.nastran.preload import preloads
 from strainsight.decks.nastran.pressures import PLATES
@@ -112,7 +113,7 @@ def read_nastran(
     left_out = {name: cards.pop(name) for name in {spelt(name) for name in ignore} & {*cards} & TAKEN}
     ignored = Counter({name: len(found) for name, found in left_out.items()})  # others are counted anyway
     first = {name: found[0].where for name, found in cards.items()}
-    grids = read_grids(cards, notes, path)
+    grids, middles = with_middles(cards, read_grids(cards, notes, path), notes)
     nodes = grids.nodes
     blocks, elements = read_solids(cards, nodes, grids.position, notes)
     scale = mass_scale(deck)
@@ -137,7 +138,9 @@ def read_nastran(
             for i, card in enumerate(mpc, len(bars.relations) + 1)
         ),
     )
-    relation_origin = origin(np.arange(1, len(relations) + 1), [*bars.cards, *mpc])
+    relations += straight_sides(middles, len(nodes.ids), grids.axes, len(relations))
+    added = [card for card in middles.cards for _ in range(3)]
+    relation_origin = origin(np.arange(1, len(relations) + 1), [*bars.cards, *mpc, *added])
     turning = turning_nodes(bars.rigid, (), relations) | set(turned.tolist())
     rigid = (*rigid_elements(cards, nodes, {int(nodes.ids[row]) for row in turning}, notes), *bars.rigid)
     averaging = averaging_elements(cards, nodes, turning_nodes(rigid, ()) | turning)
@@ -201,7 +204,7 @@ def read_nastran(
         source=str(path),
         included=deck.included,
         origin={
-            "node": origin(nodes.ids, cards["GRID"]),
+            "node": origin(nodes.ids, [*cards["GRID"], *middles.cards]),
             "element": elements,
             "tie": origin(tie_ids, ties),
             "relation": relation_origin,

@@ -27,8 +27,7 @@ def read_solids(
     """One block a kind, elements in the order of the deck, and where they stand; position (n, 3) of the nodes.
 
     An element that is left-handed at all its corners is turned round, as MSC Nastran does, with a note.
-    Raises DeckError for other solids, an id that stands twice, an element with some of its mid-side nodes, a missing or
-    repeated node, and two elements on the same nodes.
+    Raises DeckError for other solids, an id that stands twice, a missing or repeated node, and two elements on the same nodes.
     """
     for name, found in cards.items():
         if name.startswith(OTHER_SOLIDS) and name not in SOLIDS:
@@ -78,12 +77,6 @@ def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
     while tokens and tokens[-1] in ("", "0"):
         tokens = tokens[:-1]
     counts = SOLIDS[card.name]
-    few, many = min(counts), max(counts)
-    if few < len(tokens) <= many and (len(tokens) < many or any(token in ("", "0") for token in tokens[few:])):
-        given = sum(token not in ("", "0") for token in tokens[few:])
-        raise card.error(
-            f"{given} of {many - few} mid-side nodes", f"give all mid-side nodes, or none ({few} or {many} nodes)"
-        )
     if len(tokens) not in counts:
         raise card.error(
             f"{len(tokens)} nodes, where a {card.name} has {' or '.join(map(str, sorted(counts)))}",
