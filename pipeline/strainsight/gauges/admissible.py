@@ -75,7 +75,7 @@ def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
     for averaging in mesh.averaging:
         held[[averaging.reference, *averaging.nodes]] = True
     for relation in mesh.relations:
-        held[relation.node] = True
+        held[relation.node] |= relation.ties
     for own in mesh.springs:
         held[own.node] = True
     return np.any(_among(facets, mesh.above(held)), axis=1)

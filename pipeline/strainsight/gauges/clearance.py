@@ -55,7 +55,7 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
     ties = (*(own.nodes for own in mesh.rigid), *(own.nodes for own in mesh.averaging))
-    for tied in (*ties, *(own.node for own in mesh.relations), *(own.node for own in mesh.springs)):
+    for tied in (*ties, *(own.node for own in mesh.relations if own.ties), *(own.node for own in mesh.springs)):
         held[tied] = True
     acting = np.zeros(len(mesh.position), dtype=bool)
     acting[loaded] = True

@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError
-from strainsight.mesh.joins import STRAIGHT
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.model import CellBlock, IntArray, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
@@ -223,7 +222,7 @@ def straight_sides(mesh: Mesh) -> NDArray[np.bool_]:
     """Which nodes (n,), and −1 at the end, follow the mean motion of two others: sides with them are straight, as if without."""
     components = np.zeros(len(mesh.position) + 1, dtype=np.int64)
     for own in mesh.relations:
-        if own.name == STRAIGHT:
+        if not own.ties:
             components[own.follower[0]] += 1
     return components == 3
 

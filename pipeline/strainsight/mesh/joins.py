@@ -78,6 +78,11 @@ class Relation:
         return self.name or f"relation {self.id}"
 
     @property
+    def ties(self) -> bool:
+        """Whether it joins what it is between: all do but a straight side, which is of one element."""
+        return self.name != STRAIGHT
+
+    @property
     def follower(self) -> tuple[int, int]:
         """Node and component of the motion that follows."""
         return int(self.node[0]), int(self.component[0])

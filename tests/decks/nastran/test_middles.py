@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
+from strainsight.gauges.admissible import admissible
 from strainsight.mesh.facets import exterior_facets
 
 E, NU, RHO = 2.1e11, 0.3, 7850.0
@@ -136,7 +137,10 @@ def test_an_element_of_both_orders_joins_linear_and_quadratic_ones_and_the_note_
     grids = [f"GRID,{i},,{x / 2},{y / 2},{z / 2}" for (x, y, z), i in points.items() if i in used]
     more = ["PSOLID,1,1", f"MAT1,1,{E:.2e},,{NU},{RHO}", "SPC1,1,1,1,15,43,57", "SPC1,1,2,1,43", "SPC1,1,3,1,15", ""]
     mesh = read("\n".join([*grids, *cards, *more]))
-    assert len(exterior_facets(mesh).element_id) == 14
+    facets = exterior_facets(mesh)
+    assert len(facets.element_id) == 14
+    # a straight side is no tie that stiffens the surface: those at the held end alone have no place for a gauge
+    assert sorted(np.unique(facets.element_id[admissible(mesh, facets)[0]])) == [2, 3]
     assert any("1 solid element without some mid-side nodes: 4 sides straight" in note for note in mesh.notes)
     model = build_model(mesh)
     # one strain everywhere: forces at the two ends alone
