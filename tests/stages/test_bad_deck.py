@@ -112,7 +112,6 @@ def test_the_decks_that_are_broken_below_are_sound(tmp_path, name, content, more
     ("name", "text", "old", "new", "line", "says"),
     [
         ("a.bdf", NASTRAN, "SPC1,1,123,1,2,3\nRBE2,30,20,123,4\nENDDATA\n", "SPC1,1,1", 19, "cut off"),
-        ("a.bdf", NASTRAN, ",7,8,9,10\n", ",7,8\n", 15, "of 6 mid-side nodes"),
         ("a.bdf", NASTRAN, "GRID,20,,0", "GRID,4,,0", 14, "node id 4 stands twice"),
         ("a.bdf", NASTRAN, "GRID,20,,0", "GRID,99999999999999999999,,0", 14, "too large"),
         ("a.bdf", NASTRAN, "PSOLID,1,1\n", "CTETRA,10,1,1,2,3,20\nPSOLID,1,1\n", 17, "element id 10 stands twice"),
