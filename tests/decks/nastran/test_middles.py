@@ -155,3 +155,16 @@ def test_an_element_of_both_orders_joins_linear_and_quadratic_ones_and_the_note_
 def test_a_corner_is_never_left_out(read):
     with pytest.raises(DeckError, match="a node id"):
         read(deck("CTETRA", (2,)).replace("CTETRA,7,1,1,2,", "CTETRA,7,1,1,,"))
+
+
+@pytest.mark.parametrize("held", ["SPC1,1,123,1,2,3\nSPC1,2,3,4,THRU,500", "SPC1,1,123,1,2,3\nSPC1,2,3,104"])
+def test_ids_of_added_nodes_are_above_all_that_any_card_names(read, held):
+    """Else a range or a number of a node that is not there would take hold of them."""
+    text = deck("CTETRA", (2,)).replace("SPC1,1,123,1,2,3", held)
+    if "THRU" in held:
+        mesh = read(text, spc=2)
+        assert mesh.node_ids.tolist()[-5:] == [501, 502, 503, 504, 505]
+        assert sorted(mesh.node_ids[mesh.fixed[:, 0]].tolist()) == [4, 103]
+    else:
+        with pytest.raises(DeckError, match="node 104 is not in the deck"):
+            read(text, spc=2)

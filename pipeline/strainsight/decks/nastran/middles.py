@@ -15,6 +15,8 @@ from strainsight.mesh.joins import STRAIGHT, Relation
 from strainsight.mesh.model import FloatArray, IntArray
 
 BLANK = ("", "0")
+DIGITS = 16
+"""Of a number in the large format."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,10 @@ def with_middles(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -
 
 
 def _highest(cards: dict[str, list[Card]], grids: Grids) -> int:
-    """The highest number of a node, also of those that an element names and the deck lacks: they stay missing."""
-    named = (int(text) for name in SOLIDS for card in cards.get(name, []) for text in card.fields[2:] if text.isdigit())
+    """The highest number of any card, of as many digits as an id may have: a node that one names and the deck lacks stays
+    missing, and no range has a new one in it."""
+    texts = (text for found in cards.values() for card in found for text in card.fields)
+    named = (int(text) for text in texts if text.isdecimal() and len(text) <= DIGITS)
     return max(int(grids.nodes.ids.max()), *named)
 
 
