@@ -18,10 +18,12 @@ CONFIGS = $(shell grep -L 'from:' configs/*.yaml) $(shell grep -l 'from:' config
 FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/hub.bdf.gz --set jobs=1
 # Two test workers on two cores: more threads would only get in each other's way.
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
+# Of the slow tests, chosen by the commit: eight commits reach all of them on average.
+N ?= $(shell echo $$((0x$$(git rev-parse --short=8 HEAD 2>/dev/null || echo 0) % 8 + 1)))
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
-.PHONY: help run status test test-all lint all-configs hub hub-fine lug bench thesis manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
+.PHONY: help run status test test-all shard lint all-configs hub hub-fine lug bench thesis manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -35,7 +37,8 @@ help:
 	@echo 'make bench          chapters 2 to 4 of the thesis: 85 runs of configs/bench/ and one page, results/bench/report.html'
 	@echo 'make thesis         the thesis as printed, beside ours, figure by figure: results/thesis/report.html'
 	@echo 'make test           set up, then the tests, but for the long ones'
-	@echo 'make test-all       all tests, as CI runs them; ARGS=--times says where the processor time went'
+	@echo 'make test-all       all tests; ARGS=--times says where the processor time went'
+	@echo 'make shard N=3      an eighth of the long tests; without N the one that CI runs for this commit'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
 	@echo 'make lint           ruff, words, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
@@ -80,6 +83,10 @@ test: $(READY)
 test-all: $(READY)
 	@$(TESTS) $(ARGS)
 
+shard: $(READY)
+	@echo 'shard $(N) of 8 of the long tests'
+	@$(TESTS) --shard $(N) $(ARGS)
+
 pages: $(READY)
 	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
 	@echo 'pictures of the pages: build/pages'
@@ -100,7 +107,7 @@ lowest:
 	@$(PYTHON) .ci/system.py
 	@$(PYTHON) -m venv $(LOWEST)
 	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r .ci/lowest.lock
-	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-index --no-build-isolation --editable .
 	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
 		--deselect tests/config/test_schema.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
 		tests/config tests/decks tests/measurements tests/report tests/cli tests/workflow tests/sweep $(ARGS)
@@ -143,7 +150,7 @@ $(READY): requirements-dev.lock pyproject.toml
 	@echo 'setting up $(VENV) (a few minutes the first time)'
 	@$(PYTHON) -m venv $(VENV)
 	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r requirements-dev.lock
-	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable .
+	@$(VENV)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-index --no-build-isolation --editable .
 	@touch $@
 
 lock:

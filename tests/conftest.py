@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import resource
+import zlib
 from collections import defaultdict
 from pathlib import Path
 
@@ -23,6 +24,8 @@ LONGEST = (
     "stages/test_accuracy.py",
 )
 """Files of more than a minute and a half by `--times`, the longest first: one worker takes a file alone."""
+SHARDS = 8
+"""Parts into which the slow tests are divided, by file: CI runs one of them for each commit."""
 START, END = "start-up", "end of session"
 _spent = 0.0
 """[s] processor time of this process when the last phase of a test ended."""
@@ -41,10 +44,22 @@ def sweeps_stay_here():
 
 def pytest_addoption(parser):
     parser.addoption("--times", action="store_true", help="processor seconds of rooms, files and tests, in the end")
+    parser.addoption("--shard", type=int, choices=range(1, SHARDS + 1), help=f"one of {SHARDS} parts of the slow tests")
 
 
-def pytest_collection_modifyitems(items):
-    """The longest files come first, then those with slow tests, so that no worker is left alone with one at the end."""
+def shard_of(path):
+    """The shard of a test file, 1 to SHARDS, whatever other files there are."""
+    return zlib.crc32(path.relative_to(HERE).as_posix().encode()) % SHARDS + 1
+
+
+def pytest_collection_modifyitems(config, items):
+    """With --shard, the slow tests of that shard alone. The longest files come first, then those with slow tests, so that no
+    worker is left alone with one at the end."""
+    shard = config.getoption("--shard")
+    if shard is not None:
+        selected = [item for item in items if item.get_closest_marker("slow") and shard_of(item.path) == shard]
+        config.hook.pytest_deselected(items=[item for item in items if item not in set(selected)])
+        items[:] = selected
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     first = {HERE / name: at for at, name in enumerate(LONGEST)}
     items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in slow))

@@ -161,3 +161,26 @@ def test_every_package_of_a_lock_has_hashes(lock):
         assert re.match(r"[\w.-]+==[\w.]+( ; |$)", pin)
         assert hashes
         assert all(re.fullmatch(r"    --hash=sha256:[0-9a-f]{64}", line) for line in hashes)
+
+
+def test_build_tools_come_from_the_lock():
+    """pip builds the package without an environment of its own and without an index, by tools that the lock pins."""
+    from hatchling.build import get_requires_for_build_editable
+
+    system = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]
+    needed = {re.match(r"[\w-]+", line)[0] for line in [*system["requires"], *get_requires_for_build_editable()]}
+    for lock in ("requirements-dev.lock", ".ci/lowest.lock"):
+        assert needed <= set(re.findall(r"^([\w.-]+)==", (ROOT / lock).read_text(encoding="utf-8"), re.MULTILINE))
+    builds = [line for line in (ROOT / "Makefile").read_text(encoding="utf-8").splitlines() if "--editable" in line]
+    assert len(builds) == 2
+    assert all("--no-index --no-build-isolation" in line for line in builds)
+
+
+def test_ci_runs_the_commands_of_the_readme_in_their_order():
+    """And one shard of the long tests; every test file belongs to exactly one."""
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert re.search(r"^for target in lint run test shard; do$", script, re.MULTILINE)
+    from .conftest import SHARDS, shard_of
+
+    assert {shard_of(path) for path in (ROOT / "tests").rglob("test_*.py")} == set(range(1, SHARDS + 1))
+    assert f"% {SHARDS} + 1" in (ROOT / "Makefile").read_text(encoding="utf-8")
