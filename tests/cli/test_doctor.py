@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 def found(tmp_path_factory) -> dict[str, Finding]:
     done = CliRunner().invoke(app, ["doctor", "--json", "--results", str(tmp_path_factory.mktemp("doctor") / "none")])
     assert done.exit_code == 0, done.output
-    return {finding["subject"]: Finding(**finding) for finding in map(json.loads, done.output.splitlines())}
+    return {finding["subject"]: Finding(**finding) for finding in map(json.loads, done.stdout.splitlines())}
 
 
 def test_this_environment_is_sound_and_everything_was_looked_at(found):

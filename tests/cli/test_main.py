@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -37,18 +38,30 @@ def call(tmp_path):
 def test_import_then_up_to_date_then_forced(call):
     first = call("import", CONFIG)
     assert first.exit_code == 0
-    assert first.output.startswith("import    done")
+    assert first.stdout.startswith("import    done")
     assert "up to date" in call("import", CONFIG).output
     assert "done" in call("import", CONFIG, "--force").output
 
 
 def test_json_is_one_object_a_stage(call):
-    lines = call("import", CONFIG, "--json").output.splitlines()
+    lines = call("import", CONFIG, "--json").stdout.splitlines()
     (event,) = (json.loads(line) for line in lines)
     assert set(event) == {"stage", "status", "reason", "seconds", "artefact", "summary"}
     assert event["stage"] == "import"
     assert event["summary"]["elements"] == 640
     assert Path(event["artefact"]).is_file()
+
+
+def test_json_is_alone_on_standard_output(tmp_path):
+    """Notes and warnings go to standard error, here that the same run is in results/ beside the config."""
+    config = tmp_path / "beam.yaml"
+    shutil.copy(ROOT / "meshes" / "cantilever.bdf", tmp_path)
+    config.write_text(Path(CONFIG).read_text(encoding="utf-8").replace("../meshes/", ""), encoding="utf-8")
+    first = CliRunner().invoke(app, ["import", str(config), "--json", "--results", str(tmp_path / "results")])
+    assert (first.exit_code, first.stderr) == (0, "")
+    again = CliRunner().invoke(app, ["import", str(config), "--json", "--results", str(tmp_path / "other")])
+    assert [json.loads(line)["status"] for line in again.stdout.splitlines()] == ["done"]
+    assert again.stderr.startswith("note: nothing is computed in")
 
 
 def test_a_dry_run_and_status_write_nothing(call, tmp_path):
@@ -108,7 +121,7 @@ def test_init_writes_a_config_that_status_accepts_and_does_not_overwrite(tmp_pat
 
 def test_schema_prints_the_schema():
     done = CliRunner().invoke(app, ["schema"])
-    kinds = [entry["$ref"].rpartition("/")[2] for entry in json.loads(done.output)["oneOf"]]
+    kinds = [entry["$ref"].rpartition("/")[2] for entry in json.loads(done.stdout)["oneOf"]]
     assert kinds == ["PlacementConfig", "BenchConfig", "BearingConfig", "SuiteConfig"]
 
 

@@ -110,7 +110,7 @@ def test_then_it_is_up_to_date_and_says_the_same_of_its_time(first, suite, call)
 
 
 def test_json_names_the_run_of_every_stage(first, suite, call):
-    events = [json.loads(line) for line in call("run", suite, "--json").output.splitlines()]
+    events = [json.loads(line) for line in call("run", suite, "--json").stdout.splitlines()]
     assert {event["status"] for event in events} == {"up to date"}
     assert list(dict.fromkeys(event["run"] for event in events)) == [
         "beam",
@@ -119,7 +119,7 @@ def test_json_names_the_run_of_every_stage(first, suite, call):
         "two",
     ]
     assert events[-1]["summary"]["runs"] == 3
-    looked = [json.loads(line) for line in call("status", suite, "--json").output.splitlines()]
+    looked = [json.loads(line) for line in call("status", suite, "--json").stdout.splitlines()]
     assert [(entry["run"], entry["stage"]) for entry in looked] == [(event["run"], event["stage"]) for event in events]
 
 
