@@ -35,11 +35,25 @@ def test_units_and_their_spellings(unit, si):
     np.testing.assert_allclose(calibrated(np.full(1000, 3.0), ChannelSettings(unit))[0], 3 * si, rtol=1e-14)
 
 
-def test_every_unit_is_in_its_own_spelling_and_near_ones_are_suggested():
+@pytest.mark.parametrize(
+    ("units", "si"),
+    [
+        (("strain", "Strain", "in/in", "mm/mm", "MM/MM", "inch/inch", "ε", "ɛ"), 1.0),
+        (("uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain", "µɛ", "µε", "USTRAIN"), 1e-6),
+        (("mm/m", "µm/mm", "‰", "millistrain"), 1e-3),
+        (("lbf", "lb", "Pounds", "pound"), 4.4482216152605),
+    ],
+)
+def test_units_in_other_words(units, si):
+    assert [known_unit(unit).factor for unit in units] == pytest.approx([si] * len(units), rel=1e-15)
+
+
+def test_every_unit_is_in_its_own_spelling_and_similar_ones_are_not_suggested():
+    """mm/n may be a typing error for mm/m or for um/m, a thousandth."""
     assert all(spelling(unit) == unit for unit in UNITS)
     with pytest.raises(UserError) as caught:
-        ChannelSettings("um/n")
-    assert caught.value.remedy == "did you mean um/m?"
+        ChannelSettings("mm/n")
+    assert caught.value.remedy.startswith("known units: strain, m/m")
     for wrong in ("KN", "volts", "", "µ"):
         with pytest.raises(UserError, match="unknown unit"):
             ChannelSettings(wrong)
@@ -57,6 +71,8 @@ def test_the_file_and_the_settings_have_to_agree_unless_overridden():
     values, notes = calibrated(ones, ChannelSettings("um/m", override=True), "mV/V")
     assert values[0] == 1e-6
     assert notes[0] == "a: the file says mV/V, taken as um/m as the settings say"
+    with pytest.raises(UserError, match=r"-9999 um/m in 1 of 1000 samples.*stands for a missing value"):
+        calibrated(np.r_[ones[1:], -9999.0], ChannelSettings("um/m", override=True), "mV/V")
 
 
 def test_offset_drift_zero_scale_and_sign_in_their_order():

@@ -51,6 +51,24 @@ def test_gaps_of_whole_steps_are_filled_and_reported():
         uniform_clock(recording(kept * 1e-3), fill=False)
 
 
+def test_single_stamps_off_the_clock_are_corrected_with_a_note():
+    time = 0.01 * np.arange(1000)
+    time[[400, 700]] += [0.004, -0.003]
+    clock = uniform_clock(recording(time))
+    np.testing.assert_allclose(clock.time, 0.01 * np.arange(1000), atol=1e-9)
+    assert clock.notes == (
+        "the time 4.004 s (test.csv:402) is off the uniform clock: 4 s was taken",
+        "the time 6.997 s (test.csv:702) is off the uniform clock: 7 s was taken",
+    )
+
+
+def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
+    time = 0.01 * np.arange(1000) + np.random.default_rng(0).uniform(-3e-3, 3e-3, 1000)
+    with pytest.raises(UserError, match="the clock jumps") as caught:
+        uniform_clock(recording(time))
+    assert "time: {rate: 100, unit: Hz}" in caught.value.remedy
+
+
 def test_many_gaps_are_reported_briefly():
     kept = np.flatnonzero(np.random.default_rng(3).random(100_000) > 0.1)
     kept = kept - kept[0]

@@ -168,7 +168,10 @@ FAULTS = {
     "two unit lines": ("[s],[um/m],[um/m]\n[s],[um/m],[um/m]\n0,1,2\n", 3, "no number"),
     "too few units": ("[s],[um/m]\n0,1,2\n", 2, "2 units for 3 names"),
     "other units": ("[s],[mm],[um/m]\n0,1,2\n", 2, "is in um/m in the line of names, in mm"),
-    "a date": ("2024-05-01 12:00:00,1,2\n", 2, "'2024-05-01 12:00:00' under 'time' is no number"),
+    "a date alone": ("2024-05-01,1,2\n", 2, "'2024-05-01' under 'time' is no number"),
+    "no clock time": ("12:60:00,1,2\n", 2, "'12:60:00' under 'time' is no number and no clock time"),
+    "a number below clock times": ("12:00:00,1,2\n7,1,2\n", 3, "'7' under 'time' is no time that follows"),
+    "a later date by day": ("1.5.2024 12:00:00,1,2\n2.5.2024 12:00:01,1,2\n", 3, "is no time that follows"),
 }
 
 

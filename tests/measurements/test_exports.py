@@ -110,11 +110,30 @@ def test_two_kinds_of_delimiters_in_the_names(tmp_path):
     the_record(read(path, ("G1, links", "F"), delimiter=";", decimal=","), ("G1, links", "F"))
 
 
-def test_points_between_the_thousands(tmp_path):
-    path = written(tmp_path / "a.csv", ["Time;G1;F", "0,000;3.998,93;1,0", "0,001;1.003.998,93;1,0"])
-    with pytest.raises(UserError, match=r"'3\.998,93' under 'G1' is no number") as caught:
-        read(path, decimal=",")
-    assert caught.value.remedy == "export numbers without points between the thousands"
+@pytest.mark.parametrize(
+    ("decimal", "cells", "values"),
+    [
+        (",", ["3.998,93", "1.003.998,93", "-12,5"], [3998.93, 1003998.93, -12.5]),
+        (".", ["1,234.5", "-1,012,533.25", "999.5"], [1234.5, -1012533.25, 999.5]),
+        (".", ["1'234.5", "1 234.5", "1\u00a0234.5"], [1234.5, 1234.5, 1234.5]),
+        (".", ["+ 0.081", "- 1.5", "+.5"], [0.081, -1.5, 0.5]),
+        (",", ["+ 0,081", "- 1.234,5", "+ 2"], [0.081, -1234.5, 2.0]),
+    ],
+)
+def test_marked_thousands_and_signs_apart_are_read(tmp_path, decimal, cells, values):
+    lines = [f"{i};{cell}" for i, cell in enumerate(cells)]
+    path = written(tmp_path / "a.csv", ["Time;G1", *lines])
+    np.testing.assert_array_equal(read(path, ("G1",), decimal=decimal).channels["G1"], values)
+
+
+@pytest.mark.parametrize(("decimal", "cell"), [(".", "1,234"), (",", "1.234"), (".", "1 234"), (".", "1.234,5")])
+def test_a_mark_of_thousands_that_may_be_the_decimal_mark_is_refused(tmp_path, decimal, cell):
+    path = written(tmp_path / "a.csv", ["Time;G1", f"0;{cell}", "1;2"])
+    with pytest.raises(UserError, match="is no number") as caught:
+        read(path, ("G1",), decimal=decimal)
+    assert "thousands" in caught.value.remedy
+    assert "missing" not in caught.value.remedy
+    assert ("decimal:" in caught.value.remedy) == ("," in cell)
 
 
 def test_a_word_for_missing_samples(tmp_path):
@@ -177,15 +196,50 @@ def test_lines_of_text_below_the_names_are_passed_over_by_their_beginning(tmp_pa
     the_record(read(path, decimal=",", comment="DT_DOUBLE"))
 
 
+@pytest.mark.parametrize(
+    ("cells", "seconds"),
+    [
+        (["22.11.2021 09:42:17,100", "22.11.2021 09:42:17,200"], [0, 0.1]),
+        (["2024-05-03T10:00:00.00+02:00", "2024-05-03T10:00:00.01+02:00", "2024-05-03T08:00:00.02Z"], [0, 0.01, 0.02]),
+        (["2024-12-31 23:59:59.9995", "2025-01-01 00:00:00"], [0, 0.0005]),
+        (["2024/5/3 9:00:00", "2024/5/5 9:00:00"], [0, 172800]),
+        (["23:59:59.999999", "00:00:00.000000"], [0, 1e-6]),
+        (["31.12.2024 23:59:59.5", "1.1.2025 00:00:00.5"], [0, 1]),
+        (["5/3/2024 11:59:59.5 AM", "5/3/2024 12:00:00.5 PM"], [0, 1]),
+        (["12:59:59 pm", "01:00:00 pm"], [0, 1]),
+        (["03-May-2024 10:00:00", "03-May-2024 10:00:02"], [0, 2]),
+        (["10:00:00:010", "10:00:00:020"], [0, 0.01]),
+    ],
+)
 @pytest.mark.parametrize("decimal", [",", "."])
-def test_a_date_is_no_number_in_any_spelling(tmp_path, decimal):
-    path = written(tmp_path / "a.csv", ["Time\tG1", "22.11.2021 09:42:17,100\t1", "22.11.2021 09:42:17,200\t2"])
-    with pytest.raises(UserError) as caught:
-        read(path, ("G1",), decimal=decimal)
-    assert (
-        caught.value.remedy
-        == "give the time as a number, counted from any instant, not as a date or the time of the day"
-    )
+def test_clock_times_are_seconds_since_the_first(tmp_path, cells, seconds, decimal):
+    path = written(tmp_path / "a.csv", ["Time (-)\tG1", *(f"{cell}\t1" for cell in cells)])
+    for name in ("Time", "Time (-)"):
+        np.testing.assert_allclose(read(path, ("G1",), time=name, decimal=decimal).time, seconds, rtol=0, atol=1e-12)
+
+
+def test_clock_times_follow_a_line_of_units(tmp_path):
+    path = written(tmp_path / "a.csv", ["Time\tG1", "hh:mm:ss\tum/m", "10:00:00.5\t1", "10:00:01.0\t2"])
+    recording = read(path, ("G1",))
+    assert recording.units == {"G1": "um/m"}
+    np.testing.assert_array_equal(recording.time, [0, 0.5])
+
+
+def test_a_rate_takes_the_place_of_the_time(tmp_path):
+    path = written(tmp_path / "a.csv", ["G1 [um/m],F [kN]", "0.0,2.5", ",2.4", "24.9,2.3"])
+    recording = read_recording(path, ["F", "G1"], rate=100.0)
+    np.testing.assert_array_equal(recording.time, [0, 0.01, 0.02])
+    np.testing.assert_array_equal(recording.channels["G1"], [0, np.nan, 24.9])
+    assert recording.units == {"F": "kN", "G1": "um/m"}
+    assert recording.place(2).endswith("a.csv:4")
+
+
+def test_a_counter_of_samples_is_no_time(tmp_path):
+    path = written(tmp_path / "a.csv", ["Sample No,G1 [um/m]", "1,0.0", "2,12.5", "3,24.9"])
+    with pytest.raises(UserError, match="'Sample No' counts samples: 1, 2, … is no time") as caught:
+        read(path, ("G1",), time="Sample No")
+    assert "rate" in caught.value.remedy
+    assert read_recording(path, ["G1"], rate=2e3).time[-1] == 1e-3
 
 
 def test_a_delimiter_at_the_end_of_every_line(tmp_path):

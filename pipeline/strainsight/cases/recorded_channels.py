@@ -45,6 +45,7 @@ def signals_of(
                 names,
                 time=settings.time.channel,
                 time_unit=settings.time.unit if settings.time.channel is not None else None,
+                rate=settings.time.hertz,
                 format=settings.format,
                 form=form,
             )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Tag
+from pydantic import Field, Tag, model_validator
 
 from strainsight.config.base import Name, Positive, RunName, Section, Text, with_defaults
 from strainsight.config.damage import DamageSettings
@@ -57,8 +57,7 @@ class Channel(Section):
     )
     override: bool = Field(
         False,
-        description="true: the unit in the file is wrong; or readings are meant that look like a wrong unit, being so small, or "
-        "like a number that stands for a missing sample.",
+        description="true: the unit in the file is wrong, or readings are meant that look like a wrong unit, being so small.",
     )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
@@ -91,6 +90,10 @@ class GaugeChannel(Channel):
     )
 
 
+RATES = {"Hz": 1.0, "kHz": 1e3}
+"""Units of a sampling rate → Hz."""
+
+
 class Clock(Section):
     """The time of the file; a UFF function carries its own, channels of MDF4 and TDMS mostly."""
 
@@ -100,6 +103,24 @@ class Clock(Section):
         "with unit Hz their rate.",
     )
     unit: Text = Field("s", description="Its unit: s, ms, us, min; Hz of a rate.")
+    rate: Positive | None = Field(
+        None, description="Samples per second, where the file has no time: {rate: 100, unit: Hz}, in place of channel."
+    )
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Clock:
+        if self.rate is None:
+            return self
+        if self.channel is not None:
+            raise ValueError("either `channel` or `rate`; remove one of them")
+        if "unit" in self.model_fields_set and self.unit not in RATES:
+            raise ValueError(f"a rate in {self.unit}; set `unit` to one of {', '.join(RATES)}")
+        return self
+
+    @property
+    def hertz(self) -> float | None:
+        """The rate in Hz."""
+        return None if self.rate is None else self.rate * RATES.get(self.unit, 1.0)
 
 
 class TextForm(Section):

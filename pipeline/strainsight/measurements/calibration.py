@@ -92,8 +92,7 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
     notes = list(_check_unit(recording, name, settings))
     values = np.array(recording.channels[name], dtype=float)
     _check_size(recording, name, settings, values)
-    if not settings.override:
-        check_marks(recording, name, settings.unit)
+    check_marks(recording, name, settings.unit)
     if settings.offset:
         values -= settings.offset
         notes.append(f"{name}: {settings.offset:g} {settings.unit} were subtracted")

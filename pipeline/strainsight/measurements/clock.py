@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,10 +11,16 @@ from strainsight.measurements.records import Recording
 
 JITTER = 0.05
 """Share of a step by which a time stamp may lie off the uniform clock."""
+MOST_ODD = 0.01
+"""Share of the time stamps that may be corrected, each between two that are right."""
 MOST_FILLED = 10
 """A record is not stretched to more than so many times its samples: beyond, the clock is broken."""
 SAME_STEP = 1e-5
 """Two steps that differ by less are one: what a quartz keeps, and what the six digits of a UFF58 file resolve."""
+FIXED_RATE = (
+    "where the logger sampled at a fixed rate and only the time stamps are inexact, state the rate in their place "
+    "(`time: {rate: 100, unit: Hz}`, without channel); else resample the record on a uniform clock"
+)
 FURTHEST = 1e11
 """[s] from zero."""
 
@@ -47,16 +53,17 @@ def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = 
     """The uniform clock that the time stamps of a record lie on.
 
     The step is that of a line through the stamps, at first the mean of the intervals near their median. Longer intervals
-    are gaps: a whole number of steps, to twice the jitter, is filled by rows without samples, where `fill`. Refused are
-    other intervals, steps back, repeated times, and stamps that lie off the clock by more than jitter [steps].
+    are gaps: a whole number of steps, to twice the jitter, is filled by rows without samples, where `fill`. A single stamp
+    off the clock, between two that are two steps apart, is corrected with a note. Refused are other intervals, steps back,
+    repeated times, and stamps that lie off the clock by more than jitter [steps].
     Raises UserError with file:line, time and size.
     """
-    t = recording.time
     _check_range(recording)
+    recording, mended = _without_odd_stamps(recording, jitter)
+    t = recording.time
     between = np.diff(t)
     _check_order(recording, between)
-    middle = (len(between) - 1) // 2
-    median = float(np.partition(between, middle)[middle])  # the lower one: an interval that there is
+    median = _median(between)
     # Printed times are rounded: the median of the intervals is too, their mean is not.
     step = float(np.mean(between[np.abs(between - median) <= 2 * jitter * median]))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -74,7 +81,7 @@ def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = 
             remedy="cut the record at the gap, or correct the time stamp",
         )
     gaps = np.flatnonzero(whole > 1)
-    notes = tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
+    notes = mended + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
     if gaps.size and not fill:
         raise UserError(
             f"{int(whole[gaps[0]]) - 1} samples are missing after {t[gaps[0]]:.9g} s"
@@ -133,6 +140,30 @@ def _check_range(recording: Recording) -> None:
         )
 
 
+def _median(between: np.ndarray) -> float:
+    """The lower one, which is an interval of the record."""
+    middle = (len(between) - 1) // 2
+    return float(np.partition(between, middle)[middle])
+
+
+def _without_odd_stamps(recording: Recording, jitter: float) -> tuple[Recording, tuple[str, ...]]:
+    """Single stamps off the clock, the neighbours of which are two steps apart, put in the middle; a note of each."""
+    t = recording.time
+    between, two = np.diff(t), t[2:] - t[:-2]
+    step = _median(between)
+    off = (np.abs(between - step) > 2 * jitter * step) & (between > 0)
+    odd = np.flatnonzero(off[:-1] & off[1:] & (np.abs(two - 2 * step) <= 2 * jitter * step)) + 1
+    if not odd.size or odd.size > MOST_ODD * t.size or np.any(np.diff(odd) == 1):
+        return recording, ()
+    time = t.copy()
+    time[odd] = (t[odd - 1] + t[odd + 1]) / 2
+    notes = tuple(
+        f"the time {t[i]:.9g} s ({recording.place(int(i))}) is off the uniform clock: {time[i]:.9g} s was taken"
+        for i in odd[:10]
+    )
+    return replace(recording, time=time), notes
+
+
 def _check_order(recording: Recording, between: np.ndarray) -> None:
     wrong = np.flatnonzero(between <= 0)
     if not wrong.size:
@@ -144,7 +175,8 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
         raise UserError(
             f"the time {t[i]:.9g} s stands twice{more}",
             where=where,
-            remedy="drop repeated samples, or write the time with more digits",
+            remedy="drop repeated samples, or write the time with more digits"
+            + (f"; {FIXED_RATE}" if wrong.size > 1 else ""),
         )
     raise UserError(
         f"the clock steps back by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",
@@ -159,7 +191,7 @@ def _refuse_interval(recording: Recording, i: int, steps: float, step: float, ma
         f"the clock jumps by {t[i + 1] - t[i]:.6g} s from {t[i]:.9g} to {t[i + 1]:.9g} s: {steps:.4g} steps of {step:.6g} s"
         + (", and so in many places" if many else ""),
         where=recording.place(i + 1),
-        remedy="resample the record on a uniform clock" if many else "cut the record there, or correct its clock",
+        remedy=FIXED_RATE if many else "cut the record there, or correct its clock",
     )
 
 
@@ -182,5 +214,5 @@ def _check_stamps(recording: Recording, off: np.ndarray, step: float, jitter: fl
             f"the time {recording.time[worst]:.9g} s is {100 * abs(off[worst]) / step:.3g} % of a step off the uniform clock "
             f"of {step:.6g} s",
             where=recording.place(worst),
-            remedy="write the time with more digits, resample the record, or allow more jitter",
+            remedy=f"write the time with more digits; {FIXED_RATE}",
         )

@@ -10,10 +10,12 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.errors import UserError
+from strainsight.measurements.clock_times import ClockTimes
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
 from strainsight.measurements.lvm import SIGN, Header, header_of
 from strainsight.measurements.records import Recording, opened, plain
+from strainsight.measurements.timed import check_no_counter
 from strainsight.measurements.units import time_factor
 
 BLOCK = 1 << 22
@@ -29,15 +31,17 @@ def read_csv(
     path: Path,
     channels: Sequence[str],
     *,
-    time: str,
+    time: str | None = None,
     time_unit: str | None = None,
+    rate: float | None = None,
     form: TextFormat | None = None,
 ) -> Recording:
     """Columns of a text table: a line of names, maybe a line of units below it, numbers from there on.
 
-    channels: names of the header, with or without the unit behind them in brackets; time: that of the clock. Only these
-    columns have to be numbers. An empty cell or NaN is a missing sample, except in the time. Lines that are empty, or
-    comments, are passed over; line ends of every system, UTF-8 with or without mark, or the code page 1252.
+    channels: names of the header, with or without the unit behind them in brackets; time: that of the clock, whose cells are
+    numbers or clock times; or rate: samples per second [Hz]. Only these columns have to be numbers. An empty cell or NaN is a
+    missing sample, except in the time. Lines that are empty, or comments, are passed over; line ends of every system, UTF-8 with
+    or without mark, or the code page 1252.
     Raises UserError with file:line where a line does not fit.
     """
     form = form or TextFormat()
@@ -51,7 +55,7 @@ def read_csv(
                 if table.layout is None and table.form.header_line is None and not block.startswith(SIGN):
                     _name_the_line(error, block, first, table)
                 raise
-    return table.recording(time_unit)
+    return table.recording(time_unit, rate)
 
 
 def _blocks(file: BinaryIO, path: Path) -> Iterator[tuple[int, bytes]]:
@@ -89,7 +93,7 @@ def _checked(lines: bytes, number: int, path: Path) -> bytes:
 
 def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) -> None:
     """Say in the remedy which line has the names that are wanted, or at least that of the time, if one near the top has."""
-    for wanted in dict.fromkeys((table.channels, ())):
+    for wanted in dict.fromkeys((table.channels, () if table.time else table.channels[:1])):
         for number, line in enumerate(block.split(b"\n", MOST_ABOVE)[:MOST_ABOVE], start=first):
             try:
                 header(line, "", table.form, table.time, wanted)
@@ -98,7 +102,7 @@ def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) ->
             if f"{table.path}:{number}" == error.where:
                 return
             form = table.form
-            error.remedy = f"line {number} has the name {plain(table.time)}: " + form.stating(
+            error.remedy = f"line {number} has the name {plain(table.time or table.channels[0])}: " + form.stating(
                 "header_line", str(number), "say that the names stand there"
             )
             return
@@ -107,12 +111,13 @@ def _name_the_line(error: UserError, block: bytes, first: int, table: _Table) ->
 class _Table:
     """The columns asked for, block by block."""
 
-    def __init__(self, path: Path, form: TextFormat, time: str, channels: tuple[str, ...]):
+    def __init__(self, path: Path, form: TextFormat, time: str | None, channels: tuple[str, ...]):
         self.path, self.form, self.time, self.channels = path, form, time, channels
         self.layout: Layout | None = None
         self.lvm: Header | None = None
         self.units_passed = False
-        self.pieces: list[list[np.ndarray]] = [[] for _ in range(1 + len(channels))]
+        self.pieces: list[list[np.ndarray]] = [[] for _ in range((time is not None) + len(channels))]
+        self.clock = ClockTimes()
         self.runs: list[tuple[int, int]] = []
         self.rows = 0
         self.next_line = -1
@@ -130,7 +135,7 @@ class _Table:
         if at < len(block):
             assert self.layout is not None
             rows = plain_rows(block[at:], first, self.layout, self.form)
-            self._add(rows or rows_by_line(block[at:], first, self.layout, self.form, self.path))
+            self._add(rows or rows_by_line(block[at:], first, self.layout, self.form, self.path, self.clock))
 
     def _is_data(self, line: bytes, number: int) -> bool:
         """Is it the first line below names and units? Takes in names and units on the way."""
@@ -165,7 +170,7 @@ class _Table:
         for column, pieces in enumerate(self.pieces):
             pieces.append(rows.values[:, column].copy())
 
-    def recording(self, time_unit: str | None) -> Recording:
+    def recording(self, time_unit: str | None, rate: float | None) -> Recording:
         if self.layout is None:
             raise UserError(
                 "no line of names"
@@ -176,13 +181,19 @@ class _Table:
             )
         if not self.rows:
             raise UserError("no line of numbers", where=str(self.path), remedy="export the test data again")
-        units = [self.layout.units[column] for column in self.layout.columns]
-        factor = time_factor(time_unit, units[0], self.layout.where)
+        layout = self.layout
+        units = [layout.units[column] for column in layout.columns]
         joined = []
         for pieces in self.pieces:
             joined.append(np.concatenate(pieces))
             pieces.clear()
-        joined[0] *= factor
-        names = dict(zip(self.channels, joined[1:], strict=True))
+        if rate is not None:
+            time = np.arange(self.rows) / rate
+        else:
+            time, unit = joined.pop(0), units.pop(0)
+            check_no_counter(time, layout.names[layout.columns[0]], unit, layout.where)
+            if not self.clock.started:
+                time *= time_factor(time_unit, unit, layout.where)
+        names = dict(zip(self.channels, joined, strict=True))
         lines = np.array(self.runs, dtype=np.int64).reshape(-1, 2)
-        return Recording(joined[0], names, dict(zip(self.channels, units[1:], strict=True)), str(self.path), lines)
+        return Recording(time, names, dict(zip(self.channels, units, strict=True)), str(self.path), lines)

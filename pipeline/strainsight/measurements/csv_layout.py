@@ -15,6 +15,8 @@ DELIMITERS = (",", ";", "\t")
 _QUOTED = re.compile(r'"[^"]*"')
 _BRACKETS = re.compile(r"(.*\S)\s*(\[[^\[\]]*\]|\([^()]*\))")
 _NUMBERS = re.compile(r'[-+\s0-9.,;eE"]*[0-9][-+\s0-9.,;eE"]*')
+NO_TIME = "; where none of them is the time, state the sampling rate in its place: `time: {rate: 100, unit: Hz}`"
+_DIGIT = re.compile(r"\d")
 _SPREADSHEET = re.compile(r"sep=(.)")
 
 
@@ -54,14 +56,19 @@ class TextFormat:
 @dataclass(frozen=True)
 class Layout:
     """delimiter; names as in the header, its brackets off; units, None where not stated; columns: time, then channels;
-    remarks: a line may have one more cell, with a remark."""
+    timed: whether the first of the columns is the time; remarks: a line may have one more cell, with a remark."""
 
     delimiter: str
     names: tuple[str, ...]
     units: tuple[str | None, ...]
     columns: tuple[int, ...]
     where: str
+    timed: bool = True
     remarks: bool = False
+
+    @property
+    def time_column(self) -> int | None:
+        return self.columns[0] if self.timed else None
 
 
 def is_comment(line: bytes, form: TextFormat) -> bool:
@@ -74,8 +81,8 @@ def stated_delimiter(line: bytes) -> str | None:
     return found[1] if found else None
 
 
-def header(line: bytes, where: str, form: TextFormat, time: str, channels: Sequence[str]) -> Layout:
-    """The layout that the line of names says.
+def header(line: bytes, where: str, form: TextFormat, time: str | None, channels: Sequence[str]) -> Layout:
+    """The layout that the line of names says; time: name of its column, None of a table that has none.
 
     The delimiter is the one of `, ; tab` in it, outside quotes; two kinds are refused unless one is stated.
     Raises UserError where there is none, names are missing, or stand twice.
@@ -97,19 +104,22 @@ def header(line: bytes, where: str, form: TextFormat, time: str, channels: Seque
         name, unit = _name_and_unit(cell, time)
         names.append(name)
         units.append(unit)
-    columns = tuple(_column(wanted, cells, names, where) for wanted in (time, *channels))
-    return Layout(delimiter, tuple(names), tuple(units), columns, where)
+    columns = () if time is None else (_column(time, cells, names, where, NO_TIME),)
+    columns += tuple(_column(name, cells, names, where) for name in channels)
+    return Layout(delimiter, tuple(names), tuple(units), columns, where, time is not None)
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
-    """The layout with the units of a line of units, or None where it is none: its time cell holds no unit of time, nor is it
-    empty above known units of all channels."""
+    """The layout with the units of a line of units, or None where it is none: neither does its time cell hold a unit of time, nor
+    the others known units, beside a time cell without digits."""
     try:
         cells = [cell.strip() for cell in split(decoded(line), layout.delimiter, where)]
     except UserError:
         return None
-    time, *others = (cells[column] if column < len(cells) else None for column in layout.columns)
-    if time is None or (seconds_in(time) is None and (time or not others or not all(map(known_unit, others)))):
+    read = [cells[column] if column < len(cells) else None for column in layout.columns]
+    time, others = (read[0], read[1:]) if layout.timed else ("", read)
+    known = bool(others) and all(map(known_unit, others)) and not _DIGIT.search(time or "")
+    if time is None or (seconds_in(time) is None and not known):
         return None
     if len(cells) != len(layout.names):
         raise UserError(
@@ -164,12 +174,15 @@ def _delimiter(text: str, where: str, form: TextFormat) -> str:
     )
 
 
-def _name_and_unit(cell: str, time: str) -> tuple[str, str | None]:
-    """'ch1 [um/m]' → 'ch1', 'um/m'. Round brackets hold many things: in them only what is known as a unit is one."""
+def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
+    """'ch1 [um/m]' → 'ch1', 'um/m'; 't (-)' → 't', None. Round brackets hold many things: in them only what is known as a unit is
+    one."""
     found = _BRACKETS.fullmatch(cell)
     if not found:
         return cell, None
     name, unit = found[1], found[2][1:-1].strip()
+    if unit == "-":
+        return name, None
     if found[2][0] == "[":
         holds = bool(unit) and not unit.isdigit()
     else:
@@ -181,7 +194,7 @@ def _can_delimit(sign: str) -> bool:
     return len(sign) == 1 and sign.isascii() and not sign.isalnum() and sign not in '"\r\n.+-'
 
 
-def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str) -> int:
+def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str, otherwise: str = "") -> int:
     found = [i for i, said in enumerate(zip(cells, names, strict=True)) if wanted in said]
     if len(found) == 1:
         return found[0]
@@ -196,7 +209,9 @@ def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str)
         f"no column {wanted!r}",
         where=where,
         key=wanted,
-        remedy=did_you_mean(wanted, names, f"it has {', '.join(shown[:20])}{' …' if len(shown) > 20 else ''}"),
+        remedy=did_you_mean(
+            wanted, names, f"it has {', '.join(shown[:20])}{' …' if len(shown) > 20 else ''}{otherwise}"
+        ),
     )
 
 

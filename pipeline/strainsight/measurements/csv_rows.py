@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import re
 from array import array
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from strainsight.errors import UserError
+from strainsight.measurements.clock_times import ClockTimes
 from strainsight.measurements.csv_layout import Layout, TextFormat, is_comment, split
 from strainsight.measurements.records import decoded, plain
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 
 _SEGMENT = "the line was cut short, or another segment begins here: export one segment a file"
-_COUNTED = "give the time as a number, counted from any instant, not as a date or the time of the day"
+_COUNTED = "write the time in seconds, or as a clock time: 10:00:00.01, 2024-05-03 10:00:00.01"
 _DATE = re.compile(r"\d[:/]\d|\d\.\d+\.\d")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+(?:,\d*)?")
+_SIGN_APART = re.compile(r"([+-])\s+(?=[\d.,])")
+_GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[,.'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?")
+"""Digits in groups of three, as thousands are marked."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,7 @@ def plain_rows(block: bytes, first: int, layout: Layout, form: TextFormat) -> Ro
         )
     except ValueError:
         return None
-    if len(values) != len(ends) or not np.isfinite(values[:, 0]).all() or np.isinf(values).any():
+    if len(values) != len(ends) or np.isinf(values).any() or (layout.timed and np.isnan(values[:, 0]).any()):
         return None
     return Rows(values, first + np.arange(len(values)))
 
@@ -76,8 +80,12 @@ def _unquoted(block: bytes, mark: bytes) -> bytes:
     return block.replace(b'"', b"") if whole.all() and edge[closed + 1].all() and not within.any() else block
 
 
-def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, path: Path) -> Rows:
-    """A block line by line: quotes, comments, blank lines, words for missing samples, and every fault with its line."""
+def rows_by_line(
+    block: bytes, first: int, layout: Layout, form: TextFormat, path: Path, clock: ClockTimes | None = None
+) -> Rows:
+    """A block line by line: quotes, comments, blank lines, clock times, words for missing samples, and every fault with its
+    line; clock: of the blocks before."""
+    clock = clock or ClockTimes()
     found, lines = array("d"), array("q")
     for number, line in enumerate(block.removesuffix(b"\n").split(b"\n"), start=first):
         if not line.strip(b" ") or is_comment(line, form):
@@ -94,8 +102,13 @@ def rows_by_line(block: bytes, first: int, layout: Layout, form: TextFormat, pat
                 where=where,
                 remedy=_why(len(cells), layout),
             )
-        row = [_number(cells[column], column, layout, form, where) for column in layout.columns]
-        if row[0] != row[0]:
+        row = [
+            _time(cells[column], layout, form, where, clock)
+            if column == layout.time_column
+            else _number(cells[column], column, layout, form, where)
+            for column in layout.columns
+        ]
+        if layout.timed and row[0] != row[0]:
             raise UserError(
                 f"a sample without time: {plain(decoded(line))}", where=where, remedy="give its time, or drop the line"
             )
@@ -119,42 +132,28 @@ def _cells(line: bytes, layout: Layout, where: str) -> list[str]:
     return [cell.strip() for cell in split(text, layout.delimiter, where)]
 
 
+def _time(cell: str, layout: Layout, form: TextFormat, where: str, clock: ClockTimes) -> float:
+    """Of a number as it stands, of a clock time [s] since the first."""
+    if ":" not in cell and not clock.started:
+        return _number(cell, layout.columns[0], layout, form, where)
+    if (seconds := clock.seconds(cell)) is not None:
+        return seconds
+    raise UserError(
+        f"{plain(cell)} under {layout.names[layout.columns[0]]!r} is no "
+        + ("time that follows the lines before" if clock.started else "number and no clock time"),
+        where=where,
+        remedy=_COUNTED,
+    )
+
+
 def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str) -> float:
     if not cell or cell in form.missing or cell.lower().lstrip("+-") == "nan":
         return float("nan")
-    text, name = cell, layout.names[column]
-    if form.decimal == ",":
-        text = "no number" if "." in cell else cell.replace(",", ".")
-    try:
-        value = float(text) if "_" not in text else float("no number")
-    except ValueError:
-        if form.decimal == "." and _DECIMAL_COMMA.fullmatch(cell):
-            remedy = "write points as decimal marks, or " + form.stating(
-                "decimal", '","', "say that the decimal mark is the comma"
-            )
-        elif column == layout.columns[0] and _DATE.search(cell):
-            remedy = _COUNTED
-        elif form.decimal == "," and _THOUSANDS.fullmatch(cell):
-            remedy = "export numbers without points between the thousands"
-        elif form.decimal == "," and "." in cell:
-            remedy = "the decimal mark is stated to be the comma: correct the number, or " + form.stating(
-                "decimal", '"."', "the statement"
-            )
-        elif column == layout.columns[0] and layout.remarks:
-            remedy = _SEGMENT
-        elif column == layout.columns[0]:
-            remedy = _COUNTED
-            if form.key and cell[0].isalpha():
-                begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
-                remedy += (
-                    f'; a line of text below the names is passed over by its beginning: `{form.key}.comment: "{begin}"`'
-                )
-        else:
-            remedy = (
-                "give a number, or an empty cell where the sample is missing; where the word stands for that, "
-                + form.stating("missing", f"[{_word(cell)}]", "name it as one for missing samples")
-            )
-        raise UserError(f"{plain(cell)} under {name!r} is no number", where=where, remedy=remedy) from None
+    name = layout.names[column]
+    if (value := _value(cell, form.decimal)) is None:
+        raise UserError(
+            f"{plain(cell)} under {name!r} is no number", where=where, remedy=_no_number(cell, column, layout, form)
+        )
     if not np.isfinite(value):
         raise UserError(
             f"{plain(cell)} under {name!r} is no finite number",
@@ -162,6 +161,53 @@ def _number(cell: str, column: int, layout: Layout, form: TextFormat, where: str
             remedy="leave the cell empty where the sample is missing",
         )
     return value
+
+
+def _value(cell: str, decimal: str) -> float | None:
+    """Of a number as loggers write it: "+ 0.081", "1,234.5" where the point is the decimal mark; None of what is none."""
+    for text in (cell, _without_thousands(_SIGN_APART.sub(r"\1", cell), decimal)):
+        if "_" not in text and not (decimal == "," and "." in text):
+            with suppress(ValueError):
+                return float(text.replace(",", ".") if decimal == "," else text)
+    return None
+
+
+def _without_thousands(text: str, decimal: str) -> str:
+    """Without the marks of thousands where a decimal mark behind them says that they are."""
+    grouped = _GROUPED.fullmatch(text)
+    if grouped and (grouped["rest"] or "")[:1] == decimal != grouped["mark"]:
+        return text.replace(grouped["mark"], "")
+    return text
+
+
+def _no_number(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
+    """What to do about a cell that is no number."""
+    if grouped := _GROUPED.fullmatch(cell):
+        remedy = f"{plain(grouped['mark'])} marks thousands or decimals: export numbers without marks between thousands"
+        if "," in (grouped["mark"], (grouped["rest"] or "")[:1]) and form.decimal == ".":
+            return f"{remedy}, or " + form.stating("decimal", '","', "say that the decimal mark is the comma")
+        return remedy
+    if form.decimal == "." and _DECIMAL_COMMA.fullmatch(cell):
+        return "write points as decimal marks, or " + form.stating(
+            "decimal", '","', "say that the decimal mark is the comma"
+        )
+    if column == layout.time_column and _DATE.search(cell):
+        return _COUNTED
+    if form.decimal == "," and "." in cell:
+        return "the decimal mark is stated to be the comma: correct the number, or " + form.stating(
+            "decimal", '"."', "the statement"
+        )
+    if column == layout.time_column and layout.remarks:
+        return _SEGMENT
+    if column == layout.time_column:
+        if not (form.key and cell[0].isalpha()):
+            return _COUNTED
+        begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
+        return f'{_COUNTED}; a line of text below the names is passed over by its beginning: `{form.key}.comment: "{begin}"`'
+    return (
+        "give a number, or an empty cell where the sample is missing; where the word stands for that, "
+        + form.stating("missing", f"[{_word(cell)}]", "name it as one for missing samples")
+    )
 
 
 def _word(cell: str) -> str:

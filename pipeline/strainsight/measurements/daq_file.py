@@ -50,11 +50,12 @@ def read_daq(
     *,
     time: str | None = None,
     time_unit: str | None = None,
+    rate: float | None = None,
     sandboxed: bool = True,
 ) -> Recording:
     """Channels of a file of the kind mdf, tdms or mat, as the `signals` of its reader has them.
 
-    time: that of the clock; None where the file has its own. sandboxed: in a child process.
+    time: that of the clock; None where the file has its own; or rate: samples per second [Hz]. sandboxed: in a child process.
     Raises UserError as the reader does, where its library is not installed, and where that fails.
     """
     path, library = Path(path), LIBRARIES[kind]
@@ -66,7 +67,7 @@ def read_daq(
             where=str(path),
             remedy=f'install it: pip install "strainsight[{EXTRA}]"',
         )
-    names = [time, *channels]
+    names = [time if rate is None else channels[0], *channels]
     limits = START_LIMIT, TIME_LIMIT + size / 5e6
     places = [str(path)] * len(names)
     read = (
@@ -79,7 +80,7 @@ def read_daq(
     if time is not None and kind == "mat" and t.size == 1 and len(found) > 1 and found[1][0].size > 1:
         found[0] = counted(float(t[0]), found[1][0].size, time, time_unit, unit, str(path))
         time_unit = None
-    return recording_of(found, channels, path, f"{path}, {time}" if time else str(path), time_unit)
+    return recording_of(found, channels, path, f"{path}, {time}" if time else str(path), time_unit, rate)
 
 
 def reading(kind: str) -> Read:

@@ -35,8 +35,7 @@ def check_marks(recording: Recording, name: str, unit: str, remedy: str = "", ne
             f"{others.max():.4g} in others: it stands for a missing value",
             where=recording.place(int(at[0])),
             remedy=remedy
-            or f'name it as the file writes it, `text: {{missing: ["{mark:g}"]}}`, or leave the samples empty (NaN); of a '
-            "channel that did read this, state `override: true`, which takes its unit for right, too",
+            or f'name it as the file writes it, `text: {{missing: ["{mark:g}"]}}`, or leave the samples empty (NaN)',
         )
 
 

@@ -29,6 +29,7 @@ def read_recording(
     *,
     time: str | None = None,
     time_unit: str | None = None,
+    rate: float | None = None,
     format: str = "auto",
     form: TextFormat | None = None,
 ) -> Recording:
@@ -36,8 +37,8 @@ def read_recording(
 
     channels: columns of a table, datasets, "node:direction" or id line of a function, "group/channel", variables; time:
     column, dataset, channel or variable of the clock, not for UFF58, and for MDF and TDMS only where it is not the file's
-    own; time_unit: that of the file has to agree; format: a key of FORMATS, or auto by the ending of the name; form: how a
-    text table is written.
+    own; time_unit: that of the file has to agree; rate: samples per second [Hz], in place of a clock; format: a key of FORMATS,
+    or auto by the ending of the name; form: how a text table is written.
     Raises UserError for a file that cannot be imported, with its line.
     """
     path = Path(path)
@@ -45,29 +46,29 @@ def read_recording(
         case "csv":
             from strainsight.measurements.csv_file import read_csv
 
-            return read_csv(path, channels, time=_needed(time, path), time_unit=time_unit, form=form)
+            return read_csv(path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate, form=form)
         case "hdf5":
             from strainsight.measurements.hdf5_file import read_hdf5
 
-            return read_hdf5(path, channels, time=_needed(time, path), time_unit=time_unit)
+            return read_hdf5(path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate)
         case "uff58":
             from strainsight.measurements.uff58_file import read_uff58
 
-            if time is not None:
+            if time is not None or rate is not None:
                 raise UserError(
-                    f"the time {time!r} is asked for, but functions of a universal file carry their own",
+                    f"the time {time or f'at {rate:g} Hz'!r} is asked for, but functions of a universal file carry their own",
                     where=str(path),
-                    remedy="drop the name of the time",
+                    remedy="remove estimate.time",
                 )
             return read_uff58(path, channels, time_unit=time_unit)
         case "mdf" | "tdms" as kind:
             from strainsight.measurements.daq_file import read_daq
 
-            return read_daq(kind, path, channels, time=time, time_unit=time_unit)
+            return read_daq(kind, path, channels, time=time, time_unit=time_unit, rate=rate)
         case "mat":
             from strainsight.measurements.daq_file import read_daq
 
-            return read_daq("mat", path, channels, time=_needed(time, path), time_unit=time_unit)
+            return read_daq("mat", path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate)
         case unknown:
             raise UserError(f"unknown format {unknown!r}", remedy=f"known formats: {', '.join(FORMATS)}")
 
@@ -84,11 +85,12 @@ def format_of(path: Path) -> str:
     raise UserError(f"the ending {ending!r} says no format of test data", where=str(path), remedy=remedy)
 
 
-def _needed(time: str | None, path: Path) -> str:
-    if time is None:
+def _clock(time: str | None, rate: float | None, path: Path) -> str | None:
+    """The name of the time of a file that has none of its own, None where a rate takes its place."""
+    if time is None and rate is None:
         raise UserError(
             "the clock is not named",
             where=str(path),
-            remedy="name it in estimate.time.channel: a column, dataset or variable",
+            remedy="set estimate.time.channel to a column, dataset or variable, or estimate.time.rate to the sampling rate [Hz]",
         )
     return time

@@ -1,7 +1,8 @@
-"""The time of a recording: a signal of every sample, or the one interval between them."""
+"""The time of a recording: a signal of every sample, the one interval between them, or a stated rate."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,11 @@ from strainsight.errors import UserError
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import RATES, spelling, time_factor
 
+_COUNTER = re.compile(
+    r"#|n|i|k|no\.?|nr\.?|idx|index|(data ?)?points?|row|line|counter|count|(sample|scan|record)s?( ?(no|nr|number|index)\.?)?"
+)
+"""Names in small letters of columns that count samples."""
+
 
 def recording_of(
     found: Sequence[tuple[np.ndarray, str | None]],
@@ -18,12 +24,14 @@ def recording_of(
     path: Path,
     where: str,
     time_unit: str | None,
+    rate: float | None = None,
 ) -> Recording:
-    """The recording of signals and their units, that of the time first; where: the place of the time.
+    """The recording of signals and their units, that of the time first; where: the place of the time; rate: of the samples [Hz],
+    in place of the first signal.
 
     Raises UserError where the time has no unit or a sample none.
     """
-    t, unit = found[0]
+    t, unit = found[0] if rate is None else (np.arange(len(found[0][0])) / rate, "s")
     factor = time_factor(time_unit, unit, where)
     if not np.isfinite(t).all():
         raise UserError(
@@ -34,6 +42,16 @@ def recording_of(
     units = {name: said for name, (_, said) in zip(channels, found[1:], strict=True)}
     values = {name: read for name, (read, _) in zip(channels, found[1:], strict=True)}
     return Recording(t * factor, values, units, str(path))
+
+
+def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) -> None:
+    """Raises UserError where a column without a unit counts samples by its name and its values."""
+    if unit is None and _COUNTER.fullmatch(name.strip().lower()) and np.all(np.diff(time) == 1):
+        raise UserError(
+            f"{name!r} counts samples: {time[0]:g}, {time[0] + 1:g}, … is no time",
+            where=where,
+            remedy="state the sampling rate in its place: `time: {rate: 100, unit: Hz}`",
+        )
 
 
 def counted(

@@ -23,9 +23,12 @@ class Unit(NamedTuple):
 
 _TABLE: Mapping[str, Mapping[str, float]] = {
     "strain": {
-        **dict.fromkeys(("strain", "Strain", "m/m", "ε"), 1.0),
-        **dict.fromkeys(("um/m", "ppm", "microstrain", "ustrain", "uε"), 1e-6),
-        "mm/m": 1e-3,
+        **dict.fromkeys(("strain", "m/m", "mm/mm", "in/in", "inch/inch", "ε"), 1.0),
+        **dict.fromkeys(
+            ("um/m", "uin/in", "ppm", "microstrain", "ustrain", "uε", "ue", "microepsilon", "uepsilon"), 1e-6
+        ),
+        **dict.fromkeys(("mm/m", "um/mm", "millistrain", "mstrain", "mε", "‰"), 1e-3),
+        **dict.fromkeys(("nm/m", "nanostrain", "nstrain", "nε"), 1e-9),
         "%": 1e-2,
     },
     "bridge": {"V/V": 1.0, "mV/V": 1e-3, "uV/V": 1e-6},
@@ -40,12 +43,12 @@ _TABLE: Mapping[str, Mapping[str, float]] = {
     },
     "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
     "force": {
-        **dict.fromkeys(("N", "Newton", "Newtons"), 1.0),
+        **dict.fromkeys(("N", "newton", "newtons"), 1.0),
         "mN": 1e-3,
         "daN": 10.0,
         "kN": 1e3,
         "MN": 1e6,
-        "lbf": _POUND,
+        **dict.fromkeys(("lbf", "lb", "lbs", "pound", "pounds", "pound-force"), _POUND),
         "kip": 1e3 * _POUND,
         "kgf": STANDARD_GRAVITY,
     },
@@ -61,6 +64,8 @@ UNITS: Mapping[str, Unit] = {
     spelt: Unit(quantity, factor) for quantity, row in _TABLE.items() for spelt, factor in row.items()
 }
 """Every unit in the spelling of `spelling`."""
+SIGN = 4
+"""Letters of a unit's sign at most: what is longer is a word."""
 SI: Mapping[str, str] = {
     "strain": "m/m",
     "bridge": "m/m",
@@ -93,7 +98,6 @@ OTHER_NAMES: Mapping[str, str] = {
     **dict.fromkeys(("knewton", "knewtons", "kilonewton", "kilonewtons"), "kN"),
     **dict.fromkeys(("kp", "kilopond", "kg", "kgforce"), "kgf"),
     **dict.fromkeys(("mp", "tf", "tonf", "t", "ton"), "kN (1 tf is 9.80665 kN)"),
-    **dict.fromkeys(("lb", "lbs", "pound", "pounds", "pound-force"), "lbf"),
     **dict.fromkeys(("klbf", "klb", "kips"), "kip"),
     **dict.fromkeys(("newtonmeter", "newtonmetre", "newton-metre", "newton-meter", "n-m"), "N m"),
     **dict.fromkeys(("lb-ft", "ft-lb", "lbft", "ftlb", "ftlbf"), "lbf ft"),
@@ -106,25 +110,26 @@ OTHER_NAMES: Mapping[str, str] = {
 
 def spelling(unit: str) -> str:
     """One spelling: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; brackets around it dropped."""
-    text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("^", "").replace("**", "")
+    text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("ɛ", "ε").replace("^", "").replace("**", "")
     text = "".join(sign for sign in text if sign not in "*·⋅" and not sign.isspace())
     return text[1:-1] if len(text) > 2 and text[0] + text[-1] in ("[]", "()") else text
 
 
 def known_unit(unit: str | None) -> Unit | None:
-    """The unit, or None where it is not known."""
-    return UNITS.get(spelling(unit)) if unit else None
+    """The unit, or None where it is not known. Strains and whole words are known in any case: uStrain, Pounds."""
+    spelt = spelling(unit or "")
+    small = UNITS.get(spelt.lower())
+    word = small is not None and (small.quantity == "strain" or (len(spelt) > SIGN and spelt.isalpha()))
+    return UNITS.get(spelt, small if word else None)
 
 
 def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
     """The unit; UserError where it is not known, with what it may mean or the units of the quantities in `of`; none: of all."""
     if (found := known_unit(unit)) is None:
+        # No unit of a similar spelling: mm/m is a thousandth of mm/mm.
         known = [name for name, own in UNITS.items() if not of or own.quantity in of]
-        remedy = f"known units: {', '.join(known)}"
-        if meant := meant_by(unit):
-            remedy = f"did you mean {meant}?"
-        elif not of:
-            remedy = did_you_mean(spelling(unit), known, remedy)
+        meant = meant_by(unit)
+        remedy = f"did you mean {meant}?" if meant else f"known units: {', '.join(known)}"
         raise UserError(f"unknown unit {unit!r}", remedy=remedy)
     return found
 
