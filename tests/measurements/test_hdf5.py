@@ -261,6 +261,6 @@ def test_a_clock_of_gaps_alone_does_not_fill_the_memory(tmp_path):
 def test_a_rate_takes_the_place_of_the_time(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a"] = [1.0, np.nan, 3.0]
-    recording = read_recording(tmp_path / "a.h5", ["a"], rate=10.0)
+    recording = read_hdf5(tmp_path / "a.h5", ["a"], rate=10.0)
     np.testing.assert_array_equal(recording.time, [0, 0.1, 0.2])
     np.testing.assert_array_equal(recording.channels["a"], [1.0, np.nan, 3.0])
