@@ -218,6 +218,14 @@ def test_clock_times_are_seconds_since_the_first(tmp_path, cells, seconds, decim
         np.testing.assert_allclose(read(path, ("G1",), time=name, decimal=decimal).time, seconds, rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("cell", ["12.5 um/m", "1.5D-3", "0x1F", "1_000", "12,5 %", "1..5"])
+def test_a_cell_with_digits_is_not_advised_to_be_missing(tmp_path, cell):
+    path = written(tmp_path / "a.csv", ["Time;G1", f"0;{cell}", "1;2"])
+    with pytest.raises(UserError, match="is no number") as caught:
+        read(path, ("G1",))
+    assert "missing" not in caught.value.remedy
+
+
 def test_clock_times_follow_a_line_of_units(tmp_path):
     path = written(tmp_path / "a.csv", ["Time\tG1", "hh:mm:ss\tum/m", "10:00:00.5\t1", "10:00:01.0\t2"])
     recording = read(path, ("G1",))
@@ -232,6 +240,11 @@ def test_a_rate_takes_the_place_of_the_time(tmp_path):
     np.testing.assert_array_equal(recording.channels["G1"], [0, np.nan, 24.9])
     assert recording.units == {"F": "kN", "G1": "um/m"}
     assert recording.place(2).endswith("a.csv:4")
+
+
+def test_a_table_without_time_may_have_one_column(tmp_path):
+    path = written(tmp_path / "a.csv", ["G1", "1", "1", "2"])
+    np.testing.assert_array_equal(read_recording(path, ["G1"], rate=100.0).channels["G1"], [1, 1, 2])
 
 
 def test_a_counter_of_samples_is_no_time(tmp_path):

@@ -175,8 +175,9 @@ def _check_order(recording: Recording, between: np.ndarray) -> None:
         raise UserError(
             f"the time {t[i]:.9g} s stands twice{more}",
             where=where,
-            remedy="drop repeated samples, or write the time with more digits"
-            + (f"; {FIXED_RATE}" if wrong.size > 1 else ""),
+            remedy=f"write the time with more digits; {FIXED_RATE}"
+            if wrong.size > 1
+            else "drop the repeated sample, or write the time with more digits",
         )
     raise UserError(
         f"the clock steps back by {-between[i]:.6g} s, from {t[i]:.9g} to {t[i + 1]:.9g} s{more}",

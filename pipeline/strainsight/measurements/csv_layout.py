@@ -90,7 +90,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
     text = decoded(line)
     if form.comment and text.lstrip().startswith(form.comment):
         text = text.lstrip().removeprefix(form.comment)
-    delimiter = form.delimiter or ("" if _NUMBERS.fullmatch(text) else _delimiter(text, where, form))
+    delimiter = form.delimiter or ("" if _NUMBERS.fullmatch(text) else _delimiter(text, where, form, time is None))
     cells = [cell.strip() for cell in split(text, delimiter, where)] if delimiter else []
     if all(_number_like(cell) for cell in cells):
         raise UserError(
@@ -118,7 +118,7 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         return None
     read = [cells[column] if column < len(cells) else None for column in layout.columns]
     time, others = (read[0], read[1:]) if layout.timed else ("", read)
-    known = bool(others) and all(map(known_unit, others)) and not _DIGIT.search(time or "")
+    known = all(map(known_unit, others)) and not (all(map(_number_like, others)) or _DIGIT.search(time or ""))
     if time is None or (seconds_in(time) is None and not known):
         return None
     if len(cells) != len(layout.names):
@@ -152,7 +152,8 @@ def split(text: str, delimiter: str, where: str) -> list[str]:
         ) from None
 
 
-def _delimiter(text: str, where: str, form: TextFormat) -> str:
+def _delimiter(text: str, where: str, form: TextFormat, single: bool) -> str:
+    """The one in the line of names; single: there may be one column and none."""
     bare = _QUOTED.sub("", text)
     found = [sign for sign in DELIMITERS if sign in bare]
     if len(found) == 1:
@@ -165,6 +166,8 @@ def _delimiter(text: str, where: str, form: TextFormat) -> str:
             remedy=form.stating("delimiter", f'"{found[-1]}"', "say which of them is the delimiter")
             + (", or the one that it is" if form.key else ""),
         )
+    if single:
+        return "\t"
     raise UserError(
         f"no comma, semicolon or tab in the line of names: {plain(text)}",
         where=where,

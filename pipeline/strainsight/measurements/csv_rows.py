@@ -20,6 +20,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?|[+-]?\d+,\d*")
 _SEGMENT = "the line was cut short, or another segment begins here: export one segment a file"
 _COUNTED = "write the time in seconds, or as a clock time: 10:00:00.01, 2024-05-03 10:00:00.01"
 _DATE = re.compile(r"\d[:/]\d|\d\.\d+\.\d")
+_DIGIT = re.compile(r"\d")
 _SIGN_APART = re.compile(r"([+-])\s+(?=[\d.,])")
 _GROUPED = re.compile(r"[+-]?\d{1,3}(?:(?P<mark>[,.'’ \u00a0\u202f])\d{3})(?:(?P=mark)\d{3})*(?P<rest>[.,]\d*)?")
 """Digits in groups of three, as thousands are marked."""
@@ -204,6 +205,8 @@ def _no_number(cell: str, column: int, layout: Layout, form: TextFormat) -> str:
             return _COUNTED
         begin = "".join(sign for sign in cell[:20] if sign.isprintable() and sign not in '`"\\')
         return f'{_COUNTED}; a line of text below the names is passed over by its beginning: `{form.key}.comment: "{begin}"`'
+    if not cell[0].isalpha() and _DIGIT.search(cell):
+        return "write plain numbers: digits, sign, decimal mark and exponent (1.5e-3), without a unit"
     return (
         "give a number, or an empty cell where the sample is missing; where the word stands for that, "
         + form.stating("missing", f"[{_word(cell)}]", "name it as one for missing samples")

@@ -87,6 +87,7 @@ TIME: Mapping[str, float] = {
     "ns": 1e-9,
     "min": 60.0,
     "h": 3600.0,
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 """[s]."""
 
