@@ -10,6 +10,7 @@ import sys
 import tokenize
 import tomllib
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 LIST = Path(__file__).with_name("words.toml")
@@ -76,18 +77,27 @@ READERS = {
 def hits(root):
     """(file, line, what stands there, replacement), every one, in order."""
     known, found = list(entries()), set()
+    likely = re.compile("|".join(f"(?:{word.pattern})" for word, *_ in known), re.IGNORECASE)
+
+    @cache
+    def words_in(text, is_name):
+        """(place in a text, what stands there, replacement); most texts have none, and most names are there many times."""
+        if not likely.search(text):
+            return ()
+        return tuple(
+            (hit.start(), " ".join(hit[0].split()), write)
+            for word, exceptions, write, names in known
+            for hit in (word.finditer(text) if names or not is_name else ())
+            if not any(start <= hit.start() and hit.end() <= end for start, end in map(re.Match.span, exceptions.finditer(text)))
+        )
+
     for pattern, reader in READERS.items():
         for path in root.glob(pattern):
             name = path.relative_to(root).as_posix()
-            if name.startswith(GENERATED):
-                continue
-            for first, text, is_name in reader(path, path.read_text(encoding="utf-8")):
-                for word, exceptions, write, names in known:
-                    free = [place.span() for place in exceptions.finditer(text)]
-                    for hit in word.finditer(text) if names or not is_name else ():
-                        if not any(start <= hit.start() and hit.end() <= end for start, end in free):
-                            line = first + text.count("\n", 0, hit.start())
-                            found.add((name, line, " ".join(hit[0].split()), write))
+            if not name.startswith(GENERATED):
+                for first, text, is_name in reader(path, path.read_text(encoding="utf-8")):
+                    for at, word, write in words_in(text, is_name):
+                        found.add((name, first + text.count("\n", 0, at), word, write))
     return sorted(found)
 
 
