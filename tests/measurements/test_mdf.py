@@ -54,18 +54,20 @@ def test_a_file_goes_by_its_ending_and_through_a_process_of_its_own(tmp_path):
 def test_a_master_in_another_group(tmp_path):
     """MDF 4.2 may keep every channel in a group of its own, with the time in another one."""
     file = Namespace(
+        version="4.20",
         groups=[group(["time"], [2]), group(["G1"], [0], master=0), group(["G2"], [0], master=0)],
         masters_db={0: 0},
         get_master=lambda number: T if number == 0 else None,
     )
-    time, unit = mdf_channels._master_clock(file, {"G1": (1, 0), "G2": (2, 0)}, tmp_path)
+    time, unit = mdf_channels._master_clock(file, {(0, 0): None}, {"G1": (1, 0), "G2": (2, 0)}, tmp_path)
     np.testing.assert_array_equal(time, T)
     assert unit == "s"
 
 
 def group(names, kinds, master=None):
     channels = [
-        Namespace(name=name, channel_type=kind, sync_type=1, unit="s") for name, kind in zip(names, kinds, strict=True)
+        Namespace(name=name, channel_type=kind, sync_type=1, unit="s", conversion_addr=0)
+        for name, kind in zip(names, kinds, strict=True)
     ]
     return Namespace(channels=channels, channel_group=Namespace(acq_name="", cycles_nr=COUNT, cg_master_index=master))
 

@@ -106,4 +106,5 @@ def reading(kind: str) -> Read:
 
 
 if __name__ == "__main__":
-    answer(reading(sys.argv[1]), LIBRARIES[sys.argv[1]].modules, lambda size: MEMORY_LIMIT + MEMORY_A_BYTE * size)
+    library = LIBRARIES[sys.argv[1]]
+    answer(reading(sys.argv[1]), (*library.modules, library.reader), lambda size: MEMORY_LIMIT + MEMORY_A_BYTE * size)

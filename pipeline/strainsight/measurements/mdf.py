@@ -1,21 +1,37 @@
-"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see daq_file.py."""
+"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see daq_file.py.
+
+asammdf gives raw values only: it would hand conversion formulas, which are text of the file, to `eval`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from unittest.mock import patch
+from zipfile import ZipFile
 
 import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.grouped import Place, check_one_clock, chosen, numbers
 from strainsight.measurements.hdf5_datasets import MOST_SAMPLES
-from strainsight.measurements.sandbox import Signals
+from strainsight.measurements.mdf_conversion import to_physical
+from strainsight.measurements.sandbox import DAMAGED, Signals
 
 _TIME = 1
 """Synchronisation type of a master channel that is a time."""
 _OTHER = {2: "an angle", 3: "a distance", 4: "an index"}
+PACKING = 100
+"""Bytes that one of an archive may stand for."""
+_ZIP = b"PK\3\4"
+_ENDINGS = (".mf4", ".mdf", ".dat")
+_HEAD, _UNFINALIZED = 64, slice(60, 64)
+"""Bytes of the identification block, and those that say what is left to complete."""
+Rules = dict[tuple[int, int], Any]
 
 
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
@@ -25,21 +41,71 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
     acquisition name of the group, or by its number from 0.
     Raises UserError for channels that are missing, no numbers, or of several clocks.
     """
-    from asammdf import MDF
-
-    with MDF(path) as file:
+    with _opened(path) as file:
+        rules = _taken_rules(file)
         places, at = _places(file)
         time, *channels = names
         wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
         clock: np.ndarray
         unit: str | None
         if time is None or time in _master_names(file) - {place.name for place in places}:
-            clock, unit = _master_clock(file, wanted, path)
+            clock, unit = _master_clock(file, rules, wanted, path)
         else:
-            clock, unit = _time_channel(file, time, at[chosen(time, places, path)], wanted, path)
+            clock, unit = _time_channel(file, rules, time, at[chosen(time, places, path)], wanted, path)
         yield clock, unit
         for name, (group, channel) in wanted.items():
-            yield _values(file, name, group, channel, path)
+            yield _values(file, rules, name, group, channel, path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """asammdf's file of a stream: it makes no file, and looks into no bus."""
+    library = import_module("asammdf")
+    with ExitStack() as stack:
+        for version in (3, 4):
+            # else a named file, which a killed process would leave: unsorted blocks go there
+            stack.enter_context(patch(f"asammdf.blocks.mdf_v{version}.NamedTemporaryFile", lambda dir: BytesIO()))
+        stream = stack.enter_context(_stream(path))
+        yield stack.enter_context(library.MDF(stream, process_bus_logging=False))
+
+
+def _stream(path: Path) -> IO[bytes]:
+    """The file, or the member of an archive; a copy in memory of one that was not finalized, which asammdf completes in place."""
+    file: IO[bytes] = path.open("rb")
+    if file.read(len(_ZIP)) == _ZIP:
+        with ZipFile(file) as archive:
+            member = next((item for item in archive.infolist() if item.filename.lower().endswith(_ENDINGS)), None)
+            if member is None:
+                raise UserError(
+                    f"the archive holds no file {' or '.join(_ENDINGS)}",
+                    where=str(path),
+                    remedy="unpack it and give the file",
+                )
+            size = path.stat().st_size
+            if member.file_size > PACKING * size:
+                raise UserError(
+                    f"the archive of {size} bytes unpacks to {member.file_size}, more than {PACKING} times as many",
+                    where=str(path),
+                    remedy="unpack it and give the file that is inside",
+                )
+            file = BytesIO(archive.read(member))
+    file.seek(0)
+    head = file.read(_HEAD)
+    if head.startswith(b"UnFin") or any(head[_UNFINALIZED]):
+        file.seek(0)
+        file = BytesIO(file.read())
+    file.seek(0)
+    return file
+
+
+def _taken_rules(file: Any) -> Rules:
+    """The conversion rules by group and channel, taken away from asammdf, which cannot apply them any more."""
+    rules = {}
+    for g, group in enumerate(file.groups):
+        for c, channel in enumerate(group.channels):
+            rules[g, c] = channel.conversion
+            channel.conversion = None
+    return rules
 
 
 def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
@@ -64,7 +130,7 @@ def _master_group(file: Any, group: int) -> int:
     return group if other is None else int(other)
 
 
-def _master_clock(file: Any, wanted: dict[str, tuple[int, int]], path: Path) -> tuple[np.ndarray, str]:
+def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], path: Path) -> tuple[np.ndarray, str]:
     """The one time of all groups that are wanted, and its unit."""
     clocks, unit = {}, "s"
     masters = {name: _master_group(file, group) for name, (group, _) in wanted.items()}
@@ -86,15 +152,17 @@ def _master_clock(file: Any, wanted: dict[str, tuple[int, int]], path: Path) -> 
                 where=str(path),
                 remedy="name the channel of the time in estimate.time.channel, or export over time",
             )
-        unit = getattr(master, "unit", "") or "s"
-        clocks[group] = np.asarray(file.get_master(group), dtype=float)
+        rule = _rule(rules, (group, number), master, path)
+        unit = _unit(master, rule) or "s"
+        raw = np.asarray(file.get_master(group), dtype=float)
+        clocks[group] = to_physical(raw, rule, _version(file), False, master.name, str(path))
     by_name = {name: clocks[group] for name, group in masters.items()}
     check_one_clock(by_name, path)
     return next(iter(by_name.values())), unit
 
 
 def _time_channel(
-    file: Any, time: str, at: tuple[int, int], wanted: dict[str, tuple[int, int]], path: Path
+    file: Any, rules: Rules, time: str, at: tuple[int, int], wanted: dict[str, tuple[int, int]], path: Path
 ) -> tuple[np.ndarray, str | None]:
     for name, (group, _) in wanted.items():
         if _master_group(file, group) != _master_group(file, at[0]):
@@ -103,7 +171,7 @@ def _time_channel(
                 where=str(path),
                 remedy="leave estimate.time.channel out: every group has its master channel; or take channels of one group",
             )
-    return _values(file, time, *at, path)
+    return _values(file, rules, time, *at, path)
 
 
 def _check_size(file: Any, group: int, name: str, path: Path) -> None:
@@ -115,10 +183,31 @@ def _check_size(file: Any, group: int, name: str, path: Path) -> None:
         )
 
 
-def _values(file: Any, name: str, group: int, channel: int, path: Path) -> tuple[np.ndarray, str | None]:
+def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: Path) -> tuple[np.ndarray, str | None]:
     _check_size(file, group, name, path)
-    found = file.get(group=group, index=channel, ignore_invalidation_bits=True)
-    values = numbers(np.asarray(found.samples), name, str(path))
-    if found.invalidation_bits is not None:
-        values[np.asarray(found.invalidation_bits, dtype=bool)] = np.nan
-    return values, (found.unit or "").strip() or None
+    channel = file.groups[group].channels[number]
+    samples, invalid = file.get(group=group, index=number, raw=True, samples_only=True, ignore_invalidation_bits=True)
+    samples = np.asarray(samples)
+    raw = numbers(samples, name, str(path))
+    if invalid is not None:
+        raw[np.asarray(invalid, dtype=bool)] = np.nan
+    rule = _rule(rules, (group, number), channel, path)
+    values = to_physical(raw, rule, _version(file), samples.dtype.kind in "iu", name, str(path))
+    return values, _unit(channel, rule)
+
+
+def _version(file: Any) -> int:
+    """3 or 4; version 2 is as 3."""
+    return max(3, int(str(file.version)[0]))
+
+
+def _rule(rules: Rules, at: tuple[int, int], channel: Any, path: Path) -> Any:
+    """Raises UserError where the file has a rule that asammdf could not read, and would leave out."""
+    if rules[at] is None and channel.conversion_addr:
+        raise UserError(f"the conversion rule of {channel.name!r} cannot be read", where=str(path), remedy=DAMAGED)
+    return rules[at]
+
+
+def _unit(channel: Any, rule: Any) -> str | None:
+    """That of the channel, else of its rule."""
+    return (getattr(channel, "unit", "") or getattr(rule, "unit", "") or "").strip() or None
