@@ -15,6 +15,8 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import IO, Any, Protocol, TypeVar
 
+from strainsight.confinement import confine
+
 T = TypeVar("T")
 PR_SET_PDEATHSIG = 1
 START_LIMIT = 120.0
@@ -25,6 +27,8 @@ PS_LIMIT = 2.0
 READY = b"ready\n"
 LONGER = 10.0
 """By the clock a reader may take so many times its limit of processor time: others use the machine, and disks are slow."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+"""Variables of a reader, which is one thread: it computes nothing, and Landlock does not confine threads that run already."""
 LOOK = 0.1
 """[s] between two looks at what a reader has used."""
 
@@ -55,7 +59,11 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
     or is killed at the limit of `Within`, answers no more.
     """
     process = subprocess.Popen(
-        command, env=inherited(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+        command,
+        env=inherited() | dict.fromkeys(THREADS, "1"),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
     )
     assert process.stdin is not None
     assert process.stdout is not None
@@ -101,12 +109,17 @@ def _used(pid: int) -> float:
     return 0.0
 
 
-def asked_of_reader(*modules: str) -> Any:
-    """In the child process of `reader`: what is asked of it. The modules are imported first: that is in no limit."""
+def asked_of_reader(*modules: str, folder: Callable[[Any], str] | None = None) -> Any:
+    """In the child process of `reader`: what is asked of it.
+
+    The modules are imported first, which no limit counts; from then on the process is confined to reading.
+    folder: what is asked → the folder of `confine`.
+    """
     end_with_parent()
     asked = json.loads(sys.stdin.read())
     for module in modules:
         import_module(module)
+    confine(folder(asked) if folder else None)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     return asked

@@ -62,7 +62,7 @@ class Made:
 
 def read_here(made, monkeypatch):
     monkeypatch.setattr("ansys.mapdl.reader.read_binary", lambda path: made)
-    return list(ansys.responses(Path("run.rst")))
+    return list(ansys.responses(Path("run.rst"), Path("copy.rst")))
 
 
 def test_static_results_with_rotations_in_our_order_of_components(monkeypatch):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import re
-import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
+
+import numpy as np
 
 from strainsight.decks.text import LARGEST
 from strainsight.errors import DeckError
@@ -27,12 +28,10 @@ _VOXEL = 11
 """VTK's number of an axis-aligned hexahedron, which meshio does not know and `ImageData` is made of."""
 _DROPPED = re.compile(r"cannot handle \(type (\d+)\)")
 _FLAT = (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35)
-_ARRAY = re.compile(rb"^((?:SCALARS +\S+|\S+ +\d+ +\d+) +)(\w+)", re.M)
-# VTK's names of integers against those that meshio's two readers of VTK know.
-_SIZES = {b"char": b"8", b"signed_char": b"8", b"short": b"16", b"int": b"32", b"long": b"64"}
-_TO_5 = {word: b"vtktypeint" + size for word, size in _SIZES.items()}
-_TO_5 |= {b"unsigned_" + word: b"vtktypeuint" + size for word, size in _SIZES.items()}
-_TO_4 = {b"signed_char": b"char", b"vtktypeint64": b"long", b"vtktypeuint64": b"unsigned_long"}
+_INTEGERS = {"char": 8, "signed_char": 8, "short": 16, "int": 32, "long": 64} | {
+    f"vtktypeint{size}": size for size in (8, 16, 32, 64)
+}
+"""VTK's names of integers and their bits, of which each of meshio's two readers of VTK knows some."""
 _COUNTS = re.compile(rb"^(?:POINTS|CELLS|CELL_TYPES|POINT_DATA|CELL_DATA|LOOKUP_TABLE \S+|FIELD \S+) +(.*)", re.M)
 
 
@@ -69,8 +68,12 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
                 meshio._mesh.topological_dimension.setdefault(kind, dimension)
             meshio._vtk_common.vtk_to_meshio_type.setdefault(_VOXEL, "voxel")
             meshio._common.num_nodes_per_cell.setdefault("voxel", 8)
-            with _readable(path, name) as file:
-                mesh = meshio.read(file, file_format=name)
+            meshio.vtu._vtu.vtu_to_numpy_type.setdefault("String", np.dtype(np.uint8))
+            for reader in (meshio.vtk._vtk_42, meshio.vtk._vtk_51):
+                for word, bits in _INTEGERS.items():
+                    unsigned = word.replace("int", "uint") if word.startswith("vtk") else f"unsigned_{word}"
+                    reader.vtk_to_numpy_dtype_name |= {word: f"int{bits}", unsigned: f"uint{bits}"}
+            mesh = meshio.read(path, file_format=name)
     except (Exception, SystemExit) as error:
         raise _failure(path, name, error, f"{out.getvalue()} {err.getvalue()}") from None
     notes = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
@@ -225,22 +228,3 @@ def check_hdf5(path: Path) -> None:
         raise DeckError(reason, where=str(path), remedy=INSTEAD) from None
     if found:
         raise DeckError(found[0], where=str(path), remedy="write the data into the file itself, without links")
-
-
-@contextlib.contextmanager
-def _readable(path: Path, name: str) -> Iterator[Path]:
-    """The file, or a copy without the words that meshio stumbles over."""
-    content = path.read_bytes() if name in ("vtk", "vtu") else b""
-    ours = content
-    if name == "vtk":
-        words = _TO_5 if content.startswith(b"# vtk DataFile Version 5") else _TO_4
-        ours = _ARRAY.sub(lambda match: match[1] + words.get(match[2], match[2]), content)
-    elif name == "vtu":
-        ours = content.replace(b'type="String"', b'type="UInt8"')
-    if ours == content:
-        yield path
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        copy.write_bytes(ours)
-        yield copy

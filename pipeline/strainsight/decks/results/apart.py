@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields
 from pathlib import Path
+from shutil import copyfile
+from tempfile import TemporaryDirectory
 from typing import IO
 
 import numpy as np
@@ -27,7 +29,7 @@ _PLAIN = [field.name for field in fields(Response) if field.name not in ("node_i
 
 
 def responses_apart(command: Sequence[str], path: Path, library: str) -> Iterator[Response]:
-    """What `answer` in a child process reads, one at a time.
+    """What `answer` in a child process reads, one at a time, from a copy: the library opens it for writing, too.
 
     Raises DeckError as it does, and where the process fails.
     """
@@ -36,7 +38,10 @@ def responses_apart(command: Sequence[str], path: Path, library: str) -> Iterato
     def received(stream: IO[bytes]) -> Response | None:
         return _received(stream, path, library)
 
-    with reader(command, str(path), START_LIMIT) as within:
+    with (
+        TemporaryDirectory() as folder,
+        reader(command, [str(path), str(copyfile(path, Path(folder) / path.name))], START_LIMIT) as within,
+    ):
         while (response := within(limit, received)) is not None:
             yield response
 
@@ -58,14 +63,14 @@ def _received(stream: IO[bytes], path: Path, library: str) -> Response | None:
     )
 
 
-def answer(read: Callable[[Path], Iterator[Response]], library: str, *modules: str) -> None:
-    """In the child process: what `read` gives, with the modules imported before."""
-    path = Path(asked_of_reader(*modules))
+def answer(read: Callable[[Path, Path], Iterator[Response]], library: str, *modules: str) -> None:
+    """In the child process: what `read` gives of a file and its copy, with the modules imported before."""
+    path, copy = map(Path, asked_of_reader(*modules, folder=lambda asked: os.path.dirname(asked[1])))
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
     limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * path.stat().st_size)
     try:
-        for response in read(path):
+        for response in read(path, copy):
             said = {name: getattr(response, name) for name in _PLAIN}
             out.write(json.dumps(said | {"shape": response.motion.shape}).encode() + b"\n")
             out.write(np.ascontiguousarray(response.node_ids, dtype=np.int64).data)
