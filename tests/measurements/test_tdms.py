@@ -47,6 +47,25 @@ def test_scales_of_the_driver_are_applied(tmp_path):
     np.testing.assert_allclose(read(path, ["G1"]).channels["G1"], 0.5 * B + 3.0, rtol=1e-15)
 
 
+@pytest.mark.parametrize("holder", ["channel", "group", "file"])
+def test_a_scale_that_is_not_known_is_refused(tmp_path, holder):
+    """npTDMS leaves it out and gives raw values; where the values are scaled already it does not count."""
+    from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
+
+    scale = {"NI_Number_Of_Scales": np.int32(1), "NI_Scale[0]_Scale_Type": "Reciprocal"}
+    values, properties = waveform(B)
+    for status in ("unscaled", "scaled"):
+        more = {name: scale | {"NI_Scaling_Status": status} if name == holder else {} for name in ("channel", "group", "file")}
+        with TdmsWriter(tmp_path / "a.tdms") as file:
+            channel = ChannelObject("rig", "G1", values, properties | more["channel"])
+            file.write_segment([RootObject(more["file"]), GroupObject("rig", more["group"]), channel])
+        if status == "scaled":
+            np.testing.assert_array_equal(read(tmp_path / "a.tdms", ["G1"]).channels["G1"], B)
+            continue
+        with pytest.raises(UserError, match="'G1' has a scale of the type 'Reciprocal', which is not supported"):
+            read(tmp_path / "a.tdms", ["G1"])
+
+
 def test_a_name_in_several_groups_wants_its_group(tmp_path):
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "old/G1": waveform(2 * A)})
     with pytest.raises(UserError, match="2 channels are called 'G1'") as caught:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,20 @@ from strainsight.measurements.sandbox import DAMAGED, Signals
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties that hold a unit: of DAQmx and DIAdem, and what people write."""
+_SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
+_SCALES = [
+    "Add",
+    "AdvancedAPI",
+    "Linear",
+    "Polynomial",
+    "RTD",
+    "Strain",
+    "Subtract",
+    "Table",
+    "Thermistor",
+    "Thermocouple",
+]
+"""Those that npTDMS applies."""
 
 
 def signals(path: Path, names: Sequence[str | None]) -> Signals:
@@ -39,6 +54,8 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
         else:
             yield _time_channel(_chosen_time(held, places, time, wanted, path), time, path)
         for name, channel in wanted.items():
+            for item in (channel, file[channel.group_name], file):
+                _check_scales(item.properties, name, path)
             values, unit = _values(channel, name, path)
             yield numbers(values, name, str(path)), unit
 
@@ -58,6 +75,18 @@ def _check_complete(file: Any, path: Path) -> None:
             where=str(path),
             remedy="copy it again; where the rig stopped there, save what there is anew, with DIAdem or another TDMS program",
         )
+
+
+def _check_scales(properties: Mapping[str, Any], name: str, path: Path) -> None:
+    """Raise UserError for a scale that npTDMS does not know: it would leave it out, and give raw values."""
+    for key, kind in properties.items():
+        unscaled = properties.get("NI_Scaling_Status", "unscaled") != "scaled"
+        if _SCALE_TYPE.fullmatch(key) and kind not in _SCALES and unscaled:
+            raise UserError(
+                f"{name!r} has a scale of the type {plain(str(kind))}, which is not supported",
+                where=str(path),
+                remedy="save the channel scaled, as DIAdem does, or with a scale of another type",
+            )
 
 
 def _waveform_clocks(wanted: dict[str, Any], places: Sequence[Place], path: Path) -> dict[str, np.ndarray]:

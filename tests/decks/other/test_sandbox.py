@@ -78,6 +78,18 @@ def test_a_file_that_claims_more_than_there_is_memory(tmp_path, name):
     assert caught.value.where == str(tmp_path / name)
 
 
+@pytest.mark.parametrize("name", ["part.vtu", "part.xdmf"])
+def test_entities_of_xml_are_neither_multiplied_nor_fetched(tmp_path, name):
+    """A billion of them in a kilobyte, and the content of a file elsewhere."""
+    (tmp_path / "secret").write_text("of nobody's business")
+    many = "".join(f"<!ENTITY e{i} '{f'&e{i - 1};' * 10}'>" for i in range(1, 10))
+    for text in (f"<!ENTITY e0 'x'>{many}", f"<!ENTITY e9 SYSTEM '{(tmp_path / 'secret').as_uri()}'>"):
+        (tmp_path / name).write_text(f"<?xml version='1.0'?><!DOCTYPE VTKFile [{text}]><VTKFile>&e9;</VTKFile>")
+        with pytest.raises(DeckError, match="cannot be read as") as caught:
+            load_sandboxed(tmp_path / name)
+        assert "nobody" not in str(caught.value)
+
+
 @pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)", "print('ready')", ""])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
     MESH.write(tmp_path / "part.vtu")
