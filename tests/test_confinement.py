@@ -145,7 +145,7 @@ def test_a_folder_for_files_that_are_opened_for_writing_is_not_written_either(tm
         "create": "call('open', b'new', os.O_CREAT | os.O_WRONLY, 0o600)",
         "cut": "call('truncate', b'old', 0)",
     }
-    outcome = outcomes(tmp_path, attempts, "folder=lambda asked: asked")
+    outcome = outcomes(tmp_path, attempts, "writable=lambda asked: asked")
     assert outcome.pop("update") == "None"
     assert "File too large" in outcome.pop("write")
     assert outcome == dict.fromkeys(outcome, "refused")

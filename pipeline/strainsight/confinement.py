@@ -100,7 +100,7 @@ def _confine_files(library: Any, folder: str | None) -> None:
         return
     for path, right in ((os.devnull, _WRITE_FILE | _TRUNCATE), (folder, _WRITE_FILE)):
         if path is not None:
-            place = os.open(path, getattr(os, "O_PATH", 0) | os.O_CLOEXEC)
+            place = os.open(path, getattr(os, "O_PATH", 0))
             library.syscall(_LANDLOCK_ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("=Qi", files & right, place), 0)
             os.close(place)
     library.syscall(_LANDLOCK_RESTRICT_SELF, ruleset, 0)

@@ -109,17 +109,17 @@ def _used(pid: int) -> float:
     return 0.0
 
 
-def asked_of_reader(*modules: str, folder: Callable[[Any], str] | None = None) -> Any:
+def asked_of_reader(*modules: str, writable: Callable[[Any], str] | None = None) -> Any:
     """In the child process of `reader`: what is asked of it.
 
     The modules are imported first, which no limit counts; from then on the process is confined to reading.
-    folder: what is asked → the folder of `confine`.
+    writable: what is asked → the folder of `confine`.
     """
     end_with_parent()
     asked = json.loads(sys.stdin.read())
     for module in modules:
         import_module(module)
-    confine(folder(asked) if folder else None)
+    confine(writable(asked) if writable else None)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
     return asked

@@ -65,7 +65,7 @@ def _received(stream: IO[bytes], path: Path, library: str) -> Response | None:
 
 def answer(read: Callable[[Path, Path], Iterator[Response]], library: str, *modules: str) -> None:
     """In the child process: what `read` gives of a file and its copy, with the modules imported before."""
-    path, copy = map(Path, asked_of_reader(*modules, folder=lambda asked: os.path.dirname(asked[1])))
+    path, copy = map(Path, asked_of_reader(*modules, writable=lambda asked: os.path.dirname(asked[1])))
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
     limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * path.stat().st_size)
