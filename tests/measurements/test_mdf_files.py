@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
 import zipfile
 
 import numpy as np
 import pytest
 
+from strainsight import processes
 from strainsight.errors import UserError
 from strainsight.measurements import daq_file
 from strainsight.measurements.daq_file import read_daq
@@ -112,8 +114,19 @@ def test_an_archive_that_is_refused_leaves_nothing(tmp_path, temporary, make, me
     assert os.listdir(temporary) == []
 
 
+HANGS = """
+import time
+from strainsight.measurements import daq_file, mdf
+mdf._places = lambda file: time.sleep(60)
+daq_file.answer(daq_file.reading("mdf"), (*daq_file.LIBRARIES["mdf"].modules, daq_file.LIBRARIES["mdf"].reader))
+"""
+"""A reader that does not come back from an open file."""
+
+
 def test_a_reader_that_is_killed_leaves_nothing(tmp_path, temporary, monkeypatch):
-    monkeypatch.setattr(daq_file, "TIME_LIMIT", -1.0)  # over before it begins
+    monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-P", "-c", HANGS])
+    monkeypatch.setattr(daq_file, "TIME_LIMIT", 1.0)
+    monkeypatch.setattr(processes, "LONGER", 1.0)
     path = not_finalized(tmp_path / "a.mf4")
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
         read_daq("mdf", path, ["G1"])

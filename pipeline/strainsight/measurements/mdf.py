@@ -42,7 +42,7 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
     Raises UserError for channels that are missing, no numbers, or of several clocks.
     """
     with _opened(path) as file:
-        rules = _taken_rules(file)
+        rules = _take_rules(file)
         places, at = _places(file)
         time, *channels = names
         wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
@@ -65,11 +65,11 @@ def _opened(path: Path) -> Iterator[Any]:
         for version in (3, 4):
             # else a named file, which a killed process would leave: unsorted blocks go there
             stack.enter_context(patch(f"asammdf.blocks.mdf_v{version}.NamedTemporaryFile", lambda dir: BytesIO()))
-        stream = stack.enter_context(_stream(path))
+        stream = stack.enter_context(_open_stream(path))
         yield stack.enter_context(library.MDF(stream, process_bus_logging=False))
 
 
-def _stream(path: Path) -> IO[bytes]:
+def _open_stream(path: Path) -> IO[bytes]:
     """The file, or the member of an archive; a copy in memory of one that was not finalized, which asammdf completes in place."""
     file: IO[bytes] = path.open("rb")
     if file.read(len(_ZIP)) == _ZIP:
@@ -98,7 +98,7 @@ def _stream(path: Path) -> IO[bytes]:
     return file
 
 
-def _taken_rules(file: Any) -> Rules:
+def _take_rules(file: Any) -> Rules:
     """The conversion rules by group and channel, taken away from asammdf, which cannot apply them any more."""
     rules = {}
     for g, group in enumerate(file.groups):
@@ -152,7 +152,7 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
                 where=str(path),
                 remedy="name the channel of the time in estimate.time.channel, or export over time",
             )
-        rule = _rule(rules, (group, number), master, path)
+        rule = _readable_rule(rules, (group, number), master, path)
         unit = _unit(master, rule) or "s"
         raw = np.asarray(file.get_master(group), dtype=float)
         clocks[group] = to_physical(raw, rule, _version(file), False, master.name, str(path))
@@ -191,7 +191,7 @@ def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: P
     raw = numbers(samples, name, str(path))
     if invalid is not None:
         raw[np.asarray(invalid, dtype=bool)] = np.nan
-    rule = _rule(rules, (group, number), channel, path)
+    rule = _readable_rule(rules, (group, number), channel, path)
     values = to_physical(raw, rule, _version(file), samples.dtype.kind in "iu", name, str(path))
     return values, _unit(channel, rule)
 
@@ -201,7 +201,7 @@ def _version(file: Any) -> int:
     return max(3, int(str(file.version)[0]))
 
 
-def _rule(rules: Rules, at: tuple[int, int], channel: Any, path: Path) -> Any:
+def _readable_rule(rules: Rules, at: tuple[int, int], channel: Any, path: Path) -> Any:
     """Raises UserError where the file has a rule that asammdf could not read, and would leave out."""
     if rules[at] is None and channel.conversion_addr:
         raise UserError(f"the conversion rule of {channel.name!r} cannot be read", where=str(path), remedy=DAMAGED)

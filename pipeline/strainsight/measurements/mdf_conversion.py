@@ -59,12 +59,12 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
     result = np.full(raw.shape, np.nan)
     try:
         with np.errstate(all="ignore"):
-            result[there] = _converted(raw[there], rule, version, integers, 0)
+            result[there] = _convert(raw[there], rule, version, integers, 0)
     except ValueError as error:
         raise UserError(f"{name!r} {error}", where=where, remedy=EXPORT) from None
     if not np.isfinite(result[there]).all():
         sample = int(np.argmax(there & ~np.isfinite(result)))
-        shown = plain(_formula(rule), 100) if rule.formula else "rule"
+        shown = plain(_formula_text(rule), 100) if rule.formula else "rule"
         raise UserError(
             f"{name!r} has no physical value at sample {sample + 1}: its conversion {shown} of the raw value "
             f"{raw[sample]:g} gives {result[sample]:g}",
@@ -74,14 +74,14 @@ def to_physical(raw: Values, rule: Any, version: int, integers: bool, name: str,
     return result
 
 
-def _formula(rule: Any) -> str:
+def _formula_text(rule: Any) -> str:
     """As the file has it: asammdf changes some letters."""
     if (field := getattr(rule, "formula_field", None)) is not None:
         return str(field.decode("latin-1").split("\0")[0].strip())
     return str(rule.formula)
 
 
-def _converted(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
+def _convert(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
     """Raises ValueError, with what is wrong with the channel."""
     kind = _KINDS[version].get(rule.conversion_type)
     if depth > _DEEPEST:
@@ -92,35 +92,35 @@ def _converted(x: Values, rule: Any, version: int, integers: bool, depth: int) -
         case "linear":
             return rule.a * x + rule.b
         case "rational":
-            return _rational(x, rule)
+            return _divide_parabolas(x, rule)
         case "polynomial":
             y = x - rule.P5 - rule.P6
             return (rule.P2 - rule.P4 * y) / (rule.P3 * y - rule.P1)
         case "formula":
             try:
-                return evaluate(text := _formula(rule), x)
+                return evaluate(text := _formula_text(rule), x)
             except ValueError as error:
                 reason = f"has the conversion formula {plain(text, 100)}, which cannot be evaluated: {error}"
                 raise ValueError(reason) from None
         case "interpolated" | "table":
-            return _looked_up(x, rule, version, kind == "interpolated")
+            return _look_up(x, rule, version, kind == "interpolated")
         case "ranges":
             count = (rule.val_param_nr - 1) // 3
-            row = _range_rows(x, rule, count, integers)
-            return np.append(_numbers(rule, "phys", count), rule.default)[row]
+            row = _find_ranges(x, rule, count, integers)
+            return np.append(_parameters(rule, "phys", count), rule.default)[row]
         case "values with text" | "ranges with text":
-            return _with_text(x, rule, version, integers, depth)
+            return _convert_entries(x, rule, version, integers, depth)
         case "text":
             raise ValueError("holds text, not numbers")
     raise ValueError(f"has a conversion rule that is not supported, {kind or f'of type {rule.conversion_type}'}")
 
 
-def _numbers(rule: Any, name: str, count: int) -> Values:
+def _parameters(rule: Any, name: str, count: int) -> Values:
     """Parameters name_0, name_1, … of a rule."""
     return np.array([getattr(rule, f"{name}_{i}") for i in range(count)], dtype=float)
 
 
-def _rational(x: Values, rule: Any) -> Values:
+def _divide_parabolas(x: Values, rule: Any) -> Values:
     """(P1 x² + P2 x + P3) / (P4 x² + P5 x + P6), without a factor x of both."""
     above, below = [rule.P1, rule.P2, rule.P3], [rule.P4, rule.P5, rule.P6]
     while above[-1] == below[-1] == 0 and len(above) > 1:
@@ -128,10 +128,10 @@ def _rational(x: Values, rule: Any) -> Values:
     return np.polyval(above, x) / np.polyval(below, x)
 
 
-def _looked_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
+def _look_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values:
     """Between the entries by a line, or that of the nearest raw value, the lower of two; outside the first or the last entry."""
     count = rule.ref_param_nr if version == 3 else rule.val_param_nr // 2
-    keys, values = _numbers(rule, "raw", count), _numbers(rule, "phys", count)
+    keys, values = _parameters(rule, "raw", count), _parameters(rule, "phys", count)
     if not count or not (np.diff(keys) > 0).all():
         raise ValueError("has a conversion table whose raw values do not increase")
     if interpolated:
@@ -140,9 +140,9 @@ def _looked_up(x: Values, rule: Any, version: int, interpolated: bool) -> Values
     return values[np.searchsorted(middles, x)]
 
 
-def _range_rows(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np.intp]:
+def _find_ranges(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np.intp]:
     """The range of each value, -1 outside all: with its upper limit for integers only."""
-    lower, upper = _numbers(rule, "lower", count), _numbers(rule, "upper", count)
+    lower, upper = _parameters(rule, "lower", count), _parameters(rule, "upper", count)
     if not (np.diff(lower) > 0).all() or (upper < lower).any() or (upper[:-1] > lower[1:]).any():
         raise ValueError("has a conversion table whose ranges overlap or do not increase")
     row = np.searchsorted(lower, x, side="right") - 1
@@ -151,14 +151,14 @@ def _range_rows(x: Values, rule: Any, count: int, integers: bool) -> NDArray[np.
     return np.where(inside, row, -1)
 
 
-def _with_text(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
+def _convert_entries(x: Values, rule: Any, version: int, integers: bool, depth: int) -> Values:
     """Values of a table whose entries are rules; those that are text are refused where a sample has one."""
     ranges = _KINDS[version][rule.conversion_type] == "ranges with text"
     count = rule.val_param_nr // 2 if ranges else rule.val_param_nr
     if ranges:
-        row = _range_rows(x, rule, count, integers)
+        row = _find_ranges(x, rule, count, integers)
     else:
-        keys = _numbers(rule, "val", count)
+        keys = _parameters(rule, "val", count)
         order = np.argsort(keys)
         near = order[np.minimum(np.searchsorted(keys[order], x), count - 1)] if count else np.zeros(x.shape, np.intp)
         row = np.where(keys[near] == x, near, -1) if count else near - 1
@@ -170,5 +170,5 @@ def _with_text(x: Values, rule: Any, version: int, integers: bool, depth: int) -
             text = entry.decode("utf-8", "replace") if isinstance(entry, bytes) else entry or ""
             shown = f": {x[here][0]:g} stands for {plain(text.strip(chr(0)))}" if text else ""
             raise ValueError(f"holds text, not numbers{shown}")
-        result[here] = _converted(x[here], entry, version, integers, depth + 1)
+        result[here] = _convert(x[here], entry, version, integers, depth + 1)
     return result

@@ -49,15 +49,15 @@ def evaluate(formula: str, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if len(formula) > LONGEST:
         raise ValueError(f"it has {len(formula)} characters, at most {LONGEST} are read")
-    tokens = list(_tokens(formula))
+    tokens = list(_split(formula))
     with np.errstate(all="ignore"):
-        value, behind = _sum(tokens, 0, x, 0)
+        value, behind = _evaluate_sum(tokens, 0, x, 0)
     if tokens[behind] != _END:
         raise ValueError(f"{tokens[behind][1]!r} is not expected there")
     return np.array(np.broadcast_to(value, x.shape))
 
 
-def _tokens(formula: str) -> Iterator[tuple[str, str]]:
+def _split(formula: str) -> Iterator[tuple[str, str]]:
     """Kind and text in small letters of every token."""
     at = 0
     text = formula.rstrip()
@@ -75,37 +75,37 @@ Tokens = list[tuple[str, str]]
 # Each takes the tokens, the place of its first one, the raw values and its depth, and returns its value and the place behind it.
 
 
-def _sum(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    value, at = _product(tokens, at, x, depth)
+def _evaluate_sum(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
+    value, at = _evaluate_product(tokens, at, x, depth)
     while (sign := tokens[at][1]) in ("+", "-"):
-        term, at = _product(tokens, at + 1, x, depth)
+        term, at = _evaluate_product(tokens, at + 1, x, depth)
         value = value + term if sign == "+" else value - term
     return value, at
 
 
-def _product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
-    value, at = _signed(tokens, at, x, depth)
+def _evaluate_product(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
+    value, at = _evaluate_signed(tokens, at, x, depth)
     while (sign := tokens[at][1]) in ("*", "/"):
-        factor, at = _signed(tokens, at + 1, x, depth)
+        factor, at = _evaluate_signed(tokens, at + 1, x, depth)
         value = value * factor if sign == "*" else value / factor
     return value, at
 
 
-def _signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
+def _evaluate_signed(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
     """A power behind any number of signs."""
     if depth > DEEPEST:
         raise ValueError(f"it is nested more than {DEEPEST} deep")
     if (sign := tokens[at][1]) in ("+", "-"):
-        value, at = _signed(tokens, at + 1, x, depth + 1)
+        value, at = _evaluate_signed(tokens, at + 1, x, depth + 1)
         return (-value if sign == "-" else value), at
-    value, at = _atom(tokens, at, x, depth + 1)
+    value, at = _evaluate_atom(tokens, at, x, depth + 1)
     if tokens[at][1] in ("^", "**"):
-        exponent, at = _signed(tokens, at + 1, x, depth + 1)
+        exponent, at = _evaluate_signed(tokens, at + 1, x, depth + 1)
         value = np.power(value, exponent)
     return value, at
 
 
-def _atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
+def _evaluate_atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
     """A number, the raw values, a function, or what stands in parentheses."""
     kind, text = tokens[at]
     if kind == "number":
@@ -116,16 +116,16 @@ def _atom(tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
     if text in ("x", "x1"):
         return x, at + 1
     if text in FUNCTIONS and tokens[at + 1][1] == "(":
-        return _function(FUNCTIONS[text], text, tokens, at + 2, x, depth)
+        return _apply(FUNCTIONS[text], text, tokens, at + 2, x, depth)
     if text == "(":
-        value, at = _sum(tokens, at + 1, x, depth)
-        return value, _closed(tokens, at)
+        value, at = _evaluate_sum(tokens, at + 1, x, depth)
+        return value, _close(tokens, at)
     if kind == "word":
         raise ValueError(f"{text!r} is neither X1 nor a function with its arguments: {', '.join(sorted(FUNCTIONS))}")
     raise ValueError("it ends too early" if kind == "end" else f"{text!r} is not expected there")
 
 
-def _function(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
+def _apply(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, depth: int) -> tuple[Value, int]:
     """The value of a function whose first argument is at this place."""
     arguments = []
     for number in range(function.nin):
@@ -133,12 +133,12 @@ def _function(function: np.ufunc, name: str, tokens: Tokens, at: int, x: Value, 
             if tokens[at][1] != ",":
                 raise ValueError(f"{name} takes {function.nin} arguments")
             at += 1
-        value, at = _sum(tokens, at, x, depth)
+        value, at = _evaluate_sum(tokens, at, x, depth)
         arguments.append(value)
-    return function(*arguments), _closed(tokens, at)
+    return function(*arguments), _close(tokens, at)
 
 
-def _closed(tokens: Tokens, at: int) -> int:
+def _close(tokens: Tokens, at: int) -> int:
     if tokens[at][1] != ")":
         raise ValueError(
             "a parenthesis is not closed" if tokens[at] == _END else f"{tokens[at][1]!r} is not expected there"

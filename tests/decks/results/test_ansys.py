@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from strainsight.decks.results import ansys
+from strainsight.decks.results import ansys, apart
 from strainsight.decks.results.reader import read_responses
 from strainsight.errors import DeckError
 
@@ -93,6 +95,16 @@ def test_other_results_are_refused_by_name(monkeypatch, made, said):
     with pytest.raises(DeckError, match=said) as caught:
         read_here(made, monkeypatch)
     assert caught.value.remedy
+
+
+def test_a_disk_without_room_for_the_copy_is_named(file, monkeypatch):
+    def full(path, copy):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(apart, "copyfile", full)
+    with pytest.raises(DeckError, match=r"cannot be copied to the temporary folder .*: No space left on device") as caught:
+        list(read_responses(file))
+    assert "TMPDIR" in caught.value.remedy
 
 
 def test_without_the_library_the_command_that_installs_it_is_named(file, monkeypatch):

@@ -38,12 +38,17 @@ def responses_apart(command: Sequence[str], path: Path, library: str) -> Iterato
     def received(stream: IO[bytes]) -> Response | None:
         return _received(stream, path, library)
 
-    with (
-        TemporaryDirectory() as folder,
-        reader(command, [str(path), str(copyfile(path, Path(folder) / path.name))], START_LIMIT) as within,
-    ):
-        while (response := within(limit, received)) is not None:
-            yield response
+    with TemporaryDirectory() as folder:
+        try:
+            copy = copyfile(path, Path(folder) / path.name)
+        except OSError as error:
+            what = f"cannot be copied to the temporary folder {folder}: {error.strerror or error}"
+            raise DeckError(
+                what, where=str(path), remedy="free some space there, or set TMPDIR to another folder"
+            ) from None
+        with reader(command, [str(path), str(copy)], START_LIMIT) as within:
+            while (response := within(limit, received)) is not None:
+                yield response
 
 
 def _received(stream: IO[bytes], path: Path, library: str) -> Response | None:
