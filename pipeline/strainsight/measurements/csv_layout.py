@@ -104,9 +104,10 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
         name, unit = _name_and_unit(cell, time)
         names.append(name)
         units.append(unit)
-    columns = () if time is None else (_column(time, cells, names, where, NO_TIME),)
-    columns += tuple(_column(name, cells, names, where) for name in channels)
-    return Layout(delimiter, tuple(names), tuple(units), columns, where, time is not None)
+    columns = [_column(name, cells, names, where) for name in channels]
+    if time is not None:
+        columns.insert(0, _column(time, cells, names, where, NO_TIME))
+    return Layout(delimiter, tuple(names), tuple(units), tuple(columns), where, time is not None)
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
@@ -118,7 +119,8 @@ def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
         return None
     read = [cells[column] if column < len(cells) else None for column in layout.columns]
     time, others = (read[0], read[1:]) if layout.timed else ("", read)
-    known = all(map(known_unit, others)) and not (all(map(_number_like, others)) or _DIGIT.search(time or ""))
+    numbers = all(_number_like(cell or "") for cell in others)
+    known = all(map(known_unit, others)) and not (numbers or _DIGIT.search(time or ""))
     if time is None or (seconds_in(time) is None and not known):
         return None
     if len(cells) != len(layout.names):
