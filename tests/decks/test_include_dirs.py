@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 
 from strainsight.cases.structure.mesh import mesh_of
@@ -74,7 +77,7 @@ def test_a_file_that_is_taken_in_is_held_to_the_same_folders(project, tmp_path):
     assert len(read("../../bulk/more", "../bulk", "../elsewhere").node_ids) == 4
 
 
-def test_a_name_is_seen_from_the_file_then_from_the_deck_then_from_the_folders(project, tmp_path):
+def test_a_name_is_relative_to_the_file_to_the_deck_or_to_the_folders(project, tmp_path):
     read, line = project
     more = tmp_path / "bulk" / "parts" / "more"
     for name, folder in (("part", "bulk/parts"), ("beside", "config/decks"), ("parts/part", "bulk"), ("elsewhere/part", "")):
@@ -83,9 +86,51 @@ def test_a_name_is_seen_from_the_file_then_from_the_deck_then_from_the_folders(p
             (tmp_path / folder / name).write_text((tmp_path / "elsewhere" / "part").read_text())
         mesh = read("../../bulk/parts/more", "../bulk", "..")
         assert (tmp_path / folder / name).resolve() in [(tmp_path / own).resolve() for own in mesh.included]
+        assert not mesh.doubts
     more.write_text(line.format("nowhere"))
     with pytest.raises(DeckError, match="no such file"):
         read("../../bulk/parts/more", "../bulk")
+
+
+NAMES = [
+    ("own.bdf", "part", "sub"),  # MSC and NX Nastran: a name alone is beside the file that includes it,
+    ("own.bdf", "sub/part", "."),  # a path begins at the deck
+    ("own.fem", "part", "sub"),  # OptiStruct: all at the file
+    ("own.fem", "sub/part", "sub"),
+    ("own.inp", "part", "."),  # Abaqus and CalculiX: all where the job is started
+    ("own.inp", "sub/part", "."),
+]
+
+
+@pytest.mark.parametrize(("deck", "name", "base"), NAMES)
+def test_of_two_files_of_a_name_the_one_counts_that_the_program_takes(tmp_path, deck, name, base):
+    """Node 4 of the two files is at another place; the deck includes sub/more, which includes the name."""
+    line, content = FORMS["own.inp" if deck.endswith("inp") else "own.bdf"]
+    (tmp_path / "sub" / "sub").mkdir(parents=True)
+    for folder, z in ((".", "2."), ("sub", "3.")):
+        (tmp_path / folder / name).write_text(re.sub(r"(\n(?:GRID,)?4,.*,) *1\.?\n", rf"\g<1>{z}\n", content))
+    (tmp_path / "sub" / "more").write_text(line.format(name))
+    (tmp_path / deck).write_text(line.format("sub/more"))
+    mesh = mesh_of(MeshFile(file=deck), tmp_path / deck, base=tmp_path)
+    assert mesh.position[3, 2] == (2.0 if base == "." else 3.0)
+    (doubt,) = (own for own in mesh.doubts if "INCLUDE" in own)
+    assert f"{(tmp_path / base / name).resolve()} was read" in doubt
+    (tmp_path / "sub" / name).unlink()
+    assert not [own for own in mesh_of(MeshFile(file=deck), tmp_path / deck, base=tmp_path).doubts if "INCLUDE" in own]
+
+
+def test_paths_of_windows_are_read(project, tmp_path):
+    read, _ = project
+    (tmp_path / "config" / "decks" / "Sub").mkdir()
+    part = tmp_path / "config" / "decks" / "Sub" / "Part.txt"
+    part.write_text((tmp_path / "elsewhere" / "part").read_text())
+    for name, noted in (("Sub\\Part.txt", False), (".\\Sub\\Part.txt", False), ("SUB/part.TXT", True), ("sub\\PART.txt", True)):
+        mesh = read(name)
+        assert [Path(own).resolve() for own in mesh.included] == [part.resolve()]
+        assert any("other capitals" in note for note in mesh.notes) == noted
+    odd = tmp_path / "config" / "decks" / "Sub\\Part.txt"  # a file whose name has a backslash is that file
+    odd.write_text(part.read_text())
+    assert [Path(own).resolve() for own in read("Sub\\Part.txt").included] == [odd.resolve()]
 
 
 def test_a_folder_that_is_not_there_is_named_with_its_key(project):

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import gzip
+import re
 import zlib
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
 
+from strainsight.decks.faults import Doubt
 from strainsight.errors import DeckError
 
 LARGEST = 4 * 1024**3
@@ -109,61 +112,106 @@ def opened(path: Path) -> BinaryIO:
     return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
-def allowed(path: Path, include: Sequence[Path]) -> tuple[Path, ...]:
-    """Folders from which a deck may take in files: its own, and those of `include`; links are followed."""
-    return (path.resolve().parent, *(folder.resolve() for folder in include))
+@dataclass
+class Includes:
+    """Files that a deck includes. folders: its own, and those of `mesh.include_dirs`, links followed; taken: how often each file
+    was included; notes: names that fit two files, or none but for capitals."""
 
+    folders: tuple[Path, ...]
+    taken: Counter[Path] = field(default_factory=Counter)
+    notes: list[str] = field(default_factory=list)
 
-def included_file(
-    name: str,
-    word: str,
-    path: Path,
-    number: int,
-    folders: tuple[Path, ...],
-    parents: tuple[Path, ...],
-    taken: Counter[Path],
-) -> Path:
-    """The file that line `number` of `path` takes in by `word` (INCLUDE, *INCLUDE).
+    @classmethod
+    def of(cls, deck: Path, include: Sequence[Path]) -> Includes:
+        """Those of a deck that may read from its folder and those of `include`."""
+        return cls((deck.resolve().parent, *(folder.resolve() for folder in include)))
 
-    The name is one seen from the folder of `path`, or else from one of `folders`, the first of which is that of the whole deck.
-    The file must lie in or below one of these once links and `..` are followed, and not be one of `parents`, which are being
-    read; taken: how often each file has been taken in so far, this time is added.
-    Raises DeckError where it does not, is not there, or the files multiply (thirty that each take in the next one twice are a
-    thousand million).
-    """
-    where = f"{path}:{number}"
-    found = [(folder / name, *_resolved(folder / name)) for folder in (path.parent, *folders)]
-    outside = [resolved for _, resolved, _ in found if resolved and not _in_one(resolved, folders)]
-    target, resolved = next(
-        ((target, resolved) for target, resolved, there in found if resolved and there and _in_one(resolved, folders)),
-        (path, None),
-    )
-    if resolved is None and outside:
-        leaves = "the folder of the deck" + (" and those of mesh.include_dirs" if folders[1:] else "")
-        raise DeckError(
-            f"{word} {name!r} leaves {leaves}",
-            where=where,
-            remedy=f"move the included file beside or below the deck, or name its folder, {outside[0].parent}, as seen from the "
-            "config: mesh.include_dirs: [FOLDER]",
+    def file(self, name: str, word: str, line: Line, parents: tuple[Path, ...], nearest: bool = False) -> Path:
+        """The file that a line includes by `word` (INCLUDE, *INCLUDE).
+
+        The name is relative to the folder of the whole deck, or else of the file of the line (nearest: the other way round), or
+        else to one of `folders`; \\ counts as / where no file has it in its name, and capitals do not count where no file has
+        them. The file must lie in or below one of `folders` once links and `..` are followed, and not be one of `parents`,
+        which are being read.
+        Raises DeckError where it does not, is not there, or the files multiply (thirty that each include the next one twice are
+        a thousand million).
+        """
+        bases = list(dict.fromkeys([self.folders[0], Path(line.file).resolve().parent][:: -1 if nearest else 1]))
+        bases += [folder for folder in self.folders if folder not in bases]
+        targets = [base / spelling for spelling in dict.fromkeys([name, name.replace("\\", "/")]) for base in bases]
+        files = [target for target in targets if _is_file(target)]
+        if not files:
+            files = [target for base in bases for target in _but_for_capitals(base, name.replace("\\", "/"))]
+            self.notes += (
+                [f"{word} {name!r} ({line.where}): {files[0]} was read, which other capitals spell"] if files else []
+            )
+        inside = [target for target in files if _in_one(target.resolve(), self.folders)]
+        if not inside:
+            outside = [*files, *(t for t in targets if _resolved(t) and not _in_one(t.resolve(), self.folders))]
+            raise self._not_found(name, word, line, outside)
+        target, resolved = inside[0], inside[0].resolve()
+        near = [base / name for base in bases[:2]]
+        if others := [other for other in inside if other in near and other.resolve() != resolved]:
+            what = f"{word} {name!r} ({line.where}): {target} was read, and {others[0]} is another file of that name"
+            self.notes.append(Doubt(f"{what}; rename one of them if that one is meant"))
+        if resolved in parents:
+            raise DeckError(f"{word} {name!r} includes itself", where=line.where, remedy="remove the circle")
+        self.taken[resolved] += 1
+        if len(parents) > DEEPEST or self.taken[resolved] > OFTENEST:
+            what = f"{len(parents)} deep" if len(parents) > DEEPEST else f"{self.taken[resolved]} times"
+            raise DeckError(
+                f"{word} {name!r}: taken in {what}", where=line.where, remedy="write the deck into fewer files"
+            )
+        return target
+
+    def _not_found(self, name: str, word: str, line: Line, outside: Sequence[Path]) -> DeckError:
+        if outside:
+            leaves = "the folder of the deck" + (" and those of mesh.include_dirs" if self.folders[1:] else "")
+            return DeckError(
+                f"{word} {name!r} leaves {leaves}",
+                where=line.where,
+                remedy="move the included file beside or below the deck, or name its folder, "
+                f"{outside[0].resolve().parent}, as seen from the config: mesh.include_dirs: [FOLDER]",
+            )
+        symbol = "; ~, variables and symbols before a colon are not replaced" if re.search(r"^~|[$%]|\w:", name) else ""
+        return DeckError(
+            f"{word} {name!r}: no such file" + symbol,
+            where=line.where,
+            remedy="correct the path, or name the folder of the file: mesh.include_dirs: [FOLDER]",
         )
-    if resolved is None:
-        raise DeckError(f"{word} {name!r}: no such file", where=where, remedy="give the file, or remove the line")
-    if resolved in parents:
-        raise DeckError(f"{word} {name!r} includes itself", where=where, remedy="remove the circle")
-    taken[resolved] += 1
-    if len(parents) > DEEPEST or taken[resolved] > OFTENEST:
-        what = f"{len(parents)} deep" if len(parents) > DEEPEST else f"{taken[resolved]} times"
-        raise DeckError(f"{word} {name!r}: taken in {what}", where=where, remedy="write the deck into fewer files")
-    return target
 
 
-def _resolved(target: Path) -> tuple[Path | None, bool]:
-    """The path without links and `..`, None where there can be none, and whether it is a file."""
+def _resolved(target: Path) -> Path | None:
+    """The path without links and `..`; None where there can be none: too long a name, a zero in it, links in a circle."""
     try:
-        resolved = target.resolve()
-        return resolved, resolved.is_file()
-    except (OSError, RuntimeError, ValueError):  # too long a name, a zero in it, links in a circle
-        return None, False
+        return target.resolve()
+    except (OSError, RuntimeError, ValueError):
+        return None
+
+
+def _is_file(target: Path) -> bool:
+    try:
+        return target.is_file()
+    except (OSError, RuntimeError, ValueError):
+        return False
+
+
+def _but_for_capitals(base: Path, name: str) -> list[Path]:
+    """Files below a folder that have this path but for capitals, as on Windows."""
+    try:
+        levels = [base]
+        for part in Path(name).parts:
+            levels = [
+                path
+                for level in levels
+                for path in (
+                    [level / part] if part in ("/", "..") else sorted(level.iterdir()) if level.is_dir() else []
+                )
+                if path.name.lower() == part.lower() or part in ("/", "..")
+            ]
+        return [path for path in levels if path.is_file()]
+    except OSError:
+        return []
 
 
 def _in_one(path: Path, folders: Sequence[Path]) -> bool:

@@ -126,6 +126,82 @@ def test_column_1_of_a_mark_does_not_count(cards, mark, head):
     assert card.fields[7:9] == ["1.", "1."]
 
 
+def line(head: str, *fields: str, mark: str = "") -> str:
+    """A line in small fields."""
+    return head.ljust(8) + "".join(field.rjust(8) for field in fields).ljust(64) + mark + "\n"
+
+
+MASS, HELD = ["703", "703", "", "3."], ["1", "23", "1", "5", "9"]
+
+
+@pytest.mark.parametrize(
+    "after",
+    [
+        line("+M1", ".02", "", ".03") + line("+S1", "702"),
+        line("+S1", "702") + "$ a remark\n" + line("+M1", ".02", "", ".03"),
+        "+m1,.02,,.03\n+s1,702\n",
+        "SPC1,3,1,704\n*M1,.02,,.03\n+S1,702\n",
+    ],
+)
+def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(cards, after):
+    head = line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD, mark="+S1") + "SPC1,2,1,703\n"
+    deck = cards("BEGIN BULK\n" + head + after + "SPC1,1,123456,701\nENDDATA\n").cards
+    assert [own for own in deck["CONM2"][0].fields if own] == ["703", "703", "3.", ".02", ".03"]
+    assert deck["CONM2"][0].real(8, "I11") == 0.02
+    assert deck["CONM2"][0].real(10, "I22") == 0.03
+    assert [own for own in deck["SPC1"][0].fields if own] == [*HELD, "702"]
+    assert deck["SPC1"][1].fields == ["2", "1", "703", *[""] * 5]
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "at"),
+    [
+        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
+        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
+        (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
+        (line("CONM2", *MASS, mark="+M1") + "GRID,1\n" + line("+M1", ".02") * 2, "its mark also stands at", 3),
+        (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
+        ("SPC1,1,3,1,2,3,4,5,6,+A,+B,8\n", "is followed by", 1),
+        ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
+    ],
+)
+def test_marks_without_their_other_end_or_with_two_are_named(cards, text, what, at):
+    with pytest.raises(DeckError, match=what) as caught:
+        cards(text)
+    assert caught.value.where.endswith(f"deck.bdf:{at}")
+
+
+def test_equal_marks_of_lines_in_order_and_numbers_of_lines_are_no_fault(cards):
+    pair = line("CONM2", *MASS, mark="+1") + line("+1", ".02")
+    assert [card.text(8) for card in cards(pair * 3).cards["CONM2"]] == [".02"] * 3
+    numbered = line("CONM2", *MASS, mark="00000010") + line("", ".02", mark="00000020") + line("SPC1", *HELD, mark="00000030")
+    assert cards(numbered).cards["CONM2"][0].text(8) == ".02"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "SPC1,100,12456,1,2,3,4,5,6,7,8,9,10",
+        "SPC1,100,12456,1,2,3,4,5,6,+,+,7,8,9,10",
+        "SPC1,100,12456,1,2,3,4,5,6,+S,+S,7,8,9,10",
+        "SPC1,100,12456,1,2,3,4,5,6,+S\n+S,7,8,9,10",
+        "SPC1,100,12456,1,2,3,4,5,6,7,\n8,9,10",
+        "spc1*,100,12456,1,2,3,4,5,6,7,8,9,10",
+        "SPC1*,100,12456,1,2,*,*,3,4,5,6\n,7,8,9,10,,,,,,,",
+    ],
+)
+def test_fields_beyond_the_eighth_are_on_the_next_line(cards, text):
+    (card,) = cards(text + "\n").cards["SPC1"]
+    assert [own for own in card.fields if own] == ["100", "12456", *(str(i) for i in range(1, 11))]
+    assert card.fields[8:12] == ["7", "8", "9", "10"]
+
+
+def test_a_grid_with_more_fields_than_it_has_is_refused(read, tetrahedron):
+    with pytest.raises(DeckError, match="more than 8 data fields") as caught:
+        read(tetrahedron.replace("GRID,3,,0.,1.,0.", "GRID,3,,0.,1.,0.,0,0,0,1"))
+    assert caught.value.where.endswith(":3")
+
+
 def test_a_continuation_in_free_format_may_begin_with_blanks(cards):
     (card,) = cards("GMCURV, 1, P, 0\n        EQUATION, 0.0, 201,\n        206, 207\n").cards["GMCURV"]
     assert [card.fields[i] for i in (8, 9, 16, 17)] == ["EQUATION", "0.0", "206", "207"]
@@ -167,8 +243,8 @@ def test_lines_after_enddata_are_counted(read, tetrahedron):
     ("text", "what", "line"),
     [
         ("+,1,2\n", "continuation with no card", 1),
-        ("GRID,1,,0.,0.,0.,0,0,0,0,0,0\n", "more than 8 data fields", 1),
-        ("CHEXA,1,1,1,2,3,4,5,6,7\n+,8\n", "more than 8 data fields", 1),
+        ("SPC1,1,3,1,2,3,4,5,6,+,7,8\n", r"mark '\+' in field 10 is followed by '7'", 1),
+        ("SPC1,1,3,1,2,3,4,5,6,+A,+B,8\n", "is followed by", 1),
         ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
         ("GRID,1\n1,2,3\n", "no bulk-data card", 2),
         ("=,*1,=\n", "repeats no card", 1),
@@ -181,7 +257,10 @@ def test_lines_after_enddata_are_counted(read, tetrahedron):
         ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
         ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
-        ("INCLUDE 'there_is_none.bdf'\n", "no such file", 1),
+        ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
+        ("INCLUDE '~/grids.bdf'\n", "not replaced", 1),
+        ("INCLUDE 'MODEL:grids.bdf'\n", "not replaced", 1),
+        ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
         ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
         ("INCLUDE '../deck.bdf'\n", "leaves the folder", 1),
         ("INCLUDE '/etc/hostname'\n", "leaves the folder", 1),

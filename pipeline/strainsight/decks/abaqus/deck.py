@@ -99,7 +99,7 @@ def read_abaqus(
     Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
-    keywords, included, before = read_keywords(path, include)
+    keywords, included, before, of_files = read_keywords(path, include)
     for keyword in keywords:
         if keyword.name in REFUSED:
             raise keyword.error(*REFUSED[keyword.name])
@@ -177,7 +177,7 @@ def read_abaqus(
         if spelt(card) in named:
             dropped[card] = len(where)
         ignored[card] = len(where)
-    said, doubts = notes_and_doubts([*_reinterpreted(assembly), *assembly.notes, *mesh.notes])
+    said, doubts = notes_and_doubts([*of_files, *_reinterpreted(assembly), *assembly.notes, *mesh.notes])
     return replace(
         mesh,
         ignored=dict(sorted(ignored.items())),

@@ -6,7 +6,6 @@ Own, because meshio merges the instances of an assembly, loses materials and end
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.decks.numbers import LARGEST_ID, entry, integer_entry, real_entry
-from strainsight.decks.text import Line, allowed, included_file, text_lines
+from strainsight.decks.text import Includes, Line, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
@@ -145,20 +144,19 @@ def integers(tokens: list[str]) -> IntArray | None:
     return None if np.abs(values).max() >= LARGEST_ID or any("_" in token for token in tokens) else values
 
 
-def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keyword], tuple[str, ...], int]:
+def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keyword], tuple[str, ...], int, list[str]]:
     """The keywords of a deck and of the files it includes, in their order; the names of these files; how many lines stand before
-    the first keyword, which CalculiX passes over.
+    the first keyword, which CalculiX passes over; notes on these files.
 
     A keyword line that ends in a comma goes on in the next one, where parameters stand there; otherwise the comma says nothing,
     as in CalculiX. *INCLUDE and INPUT= may leave the folder of the deck for those of `include` only.
     Raises DeckError for files that are missing, empty or binary, for one without a keyword, and for numbers before the first.
     """
-    folders = allowed(path, include)
+    includes = Includes.of(path, include)
     keywords: list[Keyword] = []
     files: dict[str, None] = {}
-    taken: Counter[Path] = Counter()
     before: list[Line] = []
-    for line in _lines(path, folders, (), taken):
+    for line in _lines(path, includes, ()):
         files.setdefault(line.file)
         if line.text[0] != "*":
             if keywords:
@@ -171,11 +169,9 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
         keyword = _keyword(line)
         keywords.append(keyword)
         if "INPUT" in keyword.parameters and keyword.name in WITH_INPUT:
-            parent = Path(line.file)
-            name = keyword.needs("INPUT")
-            above = (path.resolve(), parent.resolve())
-            target = included_file(name, "INPUT", parent, line.number, folders, above, taken)
-            for own in _lines(target, folders, (*above, target.resolve()), taken):
+            above = (path.resolve(), Path(line.file).resolve())
+            target = includes.file(keyword.needs("INPUT"), "INPUT", line, above)
+            for own in _lines(target, includes, (*above, target.resolve())):
                 files.setdefault(own.file)
                 if own.text[0] == "*":
                     raise DeckError(
@@ -188,7 +184,7 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
         raise _no_keyword(before[0])
     if not keywords:
         raise DeckError("the deck holds no keyword", where=str(path), remedy="check that this is the right file")
-    return keywords, tuple(name for name in files if name != str(path)), len(before)
+    return keywords, tuple(name for name in files if name != str(path)), len(before), includes.notes
 
 
 def _no_keyword(line: Line) -> DeckError:
@@ -206,7 +202,7 @@ def _append(keyword: Keyword, line: Line) -> None:
     keyword.numbers.append(line.number)
 
 
-def _lines(path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], taken: Counter[Path]) -> Iterator[Line]:
+def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
     """Keyword lines, joined with their continuations, and data lines; neither comments nor blank lines."""
     file = str(path)
     pending: Line | None = None
@@ -217,7 +213,7 @@ def _lines(path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], tak
         line = Line(text, file, number)
         if pending is not None:
             if text[0] == "*" or not _parameters(text):
-                yield from _taken_in(pending, path, folders, parents, taken)
+                yield from _taken_in(pending, path, includes, parents)
             else:
                 line = Line(f"{pending.text} {text}", file, pending.number)
             pending = None
@@ -226,9 +222,9 @@ def _lines(path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], tak
         elif line.text[-1] == ",":
             pending = line
         else:
-            yield from _taken_in(line, path, folders, parents, taken)
+            yield from _taken_in(line, path, includes, parents)
     if pending is not None:
-        yield from _taken_in(pending, path, folders, parents, taken)
+        yield from _taken_in(pending, path, includes, parents)
 
 
 def _parameters(text: str) -> bool:
@@ -236,17 +232,14 @@ def _parameters(text: str) -> bool:
     return all(part[:1].isalpha() for part in split_quoted(text.rstrip(", \t")))
 
 
-def _taken_in(
-    line: Line, path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], taken: Counter[Path]
-) -> Iterator[Line]:
+def _taken_in(line: Line, path: Path, includes: Includes, parents: tuple[Path, ...]) -> Iterator[Line]:
     """The line itself, or, for *INCLUDE, the lines of the file."""
     if not line.text[1:].lstrip().upper().startswith("INCLUDE"):
         yield line
         return
     above = (*parents, path.resolve())
-    name = _keyword(line).needs("INPUT")
-    target = included_file(name, "*INCLUDE", path, line.number, folders, above, taken)
-    yield from _lines(target, folders, above, taken)
+    target = includes.file(_keyword(line).needs("INPUT"), "*INCLUDE", line, above)
+    yield from _lines(target, includes, above)
 
 
 def _keyword(line: Line) -> Keyword:

@@ -7,7 +7,6 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +16,15 @@ import numpy as np
 
 from strainsight.decks.faults import repeated
 from strainsight.decks.nastran.replication import HEAD, repeated_fields, times
-from strainsight.decks.numbers import entry, integer_entry, real_entry
-from strainsight.decks.text import Line, allowed, included_file, text_lines
+from strainsight.decks.numbers import entry, integer_entry, parse_real, real_entry
+from strainsight.decks.text import Includes, Line, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Origin
 
 _BEGIN = re.compile(r"\s*BEGIN\b", re.IGNORECASE)
 _BEGIN_BULK = re.compile(r"\s*BEGIN\s*(BULK)?\s*$|\s*BEGIN\s+BULK\s*=\s*0*\s*$", re.IGNORECASE)
 _ENDDATA = re.compile(r"\s*ENDDATA\b", re.IGNORECASE)
-_INCLUDE = re.compile(r"\s*INCLUDE\s+(.*)$", re.IGNORECASE)
+_INCLUDE = re.compile(r"""\s*INCLUDE(?:\s*=\s*|\s+|(?=['"]))(.*)$""", re.IGNORECASE)
 _CEND = re.compile(r"\s*CEND\b", re.IGNORECASE)
 _CASE_CONTROL = re.compile(r"\s*(SOL\s+\w+\s*$|CEND\b|SUBCASE\b)", re.IGNORECASE)
 _LONGEST_NAME = 8
@@ -64,13 +63,14 @@ class Card(NamedTuple):
 
 @dataclass(frozen=True)
 class Deck:
-    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included,
-    whether there is a BEGIN BULK, whether ENDDATA shows that the deck is whole, and its last line."""
+    """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included and
+    notes on them, whether there is a BEGIN BULK, whether ENDDATA shows that the deck is whole, and its last line."""
 
     cards: dict[str, list[Card]]
     case_control: tuple[Line, ...]
     after_end: int
     included: tuple[str, ...]
+    notes: tuple[str, ...]
     begun: bool
     ended: bool
     last: Line
@@ -118,7 +118,8 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     Raises DeckError for a file that is missing, empty or binary, and for lines that are no card.
     """
     path = Path(path)
-    everything = list(_lines(path, allowed(path, include), (), Counter()))
+    includes = Includes.of(path, include)
+    everything = list(_lines(path, includes, ()))
     included = tuple(dict.fromkeys(line.file for line in everything if line.file != str(path)))
     lines = [line for line in everything if line.text.strip()]
     begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
@@ -144,13 +145,16 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     if not cards:
         raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
     case_control = tuple(lines[: begins[0]]) if begins else ()
-    return Deck(cards, case_control, max(len(lines) - end - 1, 0), included, bool(begins), ended, lines[-1])
+    after = max(len(lines) - end - 1, 0)
+    return Deck(cards, case_control, after, included, tuple(includes.notes), bool(begins), ended, lines[-1])
 
 
-def _lines(
-    path: Path, folders: tuple[Path, ...], parents: tuple[Path, ...], taken: Counter[Path]
-) -> Generator[Line, None, bool]:
-    """Lines of a file and, up to ENDDATA, of those it includes; returns whether ENDDATA was among them."""
+def _lines(path: Path, includes: Includes, parents: tuple[Path, ...]) -> Generator[Line, None, bool]:
+    """Lines of a file and, up to ENDDATA, of those it includes; returns whether ENDDATA was among them.
+
+    A name without a folder is that of a file beside the one that it stands in, others are relative to the folder of the deck,
+    as in MSC and NX Nastran; in decks of OptiStruct (.fem) all are relative to the file that they stand in.
+    """
     ended = False
     lines = text_lines(path)
     control = next(
@@ -166,8 +170,9 @@ def _lines(
             passed = number + more
             if number <= control:
                 continue
-            target = included_file(name, "INCLUDE", path, number, folders, above, taken)
-            ended = yield from _lines(target, folders, above, taken)
+            nearest = not re.search(r"[/\\]", name) or ".fem" in (suffix.lower() for suffix in above[0].suffixes)
+            target = includes.file(name, "INCLUDE", Line(raw, str(path), number), above, nearest)
+            ended = yield from _lines(target, includes, above)
             continue
         ended = ended or _ENDDATA.match(raw) is not None
         yield Line(raw.partition("$")[0].expandtabs().rstrip(), str(path), number)
@@ -188,78 +193,148 @@ def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str
     )
 
 
+class _Piece(NamedTuple):
+    """A line of a card: its name, or the mark of a continuation; its data fields; the mark of the line that continues it; how
+    many lines of the large format it makes, 0 in another format."""
+
+    line: Line
+    head: str
+    data: list[str]
+    mark: str
+    large: int
+
+    @property
+    def continues(self) -> bool:
+        return not self.head or self.head[0] in "+*"
+
+
 def _cards(lines: list[Line]) -> Iterator[Card]:
-    name, fields, first, mark, large = "", [], None, "", 0
-    made = 0
+    pieces = [_cut(line) for line in _joined(lines)]
+    follower = _continuations(pieces)
     pattern: list[str] | None = None  # of the card before, where that repeats one itself
-    for line in lines:
-        head, data, next_mark, is_large = _cut(line)
-        if not head or head[0] in "+*":
-            if first is None:
-                raise DeckError(
-                    "a continuation with no card before it", where=line.where, remedy="correct the order of the lines"
-                )
-            if not _goes_on(mark, head):
-                raise DeckError(
-                    f"continuation {head!r} follows a line that ends in {mark!r}",
-                    where=line.where,
-                    remedy="sort the continuation lines after their cards",
-                )
-            if large % 2 and not is_large:
-                fields += [""] * 4
-            fields += data
-            large = large + 1 if is_large else 0
-        elif head[0] == "=":
-            if first is None or len(fields) != 8 or (pattern is None and head != "="):
+    name, fields, made = "", [], 0
+    for i, piece in enumerate(pieces):
+        if piece.continues:
+            continue
+        line = piece.line
+        if piece.head[0] == "=":
+            if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
                 raise DeckError(
                     f"{line.text.strip()[:24]!r} repeats no card that stands on one line before it",
                     where=line.where,
                     remedy="write repeated cards out",
                 )
-            pattern = data if head == "=" else pattern
-            count = times(head, made, line)
+            pattern = piece.data if piece.head == "=" else pattern
+            count = times(piece.head, made, line)
             made += count
             for _ in range(count):
-                yield Card(name, fields, first.file, first.number)
-                fields, first = repeated_fields(fields, pattern or [], line), line
-        else:
-            pattern = None
-            if first is not None:
-                yield Card(name, fields, first.file, first.number)
-            name, fields, first, large = head, data, line, int(is_large)
-        mark = next_mark
-    if first is not None:
-        yield Card(name, fields, first.file, first.number)
+                fields = repeated_fields(fields, pattern or [], line)
+                yield Card(name, fields, line.file, line.number)
+            continue
+        pattern, name, fields, large, at = None, piece.head, [*piece.data], piece.large, follower.get(i)
+        while at is not None:
+            more = pieces[at]
+            if large % 2 and not more.large:
+                fields += [""] * 4
+            fields += more.data
+            large = large + more.large if more.large else 0
+            at = follower.get(at)
+        yield Card(name, fields, line.file, line.number)
 
 
-def _goes_on(mark: str, head: str) -> bool:
-    """Whether a line with this head follows one with this mark: a blank one fits all, and column 1 does not count."""
-    own, other = head.lstrip("+*"), mark.lstrip("+*")
-    return not own or not other or own == other or head[1:] == mark[1:]
+def _joined(lines: list[Line]) -> Iterator[Line]:
+    """Lines in free format that end in a comma, with the rest of their fields where the next line begins with a number."""
+    before: Line | None = None
+    for line in lines:
+        if before and before.text[-1] == "," and line.text[0] in "0123456789.-":
+            before = before._replace(text=before.text + line.text)
+            continue
+        if before:
+            yield before
+        before = line
+    if before:
+        yield before
 
 
-def _cut(line: Line) -> tuple[str, list[str], str, bool]:
-    """Name or continuation mark, data fields (8, or 4 in large format), mark of the next line, is the format large."""
+def _continuations(pieces: list[_Piece]) -> dict[int, int]:
+    """Line → the line that continues it: the next one where its mark fits or is blank, else the one with the same mark, wherever
+    it stands. Column 1 of a mark does not count, and in a deck whose lines end in no marks no mark does.
+
+    Raises DeckError for a mark without its other end, one that stands twice where lines are not in order, and two lines that
+    continue the same one.
+    """
+    ending: dict[str, list[int]] = {}
+    beginning: dict[str, list[int]] = {}
+    for i, piece in enumerate(pieces):
+        for key in {_key(piece.mark), piece.mark[1:]} - {""}:
+            ending.setdefault(key, []).append(i)
+        if piece.continues and _key(piece.head):
+            beginning.setdefault(_key(piece.head), []).append(i)
+    follower: dict[int, int] = {}
+    for i, piece in enumerate(pieces):
+        if not piece.continues:
+            continue
+        key = _key(piece.head)
+        before = i - 1
+        if key and ending and before not in ending.get(key, []):
+            before = _other_end(pieces, i, ending.get(key, []), beginning[key])
+        if before < 0 or pieces[before].head[:1] == "=":
+            what = "a continuation with no card before it"
+            raise DeckError(what, where=piece.line.where, remedy="correct the order of the lines")
+        if before in follower:
+            raise DeckError(
+                f"a second continuation of line {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
+                where=piece.line.where,
+                remedy="give every line and its continuation a mark of their own",
+            )
+        follower[before] = i
+    for i, piece in enumerate(pieces):
+        if piece.mark[:1] in ("+", "*") and _key(piece.mark) and i not in follower:
+            raise DeckError(
+                f"no continuation has the mark {piece.mark!r} of this line",
+                where=piece.line.where,
+                remedy="add the continuation, or remove the mark if the card ends here",
+            )
+    return follower
+
+
+def _other_end(pieces: list[_Piece], i: int, ending: list[int], beginning: list[int]) -> int:
+    """The only line that ends in the mark with which line i begins."""
+    piece = pieces[i]
+    if len(ending) == 1 == len(beginning) and ending[0] != i:
+        return ending[0]
+    again = [pieces[j].line.where for j in sorted({*ending, *beginning} - {i})]
+    raise DeckError(
+        f"continuation {piece.head!r}: "
+        + (f"its mark also stands at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
+        where=piece.line.where,
+        remedy="put the continuation behind the line that it continues, or give both a mark of their own",
+    )
+
+
+def _key(mark: str) -> str:
+    """What of a mark has to agree."""
+    return mark.lstrip("+*").strip()
+
+
+def _cut(line: Line) -> _Piece:
+    """A line as head, data fields (8 a line, or 4 in large format) and mark of the next line.
+
+    In free format what is beyond the fields of a line is on the next one; marks may stand between: `…,6,+,+,7,8` and `…,6,7,8`.
+    """
     text = line.text
     if "," in text:
         tokens = [token.strip() for token in text.split(",")]
         if not text[:8].strip():  # a continuation whose first field is blank
             tokens = ["", *tokens]
         head = tokens[0].upper()
-        large = "*" in head
-        width = 5 if large else 9
-        last = tokens[width] if len(tokens) > width else ""
-        if any(tokens[width + 1 :]) or (last and last[0] not in "+*"):
-            raise DeckError(
-                f"{head}: more than {width - 1} data fields on one line",
-                where=line.where,
-                remedy="continue on a next line that begins with a comma",
-            )
-        data, mark = tokens[1:width], last.upper()
-        data += [""] * (width - 1 - len(data))
+        large = int("*" in head)
+        width = 4 if large else 8
+        data, mark = _free_fields(tokens[1:], width, line)
+        large *= len(data) // width
     else:
         head = text[:8].strip().upper()
-        large = "*" in head
+        large = int("*" in head)
         data = (
             [text[j : j + 16].strip() for j in (8, 24, 40, 56)]
             if large
@@ -278,4 +353,27 @@ def _cut(line: Line) -> tuple[str, list[str], str, bool]:
             raise DeckError(
                 f"{text.strip()[:24]!r} is no bulk-data card", where=line.where, remedy="a card begins with its name"
             )
-    return head, data, mark, large
+    return _Piece(line, head, data, mark, large)
+
+
+def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], str]:
+    """Data fields of a line in free format, a multiple of `width`, and the mark behind them."""
+    data: list[str] = []
+    while tokens and not tokens[-1]:
+        tokens.pop()
+    while True:
+        data += tokens[:width] + [""] * (width - len(tokens))
+        tokens = tokens[width:]
+        if tokens and tokens[0][:1] in ("+", "*"):
+            if len(tokens) == 1:
+                return data, tokens[0].upper()
+            if tokens[1][:1] in ("+", "*") and _key(tokens[0]) == _key(tokens[1]):
+                tokens = tokens[2:]
+            elif parse_real(tokens[0]) is None:
+                raise DeckError(
+                    f"the mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
+                    where=line.where,
+                    remedy="begin a new line behind the mark, or remove it",
+                )
+        if not tokens:
+            return data, ""

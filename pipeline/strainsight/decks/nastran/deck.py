@@ -107,7 +107,7 @@ def read_nastran(
     """
     path = Path(path)
     deck = read_deck(path, include)
-    notes = _unended(deck, ignore)
+    notes = [*_unended(deck, ignore), *deck.notes]
     cut = deck.begun and not deck.ended
     cards = deck.cards
     left_out = {name: cards.pop(name) for name in {spelt(name) for name in ignore} & {*cards} & TAKEN}

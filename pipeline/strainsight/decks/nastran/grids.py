@@ -67,6 +67,10 @@ def read_grids(cards: dict[str, list[Card]], notes: list[str], path: Path) -> Gr
         raise DeckError(
             "the deck holds no GRID card", where=str(path), remedy="check that this is the deck of the model"
         )
+    if long := [card for card in grids if len(card.fields) > 8 and any(card.fields[8:])]:
+        raise long[0].error(
+            "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"
+        )
     CP, CD, PS = _defaults(cards.get("GRDSET", []))
     nodes = NodeTable(unique_ids(grids, "node"), cards.get("SPOINT", []))
     local = np.array([[card.real(i, "a coordinate", 0.0) for i in (2, 3, 4)] for card in grids])
