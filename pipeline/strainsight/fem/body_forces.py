@@ -49,7 +49,12 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         force[own] += f[:, :3]
         moment[own] += f[:, 3:]
         regions |= set(named)
-    turning = references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
+    turning = (
+        references(mesh)
+        | turned_by_name(mesh)
+        | followers(mesh)
+        | {*mesh.turning.tolist(), *mesh.turned_by_springs.tolist()}
+    )
     for point in mesh.point_masses:
         if body.elements is not None and point.id not in body.elements:
             continue

@@ -13,7 +13,7 @@ from strainsight.errors import DeckError
 from strainsight.fem.arms import with_arms
 from strainsight.fem.equations import Equations, Rows, entity_of
 from strainsight.fem.relations import relation_terms
-from strainsight.fem.springs import sprung_translations
+from strainsight.fem.springs import sprung_rows
 from strainsight.fem.ties import equations, references, rotation_rows, turned_nodes
 from strainsight.mesh.model import Mesh
 
@@ -67,7 +67,7 @@ def constraint_transform(
     if supported is None:
         supported = np.zeros(rows.size, dtype=bool)
         supported[rows.translations(mesh.nodes_of_elements)] = True
-        supported[sprung_translations(mesh)] = True
+        supported[sprung_rows(mesh, rows.first)] = True
         supported[3 * mesh.own_nodes : 3 * n] = False  # arms follow their nodes
         for node in set(mesh.turning.tolist()) & rows.first.keys():
             supported[rows.first[node] : rows.first[node] + 3] = True

@@ -24,6 +24,8 @@ def idle_rotations(mesh: Mesh, constraint: Constraint, K: sparse.csr_array) -> s
     at = column[constraint.rotations(mesh.turning)]
     rows, columns = (np.broadcast_to(own, (len(at), 3, 3)) for own in (at[:, :, None], at[:, None, :]))
     free = (rows >= 0) & (columns >= 0)
+    if not free.any():
+        return sparse.csr_array(K.shape)
     B = np.zeros(free.shape)
     B[free] = K[rows[free], columns[free]]
     largest = np.linalg.eigvalsh(B)[:, -1]

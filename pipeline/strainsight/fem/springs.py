@@ -9,13 +9,20 @@ from scipy import sparse
 
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.ties import references, turned_by_name
+from strainsight.fem.turning import followers
 from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 
 
+UNRESISTED = 1e-11
+"""Of the largest stiffness of a node against rotations: one below it is rounding."""
+
+
 def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.csr_array, np.ndarray]:
     """R (s, 3n + 3r) of the elongations s = R z, and the stiffness k (s,) of all springs; rotations of node i from row
-    rotation_rows[i].
+    rotation_rows[i]. Behind them, at a point whose rotations springs alone turn, those about axes that no spring and no support
+    resists (AUTOSPC in Nastran).
 
     Raises DeckError where a spring acts on the rotation of a node that has none.
     """
@@ -29,7 +36,8 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
             if node not in rotation_rows:
                 raise DeckError(
                     f"{own} acts on rotations of node {mesh.node_ids[node]}, which has none",
-                    remedy="make it the reference node of a tie (RBE2, mesh.ties), or let the ends of the spring coincide",
+                    remedy="make it the reference node of a tie (RBE2, mesh.ties), hold its rotations, or let the ends of the "
+                    "spring coincide",
                     entity=("node", int(mesh.node_ids[node])),
                 )
             at[i] = rotation_rows[node] + own.component[i] - 3
@@ -42,8 +50,37 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
     if not rows:
         return sparse.csr_array((0, size)), np.zeros(0)
     places = np.concatenate(rows), np.concatenate(columns)
-    R = sparse.csr_array((np.concatenate(values), places), shape=(count, size))
-    return R, np.concatenate(stiffness)
+    R, k = sparse.csr_array((np.concatenate(values), places), shape=(count, size)), np.concatenate(stiffness)
+    more, held = _unresisted(mesh, rotation_rows, R, k)
+    return sparse.csr_array(sparse.vstack([R, more])), np.concatenate([k, held])
+
+
+def _alone(mesh: Mesh, rotation_rows: Mapping[int, int]) -> list[int]:
+    """Nodes whose rotations springs resist, and neither elements nor ties."""
+    joined = references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
+    return sorted({*mesh.turned_by_springs.tolist()} & rotation_rows.keys() - joined)
+
+
+def _unresisted(
+    mesh: Mesh, rotation_rows: Mapping[int, int], R: sparse.csr_array, k: np.ndarray
+) -> tuple[sparse.csr_array, np.ndarray]:
+    """Springs (s, 3n + 3r) about the axes v of single nodes with (Σ k r rᵀ + k̂ Σ e eᵀ) v = 0, r the rotations of the node in
+    each spring, e those that supports hold, k̂ their stiffness (s,), the largest there."""
+    rows, values, stiffness = [], [], []
+    for node in _alone(mesh, rotation_rows):
+        at = rotation_rows[node] + np.arange(3)
+        r = R[:, at].toarray()
+        B = (r * k[:, None]).T @ r
+        strength = float(np.linalg.eigvalsh(B)[-1]) or 1.0
+        held = mesh.fixed[(mesh.fixed[:, 0] == node) & (mesh.fixed[:, 1] > 2), 1] - 3
+        e = mesh.axes.get(node, np.eye(3))[:, held]
+        size, v = np.linalg.eigh(B + strength * e @ e.T)
+        for axis in v.T[size <= UNRESISTED * strength]:
+            rows.append(at)
+            values.append(axis)
+            stiffness.append(strength)
+    places = np.repeat(np.arange(len(rows)), 3), np.ravel(rows).astype(np.int64)
+    return sparse.csr_array((np.ravel(values), places), shape=(len(rows), R.shape[1])), np.array(stiffness)
 
 
 def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str, str]:
@@ -79,6 +116,7 @@ def spring_operator(
     factors = {own.name: own.springs for own in parameters if own.springs}
     owner = spring_owners(mesh, factors)
     of = np.repeat([owner.get(own.name, "") for own in mesh.springs], [len(own.stiffness) for own in mesh.springs])
+    of = np.concatenate([of, np.full(len(k) - len(of), "")])
 
     def part(parameter: str) -> sparse.csr_array:
         return sparse.csr_array(R.T @ (sparse.diags_array(np.where(of == parameter, k, 0.0)) @ R))
@@ -86,8 +124,10 @@ def spring_operator(
     return AffineOperator(part(""), {name: part(name) for name in factors})
 
 
-def sprung_translations(mesh: Mesh) -> np.ndarray:
-    """Rows 3·node + component, component 0-2, that a spring acts on."""
+def sprung_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> np.ndarray:
+    """Rows of z that springs act on: translations, and all rotations of points that they alone turn."""
     found = [3 * own.node + own.component for own in mesh.springs]
     acts = [(own.component < 3) & (own.value != 0) & (own.stiffness[own.spring] > 0) for own in mesh.springs]
-    return np.unique(np.concatenate([np.zeros(0, np.int64), *(rows[on] for rows, on in zip(found, acts, strict=True))]))
+    turned = [rotation_rows[node] + np.arange(3) for node in _alone(mesh, rotation_rows)]
+    translations = (rows[on] for rows, on in zip(found, acts, strict=True))
+    return np.unique(np.concatenate([np.zeros(0, np.int64), *translations, *turned]))

@@ -160,7 +160,10 @@ def _of_tie(mesh: Mesh, constraint: Constraint, row: int) -> str:
     """Which kind of tie a motion outside of the elements belongs to."""
     leads = references(mesh)
     owner = {at + k: node for node, at in constraint.reference_rows.items() for k in range(3)}
-    return " of a rigid element" if owner.get(row, row // 3) in leads else " of a relation"
+    node = owner.get(row, row // 3)
+    if node in {*mesh.turned_by_springs.tolist()} - leads:
+        return " of a spring"
+    return " of a rigid element" if node in leads else " of a relation"
 
 
 def _stretched(mesh: Mesh, constraint: Constraint) -> sparse.csr_array:

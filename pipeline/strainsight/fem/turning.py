@@ -11,12 +11,12 @@ def followers(mesh: Mesh) -> set[int]:
 
 
 def turning_nodes(mesh: Mesh) -> list[int]:
-    """Nodes of shells and beams, and those that a RigidElement turns where that matters: a mass or a spring resists it, or a load
-    of the file has a moment there."""
+    """Nodes of shells and beams, points that springs turn, and those that a RigidElement turns where that matters: a mass or a
+    spring resists it, or a load of the file has a moment there."""
     found = {point.node for point in mesh.point_masses if point.turns}
     for own in mesh.springs:
-        found.update(own.node[(own.component > 2) & (own.value != 0)].tolist())
+        found.update(own.turned.tolist())
     for load in mesh.loads.values():
         if load.moment is not None:
             found.update(load.nodes[load.moment.any(axis=1)].tolist())
-    return sorted((found & followers(mesh)).union(mesh.turning.tolist()))
+    return sorted((found & followers(mesh)).union(mesh.turning.tolist(), mesh.turned_by_springs.tolist()))

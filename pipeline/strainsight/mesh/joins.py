@@ -141,5 +141,10 @@ class Springs:
         turns[self.spring[self.component < 3]] = False
         return turns
 
+    @property
+    def turned(self) -> IntArray:
+        """Nodes whose rotations are in it."""
+        return np.unique(self.node[(self.component > 2) & (self.value != 0)])
+
     def __str__(self) -> str:
         return self.name

@@ -221,6 +221,13 @@ class Mesh:
         return nodes_that_turn(self.shells, self.beams)
 
     @property
+    def turned_by_springs(self) -> IntArray:
+        """Indices of the nodes whose rotations springs resist, but for nodes of elements without rotations, unless one is held."""
+        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(own.turned for own in self.springs)]))
+        still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
+        return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))
+
+    @property
     def held(self) -> IntArray:
         """(k,) rows of the nodes that are held: in a translation, or a rotation, which nodes of solids and rods alone lack."""
         still = np.zeros(len(self.position), dtype=bool)

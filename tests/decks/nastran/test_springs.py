@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.springs import spring_operator
@@ -73,6 +73,100 @@ def test_a_bush_has_the_energy_of_its_springs(read, tetrahedron, card, axes):
     np.testing.assert_allclose(K @ rigid, 0, atol=1e-12)
 
 
+STIFFNESS = [3e5, 1e5, 5e4, 20.0, 30.0, 40.0]
+PLACES = np.array([[1.0, 0, 0], [1.3, -0.3, 0.1]])
+INERTIA = np.array([0.02, 0.03, 0.05])
+
+
+def on_a_bush(held: str, k: list[float], bush: str, mass: str) -> str:
+    """A mass at 702 on a bush from 701, which is held, beside a tetrahedron that is held altogether."""
+    return (
+        "GRID,701,,1.,0.,0.\nGRID,702,,1.3,-.3,.1\nSPC1,1,123456,701\nSPC1,1,123,4\n"
+        + (f"SPC1,1,{held},702\n" if held else "")
+        + f"PBUSH,2,K,{','.join(map(str, k))}\n{bush}\n{mass}\nENDDATA\n"
+    )
+
+
+def frequencies_by_hand(held: str, k: list[float], S: float) -> np.ndarray:
+    """√(eig(E diag(k) Eᵀ, M))/2π of the motions of 702 that are free, x from 701 to 702 and y towards (−1, 0, 0)."""
+    along = np.diff(PLACES, axis=0)[0]
+    x = along / np.linalg.norm(along)
+    z = np.cross(x, [-1.0, 0, 0]) / np.linalg.norm(np.cross(x, [-1.0, 0, 0]))
+    axes = np.array([x, np.cross(z, x), z])
+    K, arm = np.zeros((6, 6)), (S - 1) * along
+    for c in range(6):
+        e = np.concatenate([axes[c], np.cross(arm, axes[c])]) if c < 3 else np.concatenate([np.zeros(3), axes[c - 3]])
+        K += k[c] * np.outer(e, e)
+    free = [c for c in range(6) if str(c + 1) not in held]
+    M = np.diag([2.0, 2, 2, *INERTIA])[np.ix_(free, free)]
+    return np.sqrt(eigh(K[np.ix_(free, free)], M, eigvals_only=True)) / (2 * np.pi)
+
+
+LARGE = "".join(
+    head.ljust(8) + "".join(field.rjust(16) for field in fields) + mark + "\n"
+    for head, *fields, mark in (
+        ("CBUSH*", "99", "2", "701", "702", "*"),
+        ("*", "-1.", "0.", "0.", "", "*"),
+        ("*", "{}", "", "0", "0", "*"),
+        ("*", "0", ""),
+    )
+).replace("              {}", "{:>16}")
+
+
+@pytest.mark.parametrize(
+    ("held", "k", "bush", "S"),
+    [
+        ("456", STIFFNESS[:3] + [0.0] * 3, LARGE.format(""), 0.5),
+        ("456", STIFFNESS[:3] + [0.0] * 3, "CBUSH,99,2,701,702,-1.,0.,0.\n+", 0.5),
+        ("456", STIFFNESS, "CBUSH,99,2,701,702,-1.,0.,0.\n,.5,-1,0.,0.,0.", 0.5),
+        ("", STIFFNESS, "CBUSH,99,2,701,702,-1.,0.,0.", 0.5),
+        ("", STIFFNESS, "CBUSH,99,2,701,702,-1.,0.,0.\n,.2", 0.2),
+        ("", STIFFNESS, LARGE.format("1."), 1.0),
+        ("46", STIFFNESS, "CBUSH,99,2,701,702,-1.,0.,0.", 0.5),
+        ("13456", [1e5, 2e5, 3e5, 0.0, 0.0, 0.0], "CBUSH,99,2,701,702,-1.,0.,0.", 0.5),
+    ],
+)
+def test_a_mass_on_a_bush_swings_as_by_hand(read, tetrahedron, held, k, bush, S):
+    mass = "CONM2,702,702,,2.\n,.02,,.03,,,.05"
+    model = build_model(read(tetrahedron + on_a_bush(held, k, bush, mass)))
+    wanted = frequencies_by_hand(held, k, S)
+    assert model.size == len(wanted)
+    found = modes(model.stiffness.constant, model.mass.constant, len(wanted))[0]
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+
+
+def test_an_axis_that_no_spring_resists_moves_nothing(read, tetrahedron):
+    """Torsion springs about y and z alone, along axes that are none of the node's: about x of the bush nothing turns."""
+    k = [3e5, 1e5, 5e4, 0.0, 30.0, 40.0]
+    text = on_a_bush("", k, "CBUSH,99,2,701,702,-1.,0.,0.\n,1.", "CONM2,702,702,,2.")
+    model = build_model(read(tetrahedron + text))
+    found = modes(model.stiffness.constant, model.mass.constant, 3)[0]
+    np.testing.assert_allclose(found, frequencies_by_hand("456", k, 1.0), rtol=1e-9)
+
+
+def test_a_torsion_spring_at_a_point_turns_it(read, tetrahedron):
+    """I φ'' = −k φ about y of CELAS2; the other motions are held."""
+    text = on_a_bush("12346", [0.0] * 6, "CELAS2,99,7.,702,5", "CONM2,702,702,,2.\n,.02,,.03,,,.05")
+    model = build_model(read(tetrahedron + text))
+    (found,) = modes(model.stiffness.constant, model.mass.constant, 1)[0]
+    assert found == pytest.approx(np.sqrt(7 / 0.03) / (2 * np.pi), rel=1e-9)
+
+
+def test_a_bush_that_turns_freely_about_its_middle_is_named(read, tetrahedron):
+    text = on_a_bush("", STIFFNESS[:3] + [0.0] * 3, "CBUSH,99,2,701,702,-1.,0.,0.", "CONM2,702,702,,2.")
+    with pytest.raises(UserError, match="node 702, .* of a spring"):
+        build_model(read(tetrahedron + text))
+
+
+def test_a_spring_on_a_rotation_that_an_element_lacks_is_named_unless_it_is_held(read, tetrahedron):
+    card = "CELAS2,99,7.,4,5\nSPC1,1,12,4\n"
+    with pytest.raises(DeckError, match="CELAS2 99 acts on rotations of node 4, which has none"):
+        build_model(read(f"{tetrahedron}{card}ENDDATA\n"))
+    held = build_model(read(f"{tetrahedron}{card}SPC1,1,456,4\nENDDATA\n"))
+    without = build_model(read(f"{tetrahedron}SPC1,1,12,4\nENDDATA\n"))
+    assert (held.stiffness.constant - without.stiffness.constant).nnz == 0
+
+
 def test_a_spring_acts_along_the_system_of_its_node(read, tetrahedron):
     system = "CORD2R,5,,0.,0.,0.,1.,0.,0.\n+,0.,1.,0.\n"  # its z is x, its x is y
     text = system + tetrahedron.replace("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,1.,5") + "CELAS2,60,9.,4,3\nENDDATA\n"
@@ -98,7 +192,7 @@ def test_damping_of_springs_is_a_note(read, tetrahedron):
         ("CBUSH,60,7,4,,,,,0\n", "property 7 is no PBUSH"),
         ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "it has no axes of its own"),
         ("CBUSH,60,7,4,3\nPBUSH,7,K,1.,2.\n", "neither CID, GO nor X1 to X3"),
-        ("CBUSH,60,7,4,3,,,,0\n+,.2\nPBUSH,7,K,1.\n", "S is .2"),
+        ("CBUSH,60,7,4,3,,,,0\n+,1.2\nPBUSH,7,K,1.\n", "S is 1.2"),
         ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID puts the spring"),
         ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,RIGID\n", "a stiffness is RIGID"),
         ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", "has a mass M"),

@@ -148,6 +148,8 @@ def read_nastran(
     node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), left_out, ignored)
     free = spelt(ENFORCED) in {spelt(name) for name in ignore}
     fixed = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc, free)
+    sprung = springs(cards, grids, notes)
+    turning |= {int(row) for own in sprung for row in own.turned}
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
     loads = static_loads(
@@ -161,7 +163,6 @@ def read_nastran(
         del ignored["PARAM COUPMASS"]
     ignored.update({MISSING_END: 1} if cut else {})
     by_temperature = any(name.startswith("MATT") for name in cards)
-    sprung = springs(cards, grids, notes)
     said, doubts = notes_and_doubts(notes)
     return Mesh(
         node_ids=nodes.ids,

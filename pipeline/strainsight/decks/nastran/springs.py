@@ -20,12 +20,12 @@ APART = 1e-9
 
 def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
     """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
-    along the axes of the element (CBUSH, S = 0.5):
+    along the axes of the element (CBUSH):
 
-        s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     x = (x_A + x_B)/2,     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
+        s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     x = (1 − S) x_A + S x_B,     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
 
     A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
-    are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID, S), rigid or with mass.
+    are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID), rigid or with mass.
     """
     elements = [card for name in ("CELAS1", "CELAS2", "CBUSH") for card in cards.get(name, [])]
     unique_ids(elements, "element")
@@ -125,14 +125,14 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
     if number not in properties:
         raise card.error(f"property {number} is no PBUSH of the deck", f"add a PBUSH card with id {number}")
     k = properties[number]
-    if card.text(9) not in ("", "-1") or any(card.text(i) for i in (10, 11, 12)):
+    if card.text(9) not in ("", "-1"):  # else S1 to S3 say nothing
         raise card.error("OCID puts the spring beside the line of its nodes", "put its nodes where it acts")
-    if card.text(8) and card.real(8, "the place S") != 0.5:
-        raise card.error(f"S is {card.text(8)}", "only a spring in the middle of its nodes is supported (S = 0.5)")
+    if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
+        raise card.error(f"S is {card.text(8)}, beyond its nodes", "give 0 (at GA) to 1 (at GB)")
     A = grids.nodes.row(card.integer(2, "the node GA"), card)
     B = grids.nodes.row(card.integer(3, "the node GB"), card) if card.text(3) not in ("", "0") else None
     axes = _axes(card, grids, A, B, k)
-    x = grids.position[A] if B is None else 0.5 * (grids.position[A] + grids.position[B])
+    x = grids.position[A] if B is None else (1 - S) * grids.position[A] + S * grids.position[B]
     spring, node, component, value = [], [], [], []
     stiff = np.flatnonzero(k)
     for i, c in enumerate(stiff.tolist()):
