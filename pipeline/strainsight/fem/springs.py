@@ -14,7 +14,6 @@ from strainsight.fem.turning import followers
 from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 
-
 UNRESISTED = 1e-11
 """Of the largest stiffness of a node against rotations: one below it is rounding."""
 

@@ -222,7 +222,7 @@ class Mesh:
 
     @property
     def turned_by_springs(self) -> IntArray:
-        """Indices of the nodes whose rotations springs resist, but for nodes of elements without rotations, unless one is held."""
+        """Indices of the nodes whose rotations springs resist, but for those of solids and rods with no rotation held."""
         nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(own.turned for own in self.springs)]))
         still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
         return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))

@@ -154,7 +154,7 @@ def test_a_torsion_spring_at_a_point_turns_it(read, tetrahedron):
 
 def test_a_bush_that_turns_freely_about_its_middle_is_named(read, tetrahedron):
     text = on_a_bush("", STIFFNESS[:3] + [0.0] * 3, "CBUSH,99,2,701,702,-1.,0.,0.", "CONM2,702,702,,2.")
-    with pytest.raises(UserError, match="node 702, .* of a spring"):
+    with pytest.raises(UserError, match=r"node 702, .* of a spring"):
         build_model(read(tetrahedron + text))
 
 

@@ -22,7 +22,9 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
     along the axes of the element (CBUSH):
 
-        s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     x = (1 − S) x_A + S x_B,     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
+        s_c = e_c·(u_B + θ_B × (x − x_B) − u_A − θ_A × (x − x_A)),     s_c = e_c·(θ_B − θ_A) of c = 4, 5, 6
+
+    with x = (1 − S) x_A + S x_B.
 
     A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
     are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID), rigid or with mass.
