@@ -108,7 +108,8 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
         )
     if found.support_sets and answers.spc is None:
         known = ", ".join(map(str, found.support_sets))
-        answers = replace(answers, spc=_ask(f"which set of supports holds ({known})", lambda t: support_set(t, found)))
+        what = "which set of supports holds" if found.support_key == "spc" else "which step counts"
+        answers = replace(answers, spc=_ask(f"{what} ({known})", lambda t: support_set(t, found)))
     places = _listed(found.places)
     if not found.supports and answers.held is None:
         answers = replace(
@@ -132,10 +133,11 @@ def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
 
 
 def support_set(text: str, found: Suggestion) -> int:
-    """Number of a set of supports of the deck. Raises UserError for anything else."""
+    """Number of a set of supports, or of a step, of the deck. Raises UserError for anything else."""
     known = [str(number) for number in found.support_sets]
     if text.strip() not in known:
-        raise UserError(f"the deck has no set of supports '{text.strip()}'", remedy=f"it has {', '.join(known)}")
+        what = "set of supports" if found.support_key == "spc" else "step"
+        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"it has {', '.join(known)}")
     return int(text)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from difflib import get_close_matches
+from typing import Literal
 
 
 class StrainsightError(Exception):
@@ -87,14 +88,18 @@ class DeckError(UserError):
 
 
 class ChoiceError(DeckError):
-    """A deck that states several sets of supports, of which the config has to say which holds.
+    """A deck that states several sets of supports, or steps that differ, of which the config has to say which counts.
 
-    sets  their ids
+    sets  their ids, or the numbers of the steps
+    key   of the section mesh: spc or step
     """
 
-    def __init__(self, what: str, *, where: str, remedy: str, sets: tuple[int, ...]):
+    def __init__(
+        self, what: str, *, where: str, remedy: str, sets: tuple[int, ...], key: Literal["spc", "step"] = "spc"
+    ):
         super().__init__(what, where=where, remedy=remedy)
         self.sets = sets
+        self.key: Literal["spc", "step"] = key
 
 
 class ContactError(DeckError):

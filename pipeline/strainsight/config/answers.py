@@ -43,13 +43,13 @@ class Suggestion:
 
     length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
     of the largest one, whether it has several moduli (a laminate, an anisotropic material), and its modulus [Pa], None where it
-    has none; lacking: what materials
-    lack; supports, solids: whether the deck has any; support_sets: ids of its sets of supports, where it does not say which
-    holds; unsupported: name for `mesh.ignore`, number, and file:line of the first, of what the model is not the same without;
-    places: where its loads and supports may be, the likely ones first; taken: names of its sets; gauge_type: that suits its
-    largest face; thin: names of its regions of triangles and quadrangles, where it has no solids and no sections; pairs: its
-    surfaces in contact, "A on B"; contact: what mesh.contact may be for them; matrices: CalculiX has written .sti, .mas and .dof
-    beside it; face_at: the point by which `places` has the face that a point is on, or the point again where there is none.
+    has none; lacking: what materials lack; supports, solids: whether the deck has any; support_sets: ids of its sets of
+    supports, or numbers of its steps (support_key), where it does not say which counts; unsupported: name for `mesh.ignore`,
+    number, and file:line of the first, of what the model is not the same without; places: where its loads and supports may be,
+    the likely ones first; taken: names of its sets; gauge_type: that suits its largest face; thin: names of its regions of
+    triangles and quadrangles, where it has no solids and no sections; pairs: its surfaces in contact, "A on B"; contact: what
+    mesh.contact may be for them; matrices: CalculiX has written .sti, .mas and .dof beside it; face_at: the point by which
+    `places` has the face that a point is on, or the point again where there is none.
     """
 
     length_unit: str = "m"
@@ -62,6 +62,7 @@ class Suggestion:
     supports: bool = True
     solids: bool = True
     support_sets: tuple[int, ...] = ()
+    support_key: Literal["spc", "step"] = "spc"
     unsupported: tuple[tuple[str, int, str], ...] = ()
     places: tuple[Place, ...] = ()
     taken: tuple[str, ...] = ()

@@ -287,6 +287,11 @@ class MeshFile(Section):
         description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "
         "control selects.",
     )
+    step: SetId | None = Field(
+        None,
+        description="Number, from 1, of the step of an Abaqus or CalculiX deck whose supports (*BOUNDARY) and elements (*MODEL "
+        "CHANGE) count; null: the one of its frequency analysis, or all, which then have to agree.",
+    )
     include_dirs: tuple[Text, ...] = Field(
         (),
         description="Folders from which a deck may include files (INCLUDE, *INCLUDE, INPUT=) beside its own folder and those "

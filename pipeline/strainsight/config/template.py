@@ -221,7 +221,9 @@ def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
         lines.append(f"  contact: {found.contact:<12} # ← bonded or open: {why}")
     if found.support_sets:
         sets = ", ".join(map(str, found.support_sets))
-        lines.append(f"  spc: {'' if answers.spc is None else answers.spc:<16} # ← set of supports that hold: {sets}")
+        chosen = f"{found.support_key}: {'' if answers.spc is None else answers.spc:<16}"
+        what = "set of supports that hold" if found.support_key == "spc" else "step whose supports and elements count"
+        lines.append(f"  {chosen} # ← {what}: {sets}")
     if faces := [place for place in found.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
         for place in faces[:FACES]:

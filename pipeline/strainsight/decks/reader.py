@@ -32,6 +32,7 @@ def read_mesh(
     materials: bool = True,
     ignore: Sequence[str] = (),
     spc: int | None = None,
+    step: int | None = None,
     given: Mapping[str, GivenSection] | None = None,
     include: Sequence[Path] = (),
     contact: Literal["bonded", "open"] | None = None,
@@ -42,8 +43,9 @@ def read_mesh(
     the cell data that holds region ids, for meshio. solids: there has to be one. materials: a deck has to state those of its
     solids; otherwise a region may be without, or elements without a region of their own are one. ignore: cards, keywords and
     types of elements of a deck that are left out, whatever they say. spc: set of supports of a Nastran deck, in
-    place of what its case control selects. given: key of the config → section in SI units of triangles, quadrangles or lines of
-    a file that has no sections. include: folders beside that of a deck from which it may include files.
+    place of what its case control selects; step: of an Abaqus deck, whose supports and elements count. given: key of the
+    config → section in SI units of triangles, quadrangles or lines of a file that has no sections. include: folders beside that
+    of a deck from which it may include files.
     contact: whether surfaces of a deck that are in contact are joined where they touch, or not.
     Raises DeckError for a file that cannot be imported, UserError for an unknown unit.
     """
@@ -56,8 +58,9 @@ def read_mesh(
             remedy="check the name; a relative path counts from the config file",
         )
     format = format_of(path) if format == "auto" else format
-    if spc is not None and format != "nastran":
-        raise UserError(f"{path.name} is no Nastran deck, which mesh.spc is of", remedy="remove the key")
+    for value, key, of, program in ((spc, "spc", "nastran", "Nastran"), (step, "step", "abaqus", "Abaqus")):
+        if value is not None and format != of:
+            raise UserError(f"{path.name} is no {program} deck, which mesh.{key} is of", remedy="remove the key")
     if given and format in ("nastran", "abaqus"):
         raise UserError(
             f"{path.name} is a deck, which states its sections itself",
@@ -69,7 +72,7 @@ def read_mesh(
             f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
     own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
-    mesh = _read(path, format, region_data, solids, materials, ignore, spc, own, include, contact)
+    mesh = _read(path, format, region_data, solids, materials, ignore, spc, step, own, include, contact)
     with mesh.located():
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
@@ -95,6 +98,7 @@ def _read(
     materials: bool,
     ignore: Sequence[str],
     spc: int | None,
+    step: int | None,
     given: Mapping[str, GivenSection],
     include: Sequence[Path],
     contact: Literal["bonded", "open"] | None,
@@ -107,7 +111,9 @@ def _read(
         case "abaqus":
             from strainsight.decks.abaqus.deck import read_abaqus
 
-            return read_abaqus(path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact)
+            return read_abaqus(
+                path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact, step=step
+            )
         case "gmsh":
             from strainsight.decks.gmsh.mesh import read_gmsh
 

@@ -34,26 +34,30 @@ from strainsight.mesh.units import to_si
 CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")
 
 
-def suggestion(path: Path, spc: int | None = None) -> Suggestion:
+def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
     """Units that suit the deck's materials, its largest region, what the config has to add, and where loads and supports may be.
 
-    spc: set of supports that holds, of a deck that does not say which; by default its first.
+    chosen: set of supports that holds, or step that counts, of a deck that does not say which; by default the first.
     Raises DeckError where the deck cannot be read.
     """
     sets: tuple[int, ...] = ()
+    key: Literal["spc", "step"] = "spc"
     by_which = ""
     contact: Literal["bonded", "open"] | None = None
     pairs: tuple[str, ...] = ()
-    try:
-        mesh = read_mesh(path, solids=False, materials=False, ignore=(MISSING_END,))  # in the deck's own numbers
-    except ContactError as error:
-        contact, pairs = _contact(path), error.pairs
-        mesh = read_mesh(path, solids=False, materials=False, contact=contact)
-    except ChoiceError as error:
-        sets = error.sets
-        chosen = sets[0] if spc is None else spc
-        by_which = f", supports of set {chosen}"
-        mesh = read_mesh(path, solids=False, materials=False, ignore=(MISSING_END,), spc=chosen)
+    mesh, spc, step = None, None, None
+    while mesh is None:
+        try:  # in the deck's own numbers
+            mesh = read_mesh(
+                path, solids=False, materials=False, ignore=(MISSING_END,), spc=spc, step=step, contact=contact
+            )
+        except ContactError as error:
+            contact, pairs = _contact(path, step), error.pairs
+        except ChoiceError as error:
+            sets, key = error.sets, error.key
+            number = sets[0] if chosen is None else chosen
+            by_which = f", supports of {'set' if key == 'spc' else 'step'} {number}"
+            spc, step = (number, step) if key == "spc" else (spc, number)
     mesh, thin = (mesh, ()) if mesh.elements else _shells(path, mesh)
     count = {number: sum(int(np.sum(b.region == number)) for b in mesh.elements) for number in mesh.regions}
     region = max(count, key=lambda number: count[number]) if count else 1
@@ -76,6 +80,7 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
         solids=converted.has_surface,
         places=tuple(_places(converted, facets, faces, by_which)) if units else (),
         support_sets=sets,
+        support_key=key,
         unsupported=tuple(
             (short(card), mesh.ignored[card], where.rpartition("/")[2]) for card, where in mesh.unsupported.items()
         ),
@@ -89,12 +94,12 @@ def suggestion(path: Path, spc: int | None = None) -> Suggestion:
     )
 
 
-def _contact(path: Path) -> Literal["bonded", "open"]:
+def _contact(path: Path, step: int | None) -> Literal["bonded", "open"]:
     """Open, as CalculiX has contact in a frequency analysis, unless something moves freely then, and less of it when bonded."""
     left: dict[str, int] = {}
     for choice in CHOICES:
         try:
-            left[choice] = len(free_motions(read_mesh(path, solids=False, materials=False, contact=choice)))
+            left[choice] = len(free_motions(read_mesh(path, solids=False, materials=False, step=step, contact=choice)))
         except StrainsightError:  # `import` says what is wrong with it
             continue
     return "bonded" if left.get("bonded", 0) < left.get("open", 0) else "open"

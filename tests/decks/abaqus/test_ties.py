@@ -47,11 +47,11 @@ def test_supports_in_every_form(read, lines, held):
     ("first", "held"),
     [("*BOUNDARY", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=MOD", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=NEW", {(1, 1)})],
 )
-def test_supports_of_the_model_and_of_the_first_step_with_any_count(read, first, held):
+def test_supports_are_those_of_the_step_that_is_chosen_and_of_what_is_before_it(read, first, held):
     steps = f"*STEP\n*END STEP\n*STEP\n{first}\n2, 2\n*END STEP\n*STEP\n*BOUNDARY\n3, 3\n*END STEP\n"
-    mesh = read(f"{BRICK}*BOUNDARY\n1, 1\n{steps}")
+    mesh = read(f"{BRICK}*BOUNDARY\n1, 1\n{steps}", step=2)
     assert pairs(mesh) == held
-    assert any("supports of step 3" in note and "those of step 2 count" in note for note in mesh.notes)
+    assert any("supports are those in step 2" in note for note in mesh.notes)
 
 
 def test_a_temperature_that_is_held_is_counted(read):

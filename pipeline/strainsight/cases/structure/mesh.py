@@ -79,6 +79,7 @@ def mesh_of(
             materials=not config.materials and config.results is None,
             ignore=config.ignore,
             spc=config.spc,
+            step=config.step,
             given=given_sections(config, key),
             include=include,
             contact=config.contact or ("open" if config.matrices or config.results else None),

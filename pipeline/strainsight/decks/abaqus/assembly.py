@@ -67,6 +67,7 @@ def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[S
     element_where: list[tuple[str, int]] = []
     type_: list[str] = []
     words: list[tuple[int, str, Scope, Row]] = []
+    members = 0
     for scope, by_node, by_element in zip(scopes.values(), node_offset, element_offset, strict=True):
         part = scope.part
         node_ids.append(part.nodes.ids + by_node)
@@ -74,7 +75,7 @@ def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[S
         node_where += part.node_where
         element_ids.append(part.elements.ids + by_element)
         for cells in part.cells:
-            base, lines = sum(map(len, nodes)), cells.keyword.rows() if cells.words else []
+            base, lines = members, cells.keyword.rows() if cells.words else []
             for i, word in cells.words.items():
                 line = lines[cells.line[np.searchsorted(cells.first, i, "right") - 1]]
                 words.append((base + i, word, scope, line))
@@ -83,6 +84,7 @@ def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[S
                     f"{cells.keyword.where}: lines of {cells.type} hold more nodes and end in a comma, as those of quadratic "
                     f"elements do: the first {int(cells.first[1])} count, as in CalculiX"
                 )
+            members += len(cells.nodes)
             nodes.append(np.where(cells.nodes < 0, -1, cells.nodes + scope.first_node))
             count.append(np.diff(cells.first))
             kind.append(np.full(len(cells.ids), kind_index(cells.kind)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -44,17 +44,20 @@ def with_contact(
     keywords: Sequence[Keyword],
     found: Mapping[tuple[str, str], Surface],
     choice: Contact | None,
+    removed: Collection[tuple[str, str]] = (),
 ) -> Mesh:
     """A mesh in which the surfaces of contact pairs are bonded, the nodes of the first following the facets of the second that
     they lie on, see `with_surface_tie`, or are open, and not connected; `contacts` says so of each. Pairs whose interaction has
-    PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus), are bonded always.
+    PRESSURE-OVERCLOSURE=TIED (CalculiX), or that are TIED (Abaqus), are bonded always; those that *MODEL CHANGE has removed are
+    open.
 
     Nodes that are farther off than ADJUST, or than `TOLERANCE` of a facet, stay open, and so do those that follow something
     already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces
     that are not in the deck, and where surfaces of shells are to be bonded.
     """
     pairs = list(_pairs(assembly, keywords, found))
-    asked = [pair for pair in pairs if not pair.tied]
+    gone = [(pair.row.text(0).upper(), pair.row.text(1).upper()) in removed for pair in pairs]
+    asked = [pair for pair, out in zip(pairs, gone, strict=True) if not (pair.tied or out)]
     if asked and choice is None:
         listed = [f"{pair} ({pair.row.where})" for pair in asked[:SHOWN]]
         more = f" and {len(asked) - SHOWN} more" if len(asked) > SHOWN else ""
@@ -67,8 +70,14 @@ def with_contact(
         )
     said: list[str] = []
     for i, pair in enumerate(pairs):
-        turned = [own for own in pairs[:i] if own.first is pair.second and own.second is pair.first]
-        if any(own.tied or not pair.tied for own in turned):
+        turned = [
+            own
+            for own, out in zip(pairs[:i], gone[:i], strict=True)
+            if not out and own.first is pair.second and own.second is pair.first
+        ]
+        if gone[i]:
+            words = "open: *MODEL CHANGE removes it"
+        elif any(own.tied or not pair.tied for own in turned):
             words = "that of the pair above, the other way round"
         elif pair.tied or choice == "bonded":
             mesh, words = _bonded(mesh, pair)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.contact import Contact, with_contact
 from strainsight.decks.abaqus.cyclic import with_whole_ring
 from strainsight.decks.abaqus.equations import equations
+from strainsight.decks.abaqus.history import state_of
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
@@ -22,7 +23,7 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import read_sections
 from strainsight.decks.abaqus.springs import NODES as SPRINGS
 from strainsight.decks.abaqus.springs import springs
-from strainsight.decks.abaqus.supports import fixed_components, nodal_axes, point_masses
+from strainsight.decks.abaqus.supports import nodal_axes, point_masses
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
@@ -39,7 +40,7 @@ from strainsight.mesh.thin import nodes_that_turn
 
 TAKEN = re.compile(
     r"NODE|ELEMENT|NSET|ELSET|SURFACE|(END)?(PART|ASSEMBLY|INSTANCE)|SYSTEM|TRANSFORM|MATERIAL|ELASTIC|DENSITY|"
-    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR|CYCLICSYMMETRYMODEL"
+    r"(SOLID|SHELL|SHELLGENERAL|BEAM|BEAMGENERAL)SECTION|BOUNDARY|CLOAD|DLOAD|DSLOAD|SPRING|MASS|ROTARYINERTIA|RIGIDBODY|(KINEMATIC)?COUPLING|KINEMATIC|DISTRIBUTING|MPC|EQUATION|TIE|CONTACTPAIR|MODELCHANGE|CYCLICSYMMETRYMODEL"
 )
 HARMLESS = re.compile(
     r"HEADING|PREPRINT|SECTIONPOINTS|(END)?STEP|RESTART|ORIENTATION|SECTIONCONTROLS|AMPLITUDE|TIMEPOINTS|(SOLVER)?CONTROLS|MONITOR|"
@@ -85,6 +86,7 @@ def read_abaqus(
     ignore: Sequence[str] = (),
     include: Sequence[Path] = (),
     contact: Contact | None = None,
+    step: int | None = None,
 ) -> Mesh:
     """An Abaqus or CalculiX input deck in its own units, with its own ids.
 
@@ -95,7 +97,7 @@ def read_abaqus(
     of a part are "INSTANCE.SET" where there are several instances.
     required: there have to be elements, and sections of shells and beams; stated: section and material of all of them; ignore:
     keywords and types of elements that are left out; include: folders beside the deck's own that files may come from; contact:
-    what becomes of *CONTACT PAIR, see `with_contact`.
+    what becomes of *CONTACT PAIR, see `with_contact`; step: the one whose supports and elements count, see `state_of`.
     Raises DeckError with file:line for what cannot be imported as it stands.
     """
     path = Path(path)
@@ -106,11 +108,15 @@ def read_abaqus(
     named = {spelt(name) for name in ignore}
     dropped = Counter(keyword.title for keyword in keywords if spelt(keyword.title) in named)
     keywords = [keyword for keyword in keywords if keyword.title not in dropped]
-    assembly, out = _without(assemble(keywords), named)
+    assembly = assemble(keywords)
+    of_supports: Counter[str] = Counter()
+    state = state_of(assembly, of_supports, step)
+    assembly, out = _without(assembly, named, state.elements)
     dropped += out
     _check_elements(assembly, path, required)
     loaded = preloads(keywords)
     ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
+    ignored += of_supports
     ignored.update({card: len(steps) for card, steps in loaded.items()})
     node_sets, element_sets, set_names = _sets(assembly)
     sections = read_sections(assembly, keywords, set_names, ignored, required, stated)
@@ -128,13 +134,11 @@ def read_abaqus(
     }
     bare = Mesh(assembly.node_ids, assembly.position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64), origin=origin)
     found = surfaces(assembly, bare, ignored)
-    for surface in found.values():
-        if surface.nodes.size:
-            _add_set(node_sets, assembly, surface, assembly.node_ids[surface.nodes])
+    node_sets |= _surface_sets(found.values(), assembly, node_sets)
     axes = nodal_axes(assembly)
     made: Ties = ties(assembly, found, axes, ignored)
     origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
-    fixed = fixed_components(assembly, made.rotations, ignored, free=spelt(ENFORCED) in named)
+    fixed = state.supports.pairs(made.rotations, ignored, free=spelt(ENFORCED) in named)
     turned = set(nodes_that_turn(shells, beams).tolist())
     still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(made.rigid, made.averaging)
     related = equations(assembly, made.rotations, still)
@@ -171,7 +175,7 @@ def read_abaqus(
     )
     mesh, found = with_whole_ring(mesh, assembly, found)
     mesh, refused = with_tied_surfaces(mesh, assembly, found)
-    mesh = without_held(with_contact(mesh, assembly, keywords, found, contact))
+    mesh = without_held(with_contact(mesh, assembly, keywords, found, contact, state.pairs))
     control = dict.fromkeys(filter(OF_CONTACT.match, ignored), "none") if mesh.contacts else {}
     for card, where in refused.items():
         if spelt(card) in named:
@@ -201,10 +205,11 @@ def read_abaqus(
     )
 
 
-def _without(assembly: Assembly, named: Collection[str]) -> tuple[Assembly, Counter[str]]:
-    """The elements of these types are of none, so that nothing takes them; and how many there are of each."""
+def _without(assembly: Assembly, named: Collection[str], removed: Collection[int]) -> tuple[Assembly, Counter[str]]:
+    """Elements of these types, and of these rows, are of none, so that nothing takes them; how many there are of each type."""
     out = np.array([spelt(type_) in named for type_ in assembly.type], dtype=bool)
     counted = Counter(f"{ELEMENT}{type_}" for type_, own in zip(assembly.type, out, strict=True) if own)
+    out[list(removed)] = True
     types = ["" if own else type_ for type_, own in zip(assembly.type, out, strict=True)]
     return replace(assembly, type=types, kind=np.where(out, -1, assembly.kind)), counted
 
@@ -278,13 +283,14 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     nodes: dict[str, IntArray] = {}
     elements: dict[str, IntArray] = {}
     names: dict[tuple[str, str], str] = {}
+    used: tuple[set[str], set[str]] = (set(), set())
     family = assembly.families
     for scope in (assembly.scopes[""], *(scope for name, scope in assembly.scopes.items() if name)):
         for key, written in assembly.set_names("NODE", scope).items():
             rows = assembly.node_set(key, scope, scope.part.keywords[0])
-            nodes[_qualified(written, scope, assembly, nodes)] = np.sort(assembly.node_ids[rows])
+            nodes[_qualified(written, scope, assembly, used[0])] = np.sort(assembly.node_ids[rows])
         for key, written in assembly.set_names("ELEMENT", scope).items():
-            name = names[scope.name, key] = _qualified(written, scope, assembly, elements)
+            name = names[scope.name, key] = _qualified(written, scope, assembly, used[1])
             rows = assembly.element_set(key, scope, scope.part.keywords[0])
             known = rows[family[rows] != ""]
             if known.size or not rows.size:
@@ -292,17 +298,24 @@ def _sets(assembly: Assembly) -> tuple[dict[str, IntArray], dict[str, IntArray],
     return nodes, elements, names
 
 
-def _qualified(written: str, scope: Scope, assembly: Assembly, taken: dict[str, IntArray]) -> str:
-    clash = written.upper() in {name.upper() for name in taken}
-    return f"{scope.name}.{written}" if scope.name and (not assembly.flat or clash) else written
+def _qualified(written: str, scope: Scope, assembly: Assembly, used: set[str]) -> str:
+    """The name of a set, which is added to those in use, in capitals."""
+    clash = written.upper() in used
+    name = f"{scope.name}.{written}" if scope.name and (not assembly.flat or clash) else written
+    used.add(name.upper())
+    return name
 
 
-def _add_set(node_sets: dict[str, IntArray], assembly: Assembly, surface: Surface, ids: IntArray) -> None:
-    """A surface as a node set; its name says so where a node set has the same one."""
-    name = _qualified(surface.name, surface.scope, assembly, {})
-    if name.upper() in {other.upper() for other in node_sets}:
-        name = f"{name} (surface)"
-    node_sets[name] = np.sort(ids)
+def _surface_sets(found: Iterable[Surface], assembly: Assembly, node_sets: dict[str, IntArray]) -> dict[str, IntArray]:
+    """Surfaces as node sets; the name says so where a node set has the same one."""
+    used, made = {name.upper() for name in node_sets}, {}
+    for surface in found:
+        if surface.nodes.size:
+            name = _qualified(surface.name, surface.scope, assembly, set())
+            name = f"{name} (surface)" if name.upper() in used else name
+            used.add(name.upper())
+            made[name] = np.sort(assembly.node_ids[surface.nodes])
+    return made
 
 
 def _origin(ids: IntArray, where: list[tuple[str, int]]) -> Origin:

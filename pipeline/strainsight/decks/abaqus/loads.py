@@ -35,7 +35,7 @@ def loads_of(
 ) -> dict[str, NodalForces]:
     """Each *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
 
-    found: the surfaces; rotations: see `fixed_components`; turning: rows of nodes with rotations, a moment on any other becomes a
+    found: the surfaces; rotations: see `Supports.pairs`; turning: rows of nodes with rotations, a moment on any other becomes a
     note. Loads of other kinds are counted. Raises DeckError for nodes, elements
     and surfaces that are not there, and for a data line that is incomplete.
     """

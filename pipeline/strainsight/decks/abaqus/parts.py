@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,6 +30,16 @@ class Part:
     cells: tuple[Cells, ...]
     elements: IdTable
     rows: dict[int, IntArray]
+
+    @cached_property
+    def sets(self) -> dict[tuple[str, str], list[Keyword]]:
+        """("NODE" or "ELEMENT", NAME of a set) → the keywords that define it."""
+        found: dict[tuple[str, str], list[Keyword]] = {}
+        for keyword in self.keywords:
+            for kind, parameter in (("NODE", "NSET"), ("ELEMENT", "ELSET")):
+                if keyword.name in (kind, parameter) and keyword.parameters.get(parameter):
+                    found.setdefault((kind, keyword.parameters[parameter].upper()), []).append(keyword)
+        return found
 
 
 def read_part(keywords: tuple[Keyword, ...]) -> Part:

@@ -136,11 +136,7 @@ class Assembly:
     def set_names(self, kind: str, scope: Scope) -> dict[str, str]:
         """NAME → as the file writes it first, of the sets of kind NODE or ELEMENT in a scope."""
         parameter = "NSET" if kind == "NODE" else "ELSET"
-        names: dict[str, str] = {}
-        for keyword in scope.part.keywords:
-            if keyword.name in (kind, parameter) and keyword.parameters.get(parameter):
-                names.setdefault(keyword.parameters[parameter].upper(), keyword.parameters[parameter])
-        return names
+        return {name: own[0].parameters[parameter] for (of, name), own in scope.part.sets.items() if of == kind}
 
     def _rows(self, kind: str, entry: str, scope: Scope, row: Keyword | Row) -> IntArray:
         within, name = self.split_name(entry, scope)
@@ -176,19 +172,15 @@ class Assembly:
         key = (kind, scope.name.upper(), name)
         if key in self._known:
             return self._known[key]
-        parameter = "NSET" if kind == "NODE" else "ELSET"
-        parts: list[IntArray] = []
-        defined = False
-        first = scope.first_node if kind == "NODE" else scope.first_element
-        for keyword in scope.part.keywords:
-            named = keyword.parameters.get(parameter, "").upper() == name and bool(name)
-            if keyword.name == kind and named:
-                parts.append(scope.part.rows[id(keyword)] + first)
-            if keyword.name == parameter and named:
-                parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
-            defined |= named and keyword.name in (kind, parameter)
-        if not defined:
+        if (kind, name) not in scope.part.sets:
             return None
+        parts: list[IntArray] = []
+        first = scope.first_node if kind == "NODE" else scope.first_element
+        for keyword in scope.part.sets[kind, name]:
+            if keyword.name == kind:
+                parts.append(scope.part.rows[id(keyword)] + first)
+            else:
+                parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
         self._known[key] = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))
         return self._known[key]
 

@@ -1,8 +1,7 @@
-"""Supports, nodal axes and point masses of an Abaqus deck."""
+"""Nodal axes and point masses of an Abaqus deck."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -10,22 +9,9 @@ import numpy as np
 from strainsight.decks.abaqus.parts import normal, orthonormal
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
-from strainsight.decks.effects import ENFORCED, HELD
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import PointMass
-from strainsight.mesh.model import FloatArray, IntArray
-
-TYPES = {
-    "ENCASTRE": (0, 1, 2, 3, 4, 5),
-    "PINNED": (0, 1, 2),
-    "XSYMM": (0, 4, 5),
-    "YSYMM": (1, 3, 5),
-    "ZSYMM": (2, 3, 4),
-    "XASYMM": (1, 2, 3),
-    "YASYMM": (0, 2, 4),
-    "ZASYMM": (0, 1, 5),
-}
-"""Components 0-5 that a named support holds."""
+from strainsight.mesh.model import FloatArray
 
 
 def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
@@ -72,70 +58,11 @@ def _axes(kind: str, a: FloatArray, b: FloatArray, position: FloatArray, row: Ro
     return orthonormal(arm, np.cross(arm, around), row)
 
 
-def fixed_components(
-    assembly: Assembly, rotations: dict[int, int], ignored: Counter[str], free: bool = False
-) -> IntArray:
-    """(f, 2) pairs (row, component 0-5) that *BOUNDARY holds, each once, sorted. A displacement that it enforces is held at
-    zero, or free, and counted.
-
-    Those of the model and of the first step that has any count; OP=NEW there removes those of the model. rotations: node
-    whose translations are the rotations of another one (CalculiX) → that node; free: what is not held at zero is not held.
-    Raises DeckError for motions of another model or a subroutine, for nodes that are not there and for a support of unknown name.
-    """
-    own = list(assembly.keywords("BOUNDARY"))
-    flat = assembly.scopes[""]
-    steps = [(step, [k for k in step.keywords if k.name == "BOUNDARY"]) for step in assembly.steps]
-    steps = [(step, found) for step, found in steps if found]
-    if steps:
-        first, found = steps[0]
-        if any(k.parameters.get("OP", "").upper() == "NEW" for k in found) and own:
-            assembly.notes.append(f"step {first.number} replaces the supports of the model (OP=NEW, {found[0].where})")
-            own = []
-        own += [(flat, k) for k in found]
-        assembly.notes += [
-            f"the supports of step {step.number} ({other[0].where}) are left out: those of step {first.number} count"
-            for step, other in steps[1:]
-        ]
-    pairs = [np.zeros((0, 2), dtype=np.int64)]
-    for scope, keyword in own:
-        if "SUBMODEL" in keyword.parameters or "USER" in keyword.parameters:
-            raise keyword.error("motions of another model are not supported", "only supports at zero are imported")
-        for row in keyword.rows(needed=False):
-            nodes = assembly.node_rows(row.text(0), scope, row)
-            held = _held(row, ignored)
-            if row.real(3, "the value", 0.0) != 0 and held:
-                ignored[ENFORCED if free else HELD] += 1
-                if free:
-                    continue
-            for component in held:
-                pairs.append(np.column_stack([nodes, np.full(len(nodes), component)]))
-    fixed = np.concatenate(pairs)
-    for i in np.flatnonzero(np.isin(fixed[:, 0], list(rotations))):
-        fixed[i] = rotations[int(fixed[i, 0])], fixed[i, 1] + 3
-    return np.unique(fixed[fixed[:, 1] < 6], axis=0)
-
-
-def _held(row: Row, ignored: Counter[str]) -> tuple[int, ...]:
-    """Components 0-5 of a data line of *BOUNDARY."""
-    label = row.text(1).upper()
-    if label and not label[0].isdigit():
-        if label not in TYPES:
-            raise row.error(f"{row.text(1)!r} is no support", f"write degrees of freedom, or {', '.join(TYPES)}")
-        return TYPES[label]
-    first = row.integer(1, "the first degree of freedom")
-    last = row.integer(2, "the last degree of freedom", first) or first
-    if last < first or (first < 1 and last != 0):
-        raise row.error(f"degrees of freedom {first} to {last}", "write the first and the last one, from 1 to 6")
-    for other in {first, last} - {*range(1, 7)}:  # temperature (0, 11), pressure (8) …
-        ignored[f"*BOUNDARY of degree of freedom {other}"] += 1
-    return tuple(c - 1 for c in range(max(first, 1), min(last, 6) + 1))
-
-
 def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[PointMass, ...]:
     """MASS elements with their *MASS; ROTARYI elements give a mass on the same node its inertia, or stand alone.
 
     I = [I11 I12 I13; · I22 I23; · · I33], its products with the sign of a tensor, turned with the instance.
-    rotations: see `fixed_components`. Raises DeckError for an element without value or node, or on a ROT NODE, whose motions
+    rotations: see `Supports.pairs`. Raises DeckError for an element without value or node, or on a ROT NODE, whose motions
     are rotations, and for values that are negative.
     """
     masses: dict[int, tuple[int, float]] = {}

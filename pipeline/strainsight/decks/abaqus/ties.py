@@ -21,7 +21,7 @@ TRANSLATIONS = (0, 1, 2)
 
 @dataclass
 class Ties:
-    """Rigid and averaging elements, numbered together from 1, and where each stands; rotations: see `fixed_components`."""
+    """Rigid and averaging elements, numbered together from 1, and where each stands; rotations: see `Supports.pairs`."""
 
     rigid: list[RigidElement] = field(default_factory=list)
     averaging: list[AveragingElement] = field(default_factory=list)
