@@ -29,6 +29,7 @@ def read_structure(
     model: list[Keyword] = []
     parts: dict[str, tuple[Keyword, ...]] = {}
     instances: list[tuple[Keyword, tuple[Keyword, ...]]] = []
+    named: set[str] = set()
     steps: list[Step] = []
     opened: list[tuple[Keyword, list[Keyword]]] = []
     inside = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
@@ -56,8 +57,9 @@ def read_structure(
                     raise start.error(f"part {part_name!r} stands twice", "give every part its own name")
                 parts[part_name.upper()] = tuple(own)
             elif start.name == "INSTANCE":
-                if any(k.needs("NAME").upper() == start.needs("NAME").upper() for k, _ in instances):
+                if start.needs("NAME").upper() in named:
                     raise start.error(f"instance {start.needs('NAME')!r} stands twice", "give it its own name")
+                named.add(start.needs("NAME").upper())
                 instances.append((start, tuple(own)))
             elif start.name == "STEP":
                 steps.append(Step(len(steps) + 1, start, tuple(own)))
