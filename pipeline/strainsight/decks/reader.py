@@ -10,6 +10,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.node_order import check_node_order
 from strainsight.mesh.units import length_factor, mass_factor, to_si
 
 FORMATS = {
@@ -74,6 +75,7 @@ def read_mesh(
     own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
     mesh = _read(path, format, region_data, solids, materials, ignore, spc, step, own, include, contact)
     with mesh.located():
+        check_node_order(mesh)
         exterior_facets(mesh)  # so that elements that do not fit together show here
     return to_si(mesh, length_unit, mass_unit)
 

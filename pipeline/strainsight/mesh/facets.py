@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FACETS, kind_of
-from strainsight.mesh.model import CellBlock, IntArray, Mesh
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
@@ -166,7 +166,7 @@ def exterior_facets(mesh: Mesh) -> Facets:
             remedy="remove elements that overlap",
             entity=("element", int(shared[-1])),
         )
-    _check_conforming(facets, order, new, straight_sides(mesh))
+    _check_conforming(mesh, facets, order, new)
     outside = times[group] == 1
     if mesh.blocks and mesh.thin:
         outside &= ~_covered(mesh, facets, key, outside)
@@ -227,8 +227,15 @@ def straight_sides(mesh: Mesh) -> NDArray[np.bool_]:
     return components == 3
 
 
-def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray, straight: NDArray[np.bool_]) -> None:
-    """straight (n + 1,): nodes that are as if they were not there."""
+def _coincide(position: FloatArray, first: IntArray, second: IntArray) -> bool:
+    """Do nodes (k,) and (l,), −1 for none, lie at the same places?"""
+    x, y = (position[nodes[nodes >= 0]] for nodes in (first, second))
+    apart = np.linalg.norm(x[:, None] - y[None], axis=2)
+    return bool(max(apart.min(axis=0).max(), apart.min(axis=1).max()) <= 1e-3 * apart.max())
+
+
+def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.ndarray) -> None:
+    straight = straight_sides(mesh)  # nodes that are as if they were not there
     pair = np.flatnonzero(~new)
     a, b = order[pair - 1], order[pair]
     nodes = np.where(straight[facets.nodes], -1, facets.nodes)
@@ -236,9 +243,13 @@ def _check_conforming(facets: Facets, order: np.ndarray, new: np.ndarray, straig
     if apart.any():
         i = int(np.argmax(apart))
         first, second = facets.element_id[a[i]], facets.element_id[b[i]]
-        mixed = facets.kind[a[i]] != facets.kind[b[i]]
+        other = "check the order of the nodes of these elements"
+        if facets.kind[a[i]] != facets.kind[b[i]]:
+            other = "mesh both with elements of the same order"
+        elif _coincide(mesh.position, nodes[a[i]], nodes[b[i]]):
+            other = "merge the coincident nodes"
         raise DeckError(
             f"elements {first} and {second} share a facet's corners but not its mid-side nodes",
-            remedy="mesh both with elements of the same order" if mixed else "merge the coincident nodes",
+            remedy=other,
             entity=("element", int(second)),
         )
