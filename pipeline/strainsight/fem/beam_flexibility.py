@@ -46,8 +46,27 @@ def _flexibility(length: np.ndarray, own: BeamProperties) -> tuple[np.ndarray, n
     F[:, 1:3, 1:3] = L**3 * bending[2] + L * np.einsum("eki,ek,ekj->eij", Q, per_shear, Q)
     F[:, 4:, 4:] = L * bending[0]
     F[:, 1:3, 4:] = F[:, 4:, 1:3] = -(L**2) * bending[1]
+    if own.neutral is not None and own.neutral.any():
+        F += _beside_the_axis(F, L, Q, own.neutral, F[:, 1:3, 1:3] - L**3 * bending[2])
     ones = np.ones(len(length), bool)
     return F, np.stack([ones, *present.T, twists, *present.T], axis=1), Q
+
+
+def _beside_the_axis(F: np.ndarray, L: np.ndarray, Q: np.ndarray, neutral: np.ndarray, shear: np.ndarray) -> np.ndarray:
+    """What F grows by where the neutral axis lies n = n_B + (1 − ξ)(n_A − n_B) from the axis: moments about it are
+
+        m_c(ξ) = m(ξ) − N n(ξ) = (m_B − N n_B) − (1 − ξ)(L V + N (n_A − n_B)),
+
+    so that N alone bends as m = −n_B and V = (n_A − n_B)/L do. shear (e, 2, 2): the part of F that V shears.
+    """
+    n = np.einsum("eji,eaj->eai", Q, neutral)
+    bent = F[:, [1, 2, 4, 5]][:, :, [1, 2, 4, 5]]
+    bent[:, :2, :2] -= shear
+    g = np.concatenate([(n[:, 0] - n[:, 1]) / L[:, :, 0], -n[:, 1]], axis=1)
+    more = np.zeros_like(F)
+    more[:, 0, [1, 2, 4, 5]] = more[:, [1, 2, 4, 5], 0] = np.einsum("eij,ej->ei", bent, g)
+    more[:, 0, 0] = np.einsum("ei,eij,ej->e", g, bent, g)
+    return more
 
 
 def _equilibrium(length: np.ndarray, Q: np.ndarray) -> np.ndarray:

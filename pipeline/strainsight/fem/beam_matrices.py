@@ -1,7 +1,7 @@
 """Stiffness, mass and strain of many straight beams and rods at once, rows 6·node + component along the basic axes.
 
-The motions of an end are three translations and three rotations. x of a beam's axes runs from A to B, and its section is
-about x: centroid, shear centre and centre of mass are one.
+The motions of an end are three translations and three rotations. x of a beam's axes runs from A to B through the shear
+centres; centroid and centre of mass are there too, or beside it (`BeamProperties.neutral`).
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ def beam_masses(
     offset: np.ndarray,
     ids: np.ndarray,
     rotary: np.ndarray | None = None,
+    beside: np.ndarray | None = None,
 ) -> np.ndarray:
     """Consistent mass of beams, from the kinetic energy
 
@@ -73,7 +74,8 @@ def beam_masses(
     with its node.
 
     per_length (e, 2) at A and B, linear in between [kg/m]; rotary R (e, 2, 2, 2) = ρ ∫ (y, z)ᵀ (y, z) dA at both ends [kg m],
-    left out by default, as CBAR does. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
+    left out by default, as CBAR does; beside (e, 2, 2) y and z [m] of the mass from the axis at both ends, linear in between:
+    there u is that of the mass. The rest as `beam_stiffnesses`. Returns (e, 12, 12) [kg, kg m, kg m²].
     Raises DeckError for a beam without length or orientation.
     """
     length = _lengths(position, axes, offset, ids)
@@ -90,13 +92,28 @@ def beam_masses(
     _add(M, [1, 5, 7, 11], bending)
     turned = np.array([1.0, -1.0, 1.0, -1.0])
     _add(M, [2, 4, 8, 10], bending * np.outer(turned, turned))
+    T = _arms(axes, offset)
+    if beside is not None and beside.any():
+        M = _seen_from_nodes(M, _of_mass(length, beside))
     if rotary is not None:
         R = np.einsum("eijk,iq,q,aq,bq->eabjk", rotary * length[:, None, None, None], N, w, N, N, optimize=True)
         _add(M, [3, 9], R[..., 0, 0] + R[..., 1, 1])
         turns = [5, 4, 11, 10]  # θ_z, θ_y at A and at B, the first with its sign changed
         sign = np.array([-1.0, 1.0, -1.0, 1.0])
         _add(M, turns, R.transpose(0, 1, 3, 2, 4).reshape(-1, 4, 4) * np.outer(sign, sign))
-    return _seen_from_nodes(M, _arms(axes, offset))
+    return _seen_from_nodes(M, T)
+
+
+def _of_mass(length: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(e, 12, 12): motions of the ends → of a line at r = (0, y, z) from them, u + θ × r, with its slopes θ − r' θ_x."""
+    T = np.tile(np.eye(12), (len(length), 1, 1))
+    slope = (beside[:, 1] - beside[:, 0]) / length[:, None]
+    for node in range(2):
+        at, (y, z) = 6 * node, beside[:, node].T
+        T[:, at, at + 4], T[:, at, at + 5] = z, -y
+        T[:, at + 1, at + 3], T[:, at + 2, at + 3] = -z, y
+        T[:, at + 4, at + 3], T[:, at + 5, at + 3] = -slope[:, 0], -slope[:, 1]
+    return T
 
 
 def rod_stiffnesses(
@@ -152,6 +169,8 @@ def beam_strain_rows(
     which is u' − y θ_z' + z θ_y' (u' − y v'' − z w'' of a beam that does not shear), from the forces at B, so that it is exact
     for loads at the ends, with a taper too. Bending that the section does not resist leaves no strain.
 
+    Where the neutral axis lies n beside that of the beam, m − N n and (y, z) − n take their places.
+
     at (e,) share of the length from A; y, z (e,) place on the section [m]; the rest as `beam_stiffnesses`, which is to have
     accepted it. Returns (e, 12) [1/m, 1].
     """
@@ -161,7 +180,11 @@ def beam_strain_rows(
     v, ends, _, _ = bending_axes(properties.second)
     inverse = np.einsum("eij,ej,ekj->eik", v, 1 / ((1 - at)[:, None] * ends[..., 0] + at[:, None] * ends[..., 1]), v)
     moment = np.stack([-forces[:, 5], forces[:, 4]], axis=1) - ((1 - at) * length)[:, None, None] * forces[:, 1:3]
-    rows = forces[:, 0] / area[:, None] + np.einsum("ei,eij,ejn->en", np.stack([y, z], axis=1), inverse, moment)
+    place = np.stack([y, z], axis=1)
+    if properties.neutral is not None:
+        n = (1 - at)[:, None] * properties.neutral[:, 0] + at[:, None] * properties.neutral[:, 1]
+        place, moment = place - n, moment - n[:, :, None] * forces[:, None, 0]
+    rows = forces[:, 0] / area[:, None] + np.einsum("ei,eij,ejn->en", place, inverse, moment)
     return np.matmul(rows[:, None], _arms(axes, offset))[:, 0]
 
 

@@ -22,7 +22,8 @@ class BeamProperties:
     """Sections of e beams at their ends A and B, linear in between.
 
     area (e, 2) [m²]; second (e, 2, 2, 2) ∫ (y, z)ᵀ (y, z) dA [m⁴], about the centroid; torsion J (e, 2) [m⁴]; shear (e, 2)
-    areas over the area along y and z [-], 0 where the beam does not shear; poisson_ratio (e,) [-].
+    areas over the area along y and z [-], 0 where the beam does not shear; poisson_ratio (e,) [-]; neutral (e, 2, 2) y and z [m]
+    of the neutral axis from the axis of the beam, through the shear centres, at both ends; None where they are one.
     """
 
     area: FloatArray
@@ -30,6 +31,7 @@ class BeamProperties:
     torsion: FloatArray
     shear: FloatArray
     poisson_ratio: FloatArray
+    neutral: FloatArray | None = None
 
 
 def properties_of(sections: Sequence[BeamSection], poisson_ratio: FloatArray) -> BeamProperties:
@@ -44,6 +46,7 @@ def properties_of(sections: Sequence[BeamSection], poisson_ratio: FloatArray) ->
         np.array([[end.torsion for end in pair] for pair in ends], float).reshape(-1, 2),
         np.array([own.shear for own in sections], float).reshape(-1, 2),
         np.asarray(poisson_ratio, float),
+        np.array([[end.neutral for end in pair] for pair in ends], float).reshape(-1, 2, 2),
     )
 
 

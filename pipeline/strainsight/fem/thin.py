@@ -131,13 +131,18 @@ def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> li
             area, beside = (
                 np.array([[getattr(end, name) for end in both] for both in ends]) for name in ("area", "nonstructural")
             )
-            length = rho[:, None] * area + nonstructural * beside
+            length, more = rho[:, None] * area, nonstructural * beside
             if part.kind == "rod":
-                own = rod_masses(x, length[:, 0], part.ids)
+                own = rod_masses(x, (length + more)[:, 0], part.ids)
             else:
-                second = np.array([[end.second for end in both] for both in ends])
-                masses = curved_beam_masses if part.kind == "beam3" else beam_masses
-                own = masses(x, part.axes, length, part.offset, part.ids, rho[:, None, None, None] * second)
+                rotary = rho[:, None, None, None] * np.array([[end.second for end in both] for both in ends])
+                places = np.array([[(end.neutral, end.beside) for end in both] for both in ends])
+                if not places.any():
+                    masses = curved_beam_masses if part.kind == "beam3" else beam_masses
+                    own = masses(x, part.axes, length + more, part.offset, part.ids, rotary)
+                else:
+                    own = beam_masses(x, part.axes, length, part.offset, part.ids, rotary, places[:, :, 0])
+                    own += beam_masses(x, part.axes, more, part.offset, part.ids, None, places[:, :, 1])
         return _blocks(part.nodes, own)
 
     return mapped(of_part, _parts(mesh, density))

@@ -96,5 +96,5 @@ def _box(section: BeamSection) -> np.ndarray:
     half = 0.5 * np.sqrt(section.area)
     points = section.points
     if not (len(points) and (np.ptp(points, axis=0) > 0).all()):
-        points = np.array([[-half, -half], [half, half]])
+        points = np.array(section.neutral) + np.array([[-half, -half], [half, half]])
     return np.stack([points.min(axis=0), points.max(axis=0)], axis=1)

@@ -43,6 +43,8 @@ def resized(section: Own, length: float, mass: float) -> Own:
         second=section.second * length**4,
         torsion=section.torsion * length**4,
         points=section.points * length,
+        neutral=(section.neutral[0] * length, section.neutral[1] * length),
+        beside=(section.beside[0] * length, section.beside[1] * length),
         nonstructural=section.nonstructural * mass / length,
         at_b=None if section.at_b is None else resized(section.at_b, length, mass),
     )

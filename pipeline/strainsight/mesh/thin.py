@@ -69,7 +69,8 @@ class BeamSection:
     area A [m²]; second (2, 2) ∫ (y, z)ᵀ (y, z) dA [m⁴], so that I1 of a PBAR is its yy; torsion J [m⁴]; shear (2,) areas over A
     along y and z (K1, K2; 0 where it does not shear); points (p, 2) y and z where its strain is asked for [m]; mass that is not
     of its material [kg/m]; sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the
-    middle, so that a gauge can sit there.
+    middle, so that a gauge can sit there; y and z [m] from the axis of the element, through the shear centres: neutral, of the
+    neutral axis, where its own mass is (N1, N2 of a PBEAM), and beside, of mass that is not of its material (M1, M2).
     """
 
     area: float
@@ -80,6 +81,8 @@ class BeamSection:
     nonstructural: float = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
+    neutral: tuple[float, float] = (0.0, 0.0)
+    beside: tuple[float, float] = (0.0, 0.0)
 
 
 Section = ShellSection | GeneralShell | Laminate | BeamSection

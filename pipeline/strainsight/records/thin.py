@@ -241,6 +241,8 @@ class BeamSections:
     points: np.ndarray = dataset("/points", "m", "point × 2", "y and z where its strain is asked for" + ALL)
     points_offset: np.ndarray = dataset("/points_offset", "1", "end + 1", OFFSET)
     nonstructural: np.ndarray = dataset("/nonstructural", "kg/m", "end", "mass that is not of its material")
+    neutral: np.ndarray = dataset("/neutral", "m", "end × 2", "y and z of the neutral axis from the shear centre")
+    beside: np.ndarray = dataset("/beside", "m", "end × 2", "y and z of that mass from the shear centre")
 
     @classmethod
     def of(cls, sections: Mapping[int, Section]) -> BeamSections | None:
@@ -263,6 +265,8 @@ class BeamSections:
             points=points,
             points_offset=offset,
             nonstructural=floats([own.nonstructural for _, own in ends]),
+            neutral=floats([np.array(own.neutral) for _, own in ends], (2,)),
+            beside=floats([np.array(own.beside) for _, own in ends], (2,)),
         )
 
     def made(self) -> dict[int, Section]:
@@ -274,11 +278,17 @@ class BeamSections:
             self.shear.tolist(),
             split(self.points, self.points_offset),
             self.nonstructural.tolist(),
+            self.neutral.tolist(),
+            self.beside.tolist(),
             strict=True,
         )
         found: dict[int, Section] = {}
-        for region, area, second, torsion, (y, z), points, nonstructural in reversed(list(rows)):  # end B first
+        for region, area, second, torsion, (y, z), points, nonstructural, n, m in reversed(list(rows)):  # end B first
             end_b = found.get(region)
             assert end_b is None or isinstance(end_b, BeamSection)
-            found[region] = BeamSection(area, second, torsion, (y, z), points, nonstructural, end_b)
+            found[region] = BeamSection(
+                *(area, second, torsion, (y, z), points, nonstructural, end_b),
+                neutral=(n[0], n[1]),
+                beside=(m[0], m[1]),
+            )
         return found

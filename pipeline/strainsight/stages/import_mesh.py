@@ -106,5 +106,5 @@ def _grid(mesh: Mesh) -> VtkHdf:
 
 
 IMPORT = Stage(
-    "import", version=16, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
+    "import", version=17, reads=("mesh", *READS), upstream=(), files=("mesh.file",), run=run, check=check_files
 )

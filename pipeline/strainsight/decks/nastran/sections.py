@@ -63,7 +63,8 @@ def tube_section(card: Card) -> tuple[int, BeamSection]:
 def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     """MID and section of a PBEAM at its ends; stations between them have to lie on the line. K1 and K2 are 1 where blank.
 
-    Raises DeckError for stations off the line, and for a neutral axis or mass beside the line of the shear centres (N, M).
+    N1 and N2, M1 and M2 of end B are those of end A where blank. Raises DeckError for stations off the line, and for relief of
+    shear by taper (S1, S2).
     """
     at, points = 8, np.zeros((0, 2))
     if card.text(8).upper() not in STATIONS:  # the line of places of stress may be left out
@@ -83,19 +84,32 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
             check_station(card, x, _station(card, field, _between(x, end_a, end_b)), end_a, end_b)
     words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
     words += ("M1(A)", "M2(A)", "M1(B)", "M2(B)", "N1(A)", "N2(A)", "N1(B)", "N2(B)")
-    more = {word: card.real(at + i, word, 1.0 if word in ("K1", "K2") else 0.0) for i, word in enumerate(words)}
+    more: dict[str, float] = {}
+    for i, word in enumerate(words):  # of end B the values of end A where it is blank
+        more[word] = card.real(at + i, word, 1.0 if word in ("K1", "K2") else more.get(word.replace("(B)", "(A)"), 0.0))
     given = [word for word in words if more[word] != 0]
-    if beside := [word for word in given if word[:2] in ("S1", "S2", "M1", "M2", "N1", "N2")]:
+    if relief := [word for word in given if word in ("S1", "S2")]:
         raise card.error(
-            f"{', '.join(f'{word} is {more[word]:g}' for word in beside)}: a neutral axis or mass beside the line of the "
-            "shear centres, and relief of shear by taper, are not supported",
-            "leave them blank, or put the axis where it is by the offsets of the elements (WA, WB)",
+            f"{', '.join(f'{word} is {more[word]:g}' for word in relief)}: relief of shear by taper is not supported",
+            "leave them blank",
         )
-    if idle := [word for word in given if word[:2] in ("NS", "CW")]:
+    if (
+        any(word[0] == "N" and word[1] != "S" for word in given)
+        and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
+    ):
+        raise card.error(
+            "a neutral axis beside the shear centre (N1, N2) of a beam that does not bend", "give I1 and I2"
+        )
+    end_a, end_b = (
+        replace(own, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"]))
+        for own, end in ((end_a, "A"), (end_b, "B"))
+    )
+    if idle := [word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)]:
         notes.append(f"PBEAM {card.text(0)}: {', '.join(idle)} (inertia about the axis, warping) have no effect")
     shear = (more["K1"], more["K2"])
     same = all(np.array_equal(a, b) for a, b in zip(_values(end_a), _values(end_b), strict=True))
     same = same and np.array_equal(end_a.points, end_b.points)
+    same = same and (end_a.neutral, end_a.beside) == (end_b.neutral, end_b.beside)
     made = replace(end_a, shear=shear, at_b=None if same else replace(end_b, shear=shear))
     return card.integer(1, "the material id"), _checked(card, made)
 

@@ -63,7 +63,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 IMPORT = Stage(
     "import",
-    version=12,
+    version=13,
     reads=("bodies.*.mesh", "bodies.*.scale"),
     upstream=(),
     files=("bodies.*.mesh.file",),
