@@ -94,9 +94,15 @@ def test_what_is_removed_is_in_no_set_region_or_mass(read):
     mesh = read(ROW + DECKS["removed"])
     assert [ids.tolist() for ids in (mesh.blocks[0].ids, mesh.element_sets["EALL"])] == [[1, 2, 3]] * 2
     assert "E4" not in mesh.element_sets
-    assert any("1 elements are removed (*MODEL CHANGE)" in note for note in mesh.notes)
+    assert any("without 1 element (*MODEL CHANGE)" in note for note in mesh.notes)
     ignored = read(ROW + DECKS["removed"], ignore=["MODEL CHANGE"])
     assert ignored.blocks[0].ids.tolist() == [1, 2, 3, 4]
+
+
+def test_a_point_mass_is_removed_by_its_set(read):
+    mass = "*ELEMENT, TYPE=MASS, ELSET=P\n77, 5\n*MASS, ELSET=P\n2.\n"
+    assert len(read(ROW + mass + HELD + step(analysis=MODES)).point_masses) == 1
+    assert read(ROW + mass + HELD + step(removed("P")) + step(analysis=MODES)).point_masses == ()
 
 
 def test_elements_of_an_instance_are_removed_by_its_set(read):
@@ -140,6 +146,7 @@ def test_steps_that_differ_are_a_choice(read, steps, what):
         (step(removed("NONE")), "element set 'NONE' is not in the deck"),
         (step(removed("E1", how="*MODEL CHANGE")), "neither ADD nor REMOVE"),
         (step(removed("E1", how="*MODEL CHANGE, TYPE=TIE, REMOVE")), "neither ELEMENT nor CONTACT PAIR"),
+        (removed("E1") + step(analysis=MODES), "stands before the first"),
         (step("*BOUNDARY, SUBMODEL\nROOT, 1\n"), "motions of another model"),
     ],
 )

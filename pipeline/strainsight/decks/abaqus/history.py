@@ -14,6 +14,7 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.structure import Step
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.effects import ENFORCED, HELD
+from strainsight.decks.faults import plural
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 
@@ -87,6 +88,9 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     """
     reader = _Reader(assembly, ignored)
     model = State(Supports().then(reader.supports(assembly.keywords("BOUNDARY"))))
+    for _, keyword in assembly.keywords("MODELCHANGE"):
+        if "ACTIVATE" not in keyword.parameters:
+            raise keyword.error("stands before the first *STEP", "move it into the step in which it changes the model")
     if not assembly.steps:
         return model
     if chosen is not None and not 1 <= chosen <= len(assembly.steps):
@@ -113,7 +117,7 @@ def state_of(assembly: Assembly, ignored: Counter[str], chosen: int | None = Non
     _check_choice(assembly.steps, states, asked)
     state, step = states[asked[0]], assembly.steps[asked[0] - 1]
     if not state.same(model):
-        count = f", and {len(state.elements)} elements are removed (*MODEL CHANGE)" if state.elements else ""
+        count = f", without {plural(len(state.elements), 'element')} (*MODEL CHANGE)" if state.elements else ""
         assembly.notes.append(f"supports are those in step {step.number} ({step.keyword.where}){count}")
     return state
 
