@@ -13,8 +13,10 @@ from strainsight.config.answers import Answers, Lacking, Place, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
+from strainsight.stages.suggestion import suggestion
 from strainsight_cli.main import app
 
+from ..decks.abaqus.test_history import DIFFERENT, ROW
 from ..edges.beam import bricks
 from ..strips import gmsh
 
@@ -78,6 +80,14 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
     assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
+
+
+def test_steps_that_differ_and_contact_are_both_asked_for(tmp_path):
+    contact = "*SURFACE, NAME=A\nE1, S6\n*SURFACE, NAME=B\nE3, S4\n*CONTACT PAIR, INTERACTION=I\nA, B\n*SURFACE INTERACTION, NAME=I\n"
+    (tmp_path / "row.inp").write_text(ROW + contact + DIFFERENT)
+    found = suggestion(tmp_path / "row.inp")
+    assert (found.support_key, found.support_sets, found.contact) == ("step", (1, 2), "open")
+    assert re.search(r"\n  step: +# ← step whose supports and elements count: 1, 2\n", template("row.inp", found))
 
 
 def test_modes_says_which_ignored_cards_may_change_the_structure(init):
