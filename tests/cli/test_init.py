@@ -83,7 +83,8 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
 
 
 def test_steps_that_differ_and_contact_are_both_asked_for(tmp_path):
-    contact = "*SURFACE, NAME=A\nE1, S6\n*SURFACE, NAME=B\nE3, S4\n*CONTACT PAIR, INTERACTION=I\nA, B\n*SURFACE INTERACTION, NAME=I\n"
+    contact = "*SURFACE, NAME=A\nE1, S6\n*SURFACE, NAME=B\nE3, S4\n"
+    contact += "*CONTACT PAIR, INTERACTION=I\nA, B\n*SURFACE INTERACTION, NAME=I\n"
     (tmp_path / "row.inp").write_text(ROW + contact + DIFFERENT)
     found = suggestion(tmp_path / "row.inp")
     assert (found.support_key, found.support_sets, found.contact) == ("step", (1, 2), "open")

@@ -212,7 +212,8 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
     pieces = [_cut(line) for line in _joined(lines)]
     follower = _continuations(pieces)
     pattern: list[str] | None = None  # of the card before, where that repeats one itself
-    name, fields, made = "", [], 0
+    name, made = "", 0
+    fields: list[str] = []
     for i, piece in enumerate(pieces):
         if piece.continues:
             continue
