@@ -41,7 +41,8 @@ def check_node_order(mesh: Mesh) -> None:
 def _kinds(mesh: Mesh) -> Iterator[tuple[str, Edges, list[CellBlock | ShellBlock]]]:
     """Name, edges with a node between, and blocks of each kind of second-order solids and shells."""
     of_kind: dict[str, list[CellBlock | ShellBlock]] = {}
-    for block in (*mesh.blocks, *mesh.shells):
+    second: list[CellBlock | ShellBlock] = [*mesh.blocks, *mesh.shells]
+    for block in second:
         of_kind.setdefault(block.kind, []).append(block)
     for kind, blocks in of_kind.items():
         edges = (kind_of(kind) if isinstance(blocks[0], CellBlock) else facet_of(kind)).edges
