@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+import time
 from dataclasses import replace
 
 import h5py
@@ -16,7 +17,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.errors import ArtefactError, UserError
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.workflow import store
+from strainsight.workflow import artefact, store
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.seal import seal
@@ -275,8 +276,58 @@ def compressed(file, other):
     file.create_dataset("bomb", data=np.zeros(10**6), compression="gzip")
 
 
-@pytest.mark.parametrize("attack", [outside, soft, external_storage, virtual, huge, huge_contiguous, ring, compressed])
-def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, attack):
+def ladder(file, other):
+    """Ten names a level: 10¹⁰ paths through eleven groups."""
+    below = file.create_group("level0")
+    for level in range(1, 11):
+        group = file.create_group(f"level{level}")
+        for i in range(10):
+            group[f"name{i}"] = below
+        below = group
+
+
+def loop(file, other):
+    file.create_group("a/b")
+    file["a/b/c"] = file["a"]
+
+
+def second_name(file, other):
+    file["again"] = file["strain"]
+
+
+def to_itself(file, other):
+    file["self"] = h5py.SoftLink("/self")
+
+
+def nested(file, other):
+    file.create_group("/".join(["deep"] * 2000))
+
+
+def crowd(file, other):
+    """As many groups as MAX_OBJECTS allows below that."""
+    group = file.create_group("crowd")
+    for i in range(1 << 7):
+        group.create_group(str(i))
+
+
+def repeated_text(file, other):
+    """An array of text, whose entries may all point to the same object of the heap."""
+    file["strain"].attrs["rules"] = ["x", "y"]
+
+
+def nested_text(file, other):
+    kind = np.dtype([("text", h5py.string_dtype())])
+    file.attrs.create("remarks", np.array(("x",), dtype=kind), dtype=kind)
+
+
+@pytest.mark.parametrize(
+    "attack",
+    [
+        *(outside, soft, external_storage, virtual, huge, huge_contiguous, ring, compressed, ladder, loop, second_name),
+        *(to_itself, nested, crowd, repeated_text, nested_text),
+    ],
+)
+def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, monkeypatch, attack):
     other = tmp_path / "other.h5"
     with h5py.File(other, "w") as file:
         file["secret"] = np.ones(3)
@@ -284,8 +335,11 @@ def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused
     with h5py.File(path, "a") as file:
         attack(file, other)
     seal(path)
+    monkeypatch.setattr(artefact, "MAX_OBJECTS", 100)
+    start = time.process_time()
     with pytest.raises(ArtefactError, match="damaged"):
         Artefact(path)
+    assert time.process_time() - start < 1.0
 
 
 def test_an_artefact_may_be_moved(tmp_path):

@@ -23,7 +23,7 @@ FORMAT = "strainsight"
 FORMAT_VERSION = 1
 GRID = ".vtkhdf"
 """Ending of the file beside an artefact with a grid, by which ParaView and PyVista open that grid."""
-MAX_DEPTH = 12
+MAX_DEPTH, MAX_OBJECTS = 12, 1 << 16
 CHUNK = 1 << 24  # bytes hashed at a time
 SETTLED = 2_000_000_000
 """[ns] Age from which the time of a file tells whether it was written to again."""
@@ -135,8 +135,8 @@ class Artefact:
     def attributes(self, path: str) -> dict[str, Any]:
         """Attributes of a group or dataset."""
         with _opened(self.path) as file:
-            attributes = self._object(file, path, h5py.Group | h5py.Dataset).attrs
-            return {name: _plain(attributes[name]) for name in attributes if name not in SCALE_ATTRIBUTES}
+            item = self._object(file, path, h5py.Group | h5py.Dataset)
+            return {name: _plain(item.attrs[name]) for name in _attribute_names(item)}
 
     def _object(self, file: h5py.File, path: str, kind: Any) -> Any:
         if path not in file or not isinstance(file[path], kind):
@@ -167,7 +167,7 @@ def content_digest(file: h5py.File) -> str:
     """
     digest = hashlib.sha256()
     for path, item in _walk(file):
-        attributes = {n: _for_digest(item.attrs[n]) for n in sorted(item.attrs) if n not in SCALE_ATTRIBUTES}
+        attributes = {name: _for_digest(item.attrs[name]) for name in _attribute_names(item)}
         digest.update(canonical([path, attributes]).encode())
         if isinstance(item, h5py.Dataset):
             digest.update(
@@ -261,6 +261,7 @@ def _damaged(path: Path, why: str) -> ArtefactError:
 
 def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
     attributes = file.attrs
+    _refuse_foreign_attributes(file, path)
     if attributes.get("format") != FORMAT:
         raise ArtefactError(
             "this HDF5 file was not written by strainsight", where=str(path), remedy="give a file from results/"
@@ -297,7 +298,8 @@ def _by(attributes: Mapping[str, Any]) -> str:
 
 
 def _walk(file: h5py.File) -> Iterator[tuple[str, Any]]:
-    """Every group and dataset below the root, in path order; only hard links are followed."""
+    """Every group and dataset below the root, in path order; no object under two names, and no link to elsewhere."""
+    seen = {_address(file)}
 
     def below(group: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
         for name in sorted(group):
@@ -305,6 +307,10 @@ def _walk(file: h5py.File) -> Iterator[tuple[str, Any]]:
             if not isinstance(link, h5py.HardLink):
                 raise _damaged(file.filename, f"{path}/{name} is a link to elsewhere, which is not followed")
             item = group[name]
+            if (address := _address(item)) in seen or len(seen) > MAX_OBJECTS:
+                what = "is another name of an object above" if address in seen else f"follows {MAX_OBJECTS} others"
+                raise _damaged(file.filename, f"{path}/{name} {what}")
+            seen.add(address)
             yield f"{path}/{name}", item
             if isinstance(item, h5py.Group):
                 if depth >= MAX_DEPTH:
@@ -314,11 +320,40 @@ def _walk(file: h5py.File) -> Iterator[tuple[str, Any]]:
     yield from below(file, "", 1)
 
 
+def _address(item: Any) -> int:
+    """Where in the file an object lies, whatever its names."""
+    return int(h5py.h5o.get_info(item.id).addr)
+
+
+def _attribute_names(item: Any) -> list[str]:
+    """Of an object, without those of its scales."""
+    return [name for name in sorted(item.attrs) if name not in SCALE_ATTRIBUTES]
+
+
+def _refuse_foreign_attributes(item: Any, path: Path) -> int:
+    """Bytes of its attributes; raises ArtefactError for arrays of text, each entry of which may be the whole file again."""
+    held, size = 0, Path(path).stat().st_size
+    for name in _attribute_names(item):
+        identifier = item.attrs.get_id(name)
+        text = h5py.check_string_dtype(identifier.dtype)
+        if identifier.dtype.hasobject and (text is None or identifier.shape != ()):
+            raise _damaged(path, f"attribute {name} of {item.name} is not stored as it was written")
+        if identifier.get_storage_size() <= size:
+            value = item.attrs[name]
+            held += len(value) if isinstance(value, str) else np.asarray(value).nbytes
+        if identifier.get_storage_size() > size or held > size:
+            raise _damaged(path, f"the attributes of {item.name} claim more bytes than the file holds")
+    return held
+
+
 def _refuse_foreign_contents(file: h5py.File, path: Path) -> None:
     """Links out of the file, storage out of the file, and shapes that the file does not hold the bytes for."""
     size = Path(path).stat().st_size
     held = 0
     for name, item in _walk(file):
+        held += _refuse_foreign_attributes(item, path)
+        if held > size:
+            raise _damaged(path, f"{name} and what is above it claim more bytes than the file holds")
         if not isinstance(item, h5py.Dataset):
             continue
         stored = item.id.get_storage_size()
