@@ -32,11 +32,11 @@ def tied_order(values: np.ndarray, least: float = 0.0, share: float = TIE) -> np
     return np.asarray(order[np.lexsort((order, np.cumsum(level)))])
 
 
-def first_of_largest(values: np.ndarray) -> int:
-    """The lowest place of the largest of the values (m,) and its ties; infinities are ties, no NaN."""
+def first_of_largest(values: np.ndarray, least: float = 0.0) -> int:
+    """The lowest place of the largest of the values (m,) and its ties; infinities are ties, no NaN; least: as in `tied_order`."""
     v = np.clip(values, -_LARGEST, _LARGEST)
     largest = v.max()
-    return int(np.argmax(v >= largest - TIE * abs(largest)))
+    return int(np.argmax(v >= largest - max(TIE * abs(largest), least)))
 
 
 def lowest_first(values: np.ndarray, least: float = 0.0) -> Iterator[int]:

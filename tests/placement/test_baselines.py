@@ -223,3 +223,10 @@ def test_qr_takes_what_is_independent_in_any_unit(unit):
     second = left[qr(rows[left].T, mode="r", pivoting=True)[1][:2]].tolist()
     for keep in range(1, 6):
         assert qr_pivoting(unit * rows, keep).tolist() == sorted([*first, odd, *second][:keep])
+
+
+def test_gains_of_rounding_are_ties_of_the_d_optimal_set():
+    for seed in range(3):
+        rows = 1e-9 * np.random.default_rng(seed).standard_normal((8, 3))
+        rows[[5, 6, 7]] = np.eye(3)
+        assert d_optimal(rows, np.ones(8), np.eye(3), 5).tolist() == [0, 1, 5, 6, 7]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -191,3 +193,21 @@ def test_the_residual_is_the_largest_of_all_steps(beam_of, scenarios_of, monkeyp
         found = eliminate(scenarios, 5)
         assert found.residual == max(residuals)
         assert found.residual > max(pool.residual for pool in found.pools)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(beam_of, scenarios_of, aggregate):
+    """On a neutral axis, say: what their rows hold differs with the linear algebra."""
+    scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260))
+    silent = [3, 7, 8, 15]
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        shaken = []
+        for own in scenarios:
+            H = own.H.copy()
+            H[silent] *= 1e-11 * rng.standard_normal(H[silent].shape)
+            shaken.append(replace(own, H=H))
+        found = eliminate(shaken, 4, aggregate)
+        assert found.removed[:4].tolist() == silent
+        assert found.rise[:4].tolist() == [0.0] * 4
+        assert (found.rise[4:] > 0).all()

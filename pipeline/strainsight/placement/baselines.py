@@ -20,6 +20,8 @@ LEVEL = 1e-10
 """Leverages this close are a tie: those of mirrored gauges are up to 1e-12 apart, by the rounding of columns of length 1."""
 DEPENDENT = 1e-8
 """A vector depends on others where this share of it, or less, lies outside of their span."""
+NOTHING = 1e-12
+"""Gains below this share of the first and largest are rounding, and ties."""
 TRIES = 200
 """Draws a set until the search for allowed ones is given up."""
 
@@ -120,7 +122,7 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
     pool, c, k = blocks.shape
     y = blocks.reshape(-1, k)
     covariance = np.array(prior, dtype=float)
-    free = np.ones(pool, dtype=bool)
+    free, rounding = np.ones(pool, dtype=bool), 0.0
     for _ in range(keep):
         answer = y @ covariance
         if c == 1:
@@ -128,7 +130,8 @@ def d_optimal(rows: np.ndarray, variance: np.ndarray, prior: np.ndarray, keep: i
         else:
             read = np.linalg.eigvalsh(np.einsum("gik,gjk->gij", answer.reshape(pool, c, k), blocks))
             gain = np.log1p(np.maximum(read, 0.0)).sum(axis=1)
-        best = first_of_largest(np.where(free, gain, -np.inf))
+        rounding = rounding or NOTHING * float(gain.max())
+        best = first_of_largest(np.where(free, gain, -np.inf), rounding)
         free[best] = False
         for channel in range(best * c, (best + 1) * c):
             # one channel after the other is the same update as all at once

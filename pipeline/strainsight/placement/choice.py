@@ -16,7 +16,7 @@ from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
 
 NOTHING = 1e-12
-"""Bounds below this share of the largest are none: where a metric does not feel a gauge, they are rounding."""
+"""Rises and their bounds below this share of the largest bound are zero: where a metric does not feel a gauge, they are rounding."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,11 @@ class Step:
                 found[i] = np.maximum(found[i], rise)
         return found
 
+    @cached_property
+    def rounding(self) -> float:
+        """Rises of the aggregate up to this one are zero: all of them are ties."""
+        return NOTHING * float(self.lifted.max())
+
     def together(self, parts: np.ndarray) -> np.ndarray:
         """Rise of the aggregate from that of every scenario (scenarios, ...)."""
         level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
@@ -95,7 +100,8 @@ class Step:
             parts[i] = pool.metric.rise(loop.P, D)
             if self.together(parts) > best * (1 + TIE):
                 return np.inf, None, i + 1
-        return float(self.together(parts)), increments, len(self.pools)
+        rise = float(self.together(parts))
+        return rise if rise > self.rounding else 0.0, increments, len(self.pools)
 
 
 def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import InfeasibleError
+from strainsight.ordering import first_of_largest
 from strainsight.placement.choice import Step, known_to_go, least_missed
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
@@ -164,4 +165,4 @@ def _blocks(pools: Sequence[Pool], loops: Sequence[Loop], costs: np.ndarray, agg
     at = np.flatnonzero(np.any([p.metric.weight > 0 for p in pools], axis=0))
     root = [np.sqrt(p.metric.weight[at]) for p in pools]
     parts = np.array([np.diag(l.P)[at] * (w * w) for w, l in zip(root, loops, strict=True)])
-    return parts.mean(axis=0) if aggregate == "mean" else parts[int(np.argmax(costs))]
+    return parts.mean(axis=0) if aggregate == "mean" else parts[first_of_largest(costs)]
