@@ -10,6 +10,9 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from strainsight.imports import FOLDER
+from strainsight.processes import inherited
+
 SECONDS = 120.0
 """[s] after which a trial is given up."""
 SIDE = 20
@@ -18,11 +21,13 @@ SIDE = 20
 
 def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tuple[dict[str, Any], str]:
     """Run the trial of that name in a new process: what it found so far, and what ended it early, "" if nothing did."""
-    # -P: a numpy.py in the user's folder is not the numpy that is asked about.
+    # a numpy.py in the user's folder is not the numpy that is asked about
     code = "import sys; from strainsight_cli.trials import main; main(sys.argv[1:])"
     command = [sys.executable, "-P", "-c", code, name, *words]
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=seconds)
+        done = subprocess.run(
+            command, env=inherited(), cwd=FOLDER, capture_output=True, text=True, errors="replace", timeout=seconds
+        )
     except subprocess.TimeoutExpired as late:
         text = late.stdout or b""
         return _found(text.decode(errors="replace") if isinstance(text, bytes) else text), f"no end after {seconds:g} s"

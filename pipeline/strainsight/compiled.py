@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from numba import njit
+from strainsight.imports import in_package_folder
+
+with in_package_folder():
+    from numba import carray, cfunc, float64, int64, njit, types
+    from numba.core import config
+    from numba.extending import intrinsic
+
+config._config_fname = os.devnull  # type: ignore[attr-defined]  # numba reads it again whenever it compiles
+
+__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "kept", "njit", "noticing", "types"]
+"""The only module that imports numba, whose settings in the working folder would move its cache, which holds pickles."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 

@@ -16,8 +16,11 @@ from threading import Event, Thread
 from typing import IO, Any, Protocol, TypeVar
 
 from strainsight.confinement import confine
+from strainsight.imports import FOLDER
 
 T = TypeVar("T")
+SAFE_PATH = "PYTHONSAFEPATH"
+"""Python's -P for a process and all that it starts."""
 PR_SET_PDEATHSIG = 1
 START_LIMIT = 120.0
 """[s] until a reader is there, on a machine that is busy."""
@@ -34,14 +37,29 @@ LOOK = 0.1
 
 
 def python(module: str) -> list[str]:
-    """The command that runs a module of this package. -P: no module of the folder that this process happens to run in."""
+    """The command that runs a module of this package. -P: no module of the working folder, as SAFE_PATH."""
     return [sys.executable, "-P", "-m", module]
 
 
 def inherited() -> dict[str, str]:
-    """The environment of this process, in which a child finds this package."""
-    root = str(Path(__file__).parents[1])
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))}
+    """The environment of this process, in which a child finds this package and no module of the working folder, for which an
+    empty entry of PYTHONPATH stands."""
+    paths = [str(FOLDER.parent), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
+    return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(map(os.path.abspath, paths))}
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Processes that libraries start meanwhile import no module of the working folder."""
+    before = os.environ.get(SAFE_PATH)
+    os.environ[SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[SAFE_PATH]
+        else:
+            os.environ[SAFE_PATH] = before
 
 
 class Within(Protocol):
@@ -61,6 +79,7 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
     process = subprocess.Popen(
         command,
         env=inherited() | dict.fromkeys(THREADS, "1"),
+        cwd=FOLDER,
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -82,7 +101,7 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
     with process:
         try:
             with suppress(BrokenPipeError), process.stdin:
-                process.stdin.write(json.dumps(asked).encode())
+                process.stdin.write(json.dumps([os.getcwd(), asked]).encode())
             if within(start_limit / LONGER, lambda stream: stream.readline()) != READY:
                 process.kill()
                 answer.read()
@@ -112,13 +131,14 @@ def _used(pid: int) -> float:
 def asked_of_reader(*modules: str, writable: Callable[[Any], str] | None = None) -> Any:
     """In the child process of `reader`: what is asked of it.
 
-    The modules are imported first, which no limit counts; from then on the process is confined to reading.
-    writable: what is asked → the folder of `confine`.
+    The modules are imported first, which no limit counts, away from the parent's working folder, whose settings they do not
+    read; from then on the process is confined to reading. writable: what is asked → the folder of `confine`.
     """
     end_with_parent()
-    asked = json.loads(sys.stdin.read())
+    folder, asked = json.loads(sys.stdin.read())
     for module in modules:
         import_module(module)
+    os.chdir(folder)
     confine(writable(asked) if writable else None)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()

@@ -6,7 +6,8 @@ One file, because the compiled code that numba keeps on disk does not notice a c
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from strainsight.compiled import njit
 
 NONE, GOODMAN, FKM = 0, 1, 2
 """Corrections of the mean stress."""

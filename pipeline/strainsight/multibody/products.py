@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from strainsight.compiled import njit
 from strainsight.multibody.bodies import RIGID
 from strainsight.multibody.frames import Carried
 from strainsight.multibody.relations import Relation

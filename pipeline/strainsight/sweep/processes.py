@@ -9,7 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 
-from strainsight.processes import end_with_parent, peak_memory
+from strainsight.processes import end_with_parent, peak_memory, safe_path
 from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 WORTH = 5.0
@@ -56,10 +56,10 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
     parallel = Parallel(
         n_jobs=count, return_as="generator", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None, initializer=_begin
     )
-    results = parallel(delayed(captured)(task, shared, point) for point in points)
     try:
-        for result in results:
-            keep(repeated(result))
+        with safe_path():
+            for result in parallel(delayed(captured)(task, shared, point) for point in points):
+                keep(repeated(result))
     except TerminatedWorkerError:
         warnings.warn(
             "a process of a sweep was killed, probably for lack of memory: the rest goes on in one (--jobs 1)",

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from strainsight.errors import UserError
+from strainsight.processes import SAFE_PATH
 
 LAUNCHER, PYTHON = "STRAINSIGHT_MPI", "STRAINSIGHT_MPI_PYTHON"
 """Variables of the environment: the launcher with its options; the interpreter that has petsc4py and slepc4py."""
@@ -23,8 +24,10 @@ DEBIAN_PACKAGES = (
 )
 """Where Debian's python3-slepc4py has them, whichever build the system's alternatives point to."""
 LACKING = (
-    "import sys, importlib.util as u; print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
+    "import sys; sys.path[:] = filter(None, sys.path); import importlib.util as u; "
+    "print(*(m for m in ('numpy', 'petsc4py', 'slepc4py') if u.find_spec(m) is None))"
 )
+"""What is asked of an interpreter, which may be older than -P and PYTHONSAFEPATH: "" stands for the working folder."""
 LIMIT = 60.0
 """[s] for an interpreter to say what it lacks."""
 WHERE = "apt install python3-slepc4py, or pip install 'strainsight[mpi]'"
@@ -45,11 +48,11 @@ def programs(environment: Mapping[str, str] = os.environ) -> Programs:
         raise UserError("solver: slepc is for Linux and macOS", key="solver", remedy="solver: direct")
     launcher = _launcher(environment)
     # one thread a process: the processes are the parallelism
-    own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment}
+    own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment, SAFE_PATH: "1"}
     given = environment.get(PYTHON)
     tried = []
     for python, added in [(given, ())] if given else [(sys.executable, ()), *_debian()]:
-        paths = os.pathsep.join(filter(None, (*added, own.get("PYTHONPATH"))))
+        paths = os.pathsep.join(filter(None, (*added, *own.get("PYTHONPATH", "").split(os.pathsep))))
         found = Programs(launcher, python, {**own, "PYTHONPATH": paths} if paths else own)
         lacks = _lacking(found)
         if not lacks:

@@ -14,9 +14,11 @@ import time
 import traceback
 from typing import Any
 
-sys.path.pop(0)  # the folder of this file, in which nothing is to be found
+# nothing is to be found in the folder of this file, nor in the working folder
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:] = [path for path in sys.path if path and os.path.abspath(path) != HERE]
 
-import numpy as np
+import numpy as np  # noqa: E402
 
 SHORT, LONG = 0.001, 0.01
 """[s] between two looks for a request: processes that wait in MPI would each take a core."""

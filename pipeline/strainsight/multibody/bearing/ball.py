@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from strainsight.compiled import njit
 
 ITERATIONS = 200
 NEAR, FALL = 3e-8, 0.1

@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import carray, njit
 
-from strainsight.compiled import kept
+from strainsight.compiled import carray, kept, njit
 from strainsight.multibody.bearing.ball import ball_centre, floors, followed, groove_centres, potential
 
 KEPT = 8

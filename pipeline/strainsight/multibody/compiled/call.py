@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
-from numba.extending import intrinsic
 
+from strainsight.compiled import intrinsic, types
 from strainsight.errors import NumericalError
 from strainsight.multibody.compiled.law import MOVING, NONE, STILL
 from strainsight.multibody.forces import ForceLaw

@@ -6,9 +6,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from numba import cfunc, float64, int64, types
-
-from strainsight.compiled import noticing
+from strainsight.compiled import cfunc, float64, int64, noticing, types
 
 SIGNATURE = int64(int64, int64, *[types.CPointer(float64)] * 9)  # type: ignore[no-untyped-call]
 """Of a force law: answer = law(k, p, numbers, memory, ρ (k), ρ̇ (k), θ (p), F (k), ∂F/∂ρ (k, k), ∂F/∂ρ̇ (k, k), ∂F/∂θ (k, p)); what

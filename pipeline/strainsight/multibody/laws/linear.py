@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import carray
 
+from strainsight.compiled import carray
 from strainsight.multibody.compiled.law import MOVING, STILL, compiled_law
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame

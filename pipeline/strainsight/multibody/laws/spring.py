@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import carray
 
+from strainsight.compiled import carray
 from strainsight.errors import NumericalError
 from strainsight.multibody.compiled.law import MOVING, NONE, STILL, compiled_law
 from strainsight.multibody.forces import Load, RelativeElement

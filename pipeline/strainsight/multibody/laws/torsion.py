@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import carray
 
+from strainsight.compiled import carray
 from strainsight.errors import NumericalError
 from strainsight.multibody.compiled.law import MOVING, NONE, STILL
 from strainsight.multibody.forces import RelativeElement

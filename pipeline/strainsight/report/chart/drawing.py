@@ -9,11 +9,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from strainsight.imports import in_package_folder
 from strainsight.report.arrays import FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -113,6 +115,7 @@ def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool
 
     height, width [inch]; shared: on one x axis, which the lowest panel labels.
     """
+    matplotlib()
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -125,11 +128,22 @@ def figure(height: float = 3.4, ratios: tuple[float, ...] = (1.0,), shared: bool
     return drawn, *panels
 
 
-def styled() -> Any:
-    """The style of all figures, for the span of a `with` block."""
-    import matplotlib as mpl
+@cache
+def matplotlib() -> Any:
+    """Matplotlib, imported without the settings of the working folder."""
+    with in_package_folder():
+        import matplotlib as mpl
+    return mpl
 
-    return mpl.rc_context(dict(STYLE))  # type: ignore[arg-type]
+
+@contextmanager
+def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
+    """Matplotlib's defaults, whatever its settings files say, and a style, that of all figures."""
+    mpl = matplotlib()
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(style)
+        yield
 
 
 def svg(drawn: Figure) -> bytes:

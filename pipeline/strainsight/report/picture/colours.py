@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray
+from strainsight.report.chart.drawing import matplotlib
 
 MAP, DIVERGING = "viridis", "coolwarm"
 """Of values of one sign, and of values about zero."""
@@ -69,10 +70,8 @@ def _without_peaks(scale: Scale, values: FloatArray, area: FloatArray) -> Scale:
 
 def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
     """(n, 3) of 0 to 255; missing: "#rrggbb" of what is no number."""
-    import matplotlib as mpl
-
     share = scale.share(values)
-    rgb = np.asarray(mpl.colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
+    rgb = np.asarray(matplotlib().colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
     found = np.round(255 * rgb).astype(np.uint8)
     found[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
     return found

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
-from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on
+from strainsight.report.chart.drawing import VERMILION, gauge_colour, ink_on, styled
 from strainsight.report.picture.layout import Layout
 from strainsight.report.picture.markers import EMPTY, free_end
 from strainsight.report.text import short
@@ -21,6 +21,7 @@ WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 """Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
 
 
+@styled({})
 def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int) -> bytes:
     """The views side by side or one above the other, with names, axes and a word on where one looks from."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from strainsight.errors import StrainsightError
+from strainsight.imports import FOLDER
 from strainsight.processes import end_with_parent, inherited, python
 
 OFF_SCREEN = "off-screen"
@@ -33,7 +34,7 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
         command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
-                command, env=environment, input=asked, capture_output=True, timeout=limit, check=False
+                command, env=environment, cwd=FOLDER, input=asked, capture_output=True, timeout=limit, check=False
             )
         except subprocess.TimeoutExpired:
             output = f"no picture after {limit:.0f} s"

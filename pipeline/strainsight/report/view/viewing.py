@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from strainsight.errors import StrainsightError, UserError
+from strainsight.imports import FOLDER
 from strainsight.processes import inherited, python
 from strainsight.report.picture.offscreen import draw_apart, last_words
 from strainsight.report.picture.scene import thinned
@@ -36,7 +37,7 @@ def window(view: View) -> None:
         raise _no_display("there is no display to open a window on")
     # By stdin and not by a file: nothing is left behind where this process is interrupted.
     shown = pickle.dumps(_sent(view))
-    done = subprocess.run(python(CHILD), env=inherited(), input=shown, stderr=subprocess.PIPE, check=False)
+    done = subprocess.run(python(CHILD), env=inherited(), cwd=FOLDER, input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:
