@@ -13,6 +13,7 @@ import typer
 
 from strainsight.config.answers import MATERIALS, Answers, Place, Suggestion
 from strainsight.errors import UserError, did_you_mean
+from strainsight_cli.printing import say
 
 Value = TypeVar("Value")
 SHOWN = 30
@@ -98,7 +99,7 @@ def material(option: str, text: str) -> tuple[float, float, float]:
 
 def asked(found: Suggestion, given: Answers, *, find: bool) -> Answers:
     """The answers with those of the terminal for what was not given; find: whether the user has said what is sought."""
-    print("Enter leaves a line blank; it can be filled in later.")
+    say("Enter leaves a line blank; it can be filled in later.")
     answers = given
     if found.lacking and answers.material is None:
         known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
@@ -158,9 +159,9 @@ def _listed(places: Sequence[Place]) -> Sequence[Place]:
     """The places with their numbers, for people."""
     for number, own in enumerate(places[:SHOWN], start=1):
         name = f"near {own.name}" if own.kind == "face" else f"{own.kind} {own.name}"
-        print(f"{number:4}  {name:<38} {own.what}{', held' if own.held else ''}")
+        say(f"{number:4}  {name:<38} {own.what}{', held' if own.held else ''}")
     if len(places) > SHOWN:
-        print(f"      {len(places) - SHOWN} more")
+        say(f"      {len(places) - SHOWN} more")
     return places
 
 
@@ -185,13 +186,13 @@ def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
         try:
             return read(text)
         except UserError as error:
-            print(error)
+            say(*str(error).split("\n"))
 
 
 def _answer(ask: Callable[[], Value]) -> Value:
     try:
         return ask()
     except typer.Abort:
-        print()
+        say("")
         remedy = "answer in a terminal, or give options (strainsight init --help)"
         raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from strainsight.errors import printable
 from strainsight_cli.clock import Left
 from strainsight_cli.levels import Level, shown
 from strainsight_cli.work import Progress
@@ -50,7 +51,7 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
             if run in tasks and tasks[run][0] != stage:
                 bars.remove_task(tasks[run][1])
             if tasks.get(run, ("",))[0] != stage:
-                tasks[run] = stage, bars.add_task("", total=1.0, stage=stage, run=run, left=left)
-            bars.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=doing, left=left)
+                tasks[run] = stage, bars.add_task("", total=1.0, stage=stage, run=printable(run), left=left)
+            bars.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=printable(doing), left=left)
 
         yield move

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
@@ -15,6 +13,7 @@ from strainsight_cli import pipelines
 from strainsight_cli.failures import CONTRADICTED, reported
 from strainsight_cli.levels import Level, shown
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
+from strainsight_cli.printing import json_line, say
 from strainsight_cli.render import print_tables
 from strainsight_cli.work import bring_up_to_date
 
@@ -60,11 +59,11 @@ def check_modes(
         worst, least = max(abs(own.off) for own in pairs), min(own.mac for own in pairs)
         agrees = 100 * worst <= tolerance and not (with_shapes and least < mac)
         for note in found.notes if shown(Level.WARNING) else ():
-            print(f"warning: {note}", file=sys.stderr)
+            say(f"warning: {note}", error=True)
         if as_json:
             for own in pairs:
                 off, shape = own.off if isfinite(own.off) else None, own.mac if with_shapes else None
-                print(json.dumps({**asdict(own), "off": off, "mac": shape}, allow_nan=False))
+                say(json_line({**asdict(own), "off": off, "mac": shape}))
         else:
             head = ("theirs", "Hz", "ours", "Hz", "off [%]", *(("MAC",) * with_shapes))
             rows = [
@@ -87,6 +86,6 @@ def check_modes(
                 shapes = "; the file has no shapes"
             verdict = "agree" if agrees else "do not agree"
             to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "of a motion at 0 Hz"
-            print(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
+            say(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
         if not agrees:
             raise typer.Exit(CONTRADICTED)

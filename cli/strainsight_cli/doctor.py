@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from strainsight.errors import printable
 from strainsight_cli import checks, packages
 from strainsight_cli.checks import FAILS, GOOD, WARNING, Finding
+from strainsight_cli.printing import json_line, say
 
 COLOURS = {GOOD: "green", WARNING: "yellow", FAILS: "red"}
 
@@ -31,12 +32,12 @@ def show(findings: Sequence[Finding], as_json: bool) -> int:
     """Print the table, or one JSON object a finding; the exit code: 1 where something fails."""
     if as_json:
         for finding in findings:
-            print(json.dumps(asdict(finding), ensure_ascii=False))
+            say(json_line(asdict(finding)))
     else:
         _print_table(findings)
         counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in (FAILS, WARNING)}
         many = "" if counts[WARNING] == 1 else "s"
-        print(f"\n{counts[FAILS]} of {len(findings)} fail, {counts[WARNING]} warning{many}")
+        say("", f"{counts[FAILS]} of {len(findings)} fail, {counts[WARNING]} warning{many}")
     return int(any(finding.verdict == FAILS for finding in findings))
 
 
@@ -44,7 +45,7 @@ def _print_table(findings: Sequence[Finding]) -> None:
     """A row a finding; the remedy stands below what it corrects."""
     from rich.text import Text
 
-    from strainsight_cli.render import print_grid, printable
+    from strainsight_cli.render import print_grid
 
     rows = []
     for finding in findings:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import posixpath
 import re
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import Annotated
 import typer
 
 from strainsight_cli.failures import reported
+from strainsight_cli.printing import say
 
 HERE = Path(__file__).parent
 SHIPPED = HERE / "shipped"
@@ -55,8 +57,8 @@ def example(
     with reported():
         if name is None:
             for known, own in EXAMPLES.items():
-                print(f"{known:<12}{own.about}")
-            print("\nstrainsight example NAME writes one into this folder")
+                say(f"{known:<12}{own.about}")
+            say("", "strainsight example NAME writes one into this folder")
             return
         from strainsight.errors import UserError, did_you_mean
 
@@ -67,7 +69,7 @@ def example(
                 remedy=f"{did_you_mean(name, EXAMPLES, otherwise)} `strainsight example` lists them",
             )
         written = write(name, Path(), force)
-        print(f"wrote {', '.join(map(str, written))}\nthen: strainsight run {name}.yaml")
+        say(f"wrote {', '.join(map(str, written))}", f"then: strainsight run {name}.yaml")
 
 
 def write(name: str, folder: Path, force: bool) -> list[Path]:
@@ -76,10 +78,13 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
     Raises UserError, before anything is written, where a file is there that holds something else.
     """
     from strainsight.errors import UserError
+    from strainsight.writing import write_file
 
     contents = {folder / file: text for file, text in contents_of(name).items()}
     other = [
-        path for path, text in contents.items() if path.exists() and not (path.is_file() and path.read_bytes() == text)
+        path
+        for path, text in contents.items()
+        if os.path.lexists(path) and not (path.is_file() and not path.is_symlink() and path.read_bytes() == text)
     ]
     if other and not force:
         raise UserError(
@@ -88,7 +93,7 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
             remedy="go to an empty folder, or overwrite it with --force",
         )
     for path, text in contents.items():
-        path.write_bytes(text)
+        write_file(path, text)
     return list(contents)
 
 

@@ -18,8 +18,10 @@ from pathlib import Path
 
 import typer
 
+from strainsight.errors import printable
 from strainsight.processes import end_children
 from strainsight_cli.levels import Level, level_of, shown, speaking
+from strainsight_cli.printing import say
 
 INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
@@ -60,18 +62,18 @@ def failure_of(error: Exception) -> Failure:
         return Failure(USER, f"{error.strerror}\n    {MORE_FILES}", details)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
         remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
-        return Failure(USER, f"{error.filename}  {error.strerror}\n    {remedy}", details)
+        return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
         said = f"standard output cannot be written: {os.strerror(error.errno)}"
         return Failure(USER, f"{said}\n    what is computed is kept; write to another file", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
     if isinstance(error, MemoryError):
-        asked = f": {error}" if str(error) else ""
+        asked = f": {printable(str(error))}" if str(error) else ""
         remedy = "take a coarser mesh or a larger machine, end other programs, or give --jobs 1"
         return Failure(USER, f"there is not enough memory{asked}\n    {remedy}", details)
-    text = f"internal error: {type(error).__name__}: {error}\n    run again with -v for the details, and report them"
-    return Failure(INTERNAL, text, details)
+    text = f"internal error: {type(error).__name__}: {printable(str(error))}"
+    return Failure(INTERNAL, f"{text}\n    run again with -v for the details, and report them", details)
 
 
 def _output_fails() -> bool:
@@ -87,8 +89,8 @@ def _output_fails() -> bool:
 def tell(failure: Failure, verbose: bool) -> typer.Exit:
     """Say it on stderr; the exit to raise."""
     if verbose:
-        print(failure.details, end="", file=sys.stderr)
-    print(failure.message, file=sys.stderr)
+        say(*failure.details.splitlines(), error=True)
+    say(*failure.message.split("\n"), error=True)
     return typer.Exit(failure.code)
 
 
@@ -200,4 +202,4 @@ def _leave(code: int) -> None:
 
 def _warn(message: Warning | str, *_: object, **__: object) -> None:
     if shown(Level.WARNING):
-        print(f"warning: {message}", file=sys.stderr)
+        say(f"warning: {message}", error=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import shlex
 import sys
@@ -11,6 +12,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from strainsight.processes import SAFE_PATH
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
@@ -32,14 +34,18 @@ from strainsight_cli.options import (
     Set,
     Verbose,
 )
+from strainsight_cli.printing import say
 from strainsight_cli.status import show_plan
 from strainsight_cli.surroundings import missing, prepare_streams, unwritten
 from strainsight_cli.view import figures, view
-from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_warned, say, show_results
+from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_warned, show_results
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+USAGE = typer.BadParameter.__mro__[1]
+"""Words that are no command or option; of the click that this typer brings."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -55,7 +61,7 @@ def about(version: Annotated[bool, typer.Option("--version", help="Print the ver
     if version:
         import strainsight
 
-        print(f"strainsight {strainsight.__version__}")
+        say(f"strainsight {strainsight.__version__}")
         raise typer.Exit
 
 
@@ -157,11 +163,12 @@ def init(
                 remedy=f"to compute it: strainsight run {shlex.quote(str(deck))}; for a new one give the deck",
             )
         target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
-        if target.exists() and not force:
+        if os.path.lexists(target) and not force:
             raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
         from strainsight.config.load import load_config
         from strainsight.errors import ConfigError
         from strainsight.stages.suggestion import suggestion
+        from strainsight.writing import write_file
         from strainsight_cli import asking
 
         relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
@@ -183,7 +190,7 @@ def init(
             if answers.spc is not None:
                 found = suggestion(deck, answers.spc)
         target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_text(template(relative, found, answers), encoding="utf-8")
+        write_file(target, template(relative, found, answers).encode())
         try:
             load_config(target)
         except ConfigError:
@@ -193,7 +200,7 @@ def init(
         if not found.solids:
             nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
             first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
-        print(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
+        say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 
 @app.command(help="Check this machine: packages, solver, rendering, memory.")
@@ -209,7 +216,7 @@ def schema() -> None:
     with reported():
         from strainsight.config.schema import schema_text
 
-        print(schema_text(), end="")
+        say(*schema_text().splitlines())
 
 
 def _add_stage(name: str, what: str) -> None:
@@ -370,21 +377,26 @@ def _bring_up_to_date(
 
 def main() -> None:
     """Console script."""
+    # For this process, and for all that it or a library starts: no module and no plugin of the working folder.
+    os.environ |= {SAFE_PATH: "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
     prepare_streams()
     if refused := missing():
-        print(refused, file=sys.stderr)
+        say(*refused.split("\n"), error=True)
         raise SystemExit(USER)
     # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
     sys.warnoptions.append("ignore:resource_tracker")
     code: int | str | None = 0
     try:
-        app()
-    except SystemExit as ended:
-        code = ended.code
+        code = app(standalone_mode=False)
+    except USAGE as error:
+        usage = io.StringIO()
+        error.show(usage)
+        say(*usage.getvalue().rstrip("\n").split("\n"), error=True)
+        code = error.exit_code
     except OSError as error:  # of what is printed outside of a command, as by --help
         code = tell(failure_of(error), verbose=False).exit_code
     if (text := unwritten()) and not code:
-        print(text, file=sys.stderr)
+        say(*text.split("\n"), error=True)
         code = USER
     raise SystemExit(code)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,7 +12,9 @@ import typer
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="Config file; `strainsight init DECK` writes one.")]
 Force = Annotated[bool, typer.Option("--force", help="Run it even if it is up to date (`run`: every stage).")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would run and why; write nothing.")]
-Results = Annotated[Path, typer.Option("--results", metavar="DIR", help="Results folder.")]
+Results = Annotated[
+    Path, typer.Option("--results", metavar="DIR", help="Results folder.", callback=lambda folder: _no_link(folder))
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object a stage.")]
 DoctorJson = Annotated[bool, typer.Option("--json", help="Print one JSON object a finding.")]
 Set = Annotated[
@@ -38,3 +42,11 @@ Dask = Annotated[
     ),
 ]
 DEFAULT_RESULTS = Path("results")
+
+
+def _no_link(folder: Path) -> Path:
+    """The results folder; the default one may be a link only where the user names what it leads to."""
+    if folder == DEFAULT_RESULTS and folder.is_symlink():
+        target = os.readlink(folder)
+        raise typer.BadParameter(f"{folder} is a link to {target}; to write there: --results {shlex.quote(target)}")
+    return folder

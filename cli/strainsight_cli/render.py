@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+from strainsight.errors import printable
+from strainsight_cli.printing import json_line
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
@@ -28,11 +30,6 @@ def stage_line(event: Event, verbose: bool = False) -> str:
         return f"{event.stage:<9} {event.status}{f', {event.reason}' if event.reason else ''}"
     why = f"  ({event.reason})" if verbose else ""
     return f"{event.stage:<9} done {event.seconds:>6.1f} s   {event.artefact.message}{why}"
-
-
-def printable(text: str) -> str:
-    """Without the control characters that a config or a deck may hold: a terminal would obey them."""
-    return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
 
 
 def event_json(event: Event, run: str = "") -> str:
@@ -63,7 +60,7 @@ def _object(
         "artefact": str(artefact.path) if artefact else path,
         "summary": _finite(artefact.summary) if artefact else {},
     }
-    return json.dumps(entry, ensure_ascii=False)
+    return json_line(entry)
 
 
 def _finite(summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -114,10 +111,10 @@ def print_tables(tables: Sequence[Table]) -> None:
     for table in tables:
         grid = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), title_justify="left")
         for column in table.columns:
-            grid.add_column(Text(column))
+            grid.add_column(Text(printable(column)))
         for row in table.rows:
-            grid.add_row(*map(Text, row))
+            grid.add_row(*(Text(printable(cell)) for cell in row))
         console.print()
         if table.title:
-            console.print(Text(table.title))
+            console.print(Text(printable(table.title)))
         console.print(grid)

@@ -13,8 +13,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from strainsight.file_lock import NO_LINK, lock_file
+from strainsight.file_lock import lock_file
 from strainsight.processes import peak_memory
+from strainsight.writing import open_file
 from strainsight_cli.failures import LAST_WORDS
 from strainsight_cli.placeless import placeless
 
@@ -43,7 +44,7 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
     def log(text: str) -> None:
         waiting.append(_line(placeless(text, (job.base, job.results))))
-        if job.folder.is_dir():
+        if job.folder.is_dir() and not job.folder.is_symlink():
             append(job.folder / NAME, "".join(waiting))
             waiting.clear()
 
@@ -54,7 +55,7 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
         shown(message, *rest, **named)
 
     def interrupted(text: str) -> None:
-        if job.folder.is_dir():
+        if job.folder.is_dir() and not job.folder.is_symlink():
             append(job.folder / NAME, "".join([*waiting, _line(text)]), wait=False)
 
     warnings.showwarning = warn
@@ -83,7 +84,7 @@ def append(path: Path, text: str, wait: bool = True) -> None:
     wait: for the lock; what ends the process may have interrupted the one who holds it.
     """
     with suppress(OSError):
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_LINK, 0o666)
+        handle = open_file(path, os.O_RDWR | os.O_APPEND)
         try:
             # On a disk without locks lines are still whole where the system appends at once, as Linux does.
             with suppress(OSError):

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
+from strainsight.errors import printable
 from strainsight_cli import render
 from strainsight_cli.clock import seconds_for
+from strainsight_cli.printing import say
 from strainsight_cli.work import Work, elsewhere, note, refuse_taken
 
 if TYPE_CHECKING:
@@ -30,16 +32,16 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     statuses = plan(work.stages, work.job, forced)
     if as_json:
         for status in statuses:
-            print(render.status_json(status, work.run))
+            say(render.status_json(status, work.run))
     else:
         print_statuses(statuses, verbose)
-        print(f"\n{sum_of(statuses)}")
+        say("", f"{sum_of(statuses)}")
         pending = [status.stage for status in statuses if status.status == WILL_RUN]
         imported = next((status.artefact for status in statuses if status.stage == "import"), None)
         if imported is not None and (
             line := forecast(work, pending, None if "import" in pending else Artefact(imported))
         ):
-            print(line)
+            say(line)
 
 
 def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: int = 0, head: bool = True) -> None:
@@ -49,7 +51,7 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
     rows = []
     for status in statuses:
         cells = (status.stage, status.status, _took(status), _why(status, verbose))
-        rows.append([Text(render.printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
+        rows.append([Text(printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
     render.print_grid(HEAD if head else ("",) * len(HEAD), rows, LEAST, (2,), indent)
 
 

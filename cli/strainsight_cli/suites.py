@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -16,9 +15,10 @@ from strainsight.sweep.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import CONTRADICTED, tell
+from strainsight_cli.printing import say
 from strainsight_cli.status import print_statuses, sum_of
 from strainsight_cli.timing import peak_memory, timing_table
-from strainsight_cli.work import Progress, Work, bring_up_to_date, contradicted, makers, refuse_taken, say, show_results
+from strainsight_cli.work import Progress, Work, bring_up_to_date, contradicted, makers, refuse_taken, show_results
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -131,9 +131,9 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
             pending.append(f"{work.run} changed")
         if as_json:
             for status in statuses:
-                print(render.status_json(status, work.run))
+                say(render.status_json(status, work.run))
             continue
-        print(f"{work.beside}: {sum_of(statuses)}")
+        say(f"{work.beside}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
     (own,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
@@ -142,7 +142,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
         besides = [reason for reason in own.reasons if not reason.endswith(" is missing") and reason not in passed]
         own = replace(own, status=WILL_RUN, reasons=(*besides, *pending))
     if as_json:
-        print(render.status_json(own, works[-1].run))
+        say(render.status_json(own, works[-1].run))
     else:
         print_statuses([own], verbose, head=False)
 
@@ -161,7 +161,7 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
     if not as_json:
         show_results([own], [page.stages[0].name])
         render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
-        print(peak_memory(jobs))
+        say(peak_memory(jobs))
     if any(contradicted(artefact) for run in found for artefact in run):
         raise typer.Exit(CONTRADICTED)
 
@@ -208,7 +208,7 @@ def _named(work: Work) -> Iterator[None]:
 
 
 def _say_failed(work: Work) -> None:
-    print(f"{_heading(work)} failed:", file=sys.stderr)
+    say(f"{_heading(work)} failed:", error=True)
 
 
 def _heading(work: Work) -> str:

@@ -12,6 +12,7 @@ import typer
 from strainsight_cli import pipelines
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
+from strainsight_cli.printing import say
 from strainsight_cli.work import note
 
 if TYPE_CHECKING:
@@ -73,12 +74,13 @@ def view(
         shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value, record)
         say_stale(loaded, results, read)
         from strainsight.report.view import viewing
+        from strainsight.writing import write_file
 
         if screenshot is None:
             viewing.window(shown)
         else:
-            screenshot.write_bytes(viewing.screenshot(shown))
-            print(f"wrote {screenshot}: {shown.title}")
+            write_file(screenshot, viewing.screenshot(shown))
+            say(f"wrote {screenshot}: {shown.title}")
 
 
 def _refuse_name(screenshot: Path | None) -> None:
@@ -136,7 +138,7 @@ def figures(
         write_figures(folder / "figures", found.files)
         many = sum(found.counted.values())
         of = _of_what(found.counted, loaded)
-        print(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
+        say(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
 
 
 def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:

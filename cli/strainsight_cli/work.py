@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from strainsight.sweep.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
 from strainsight_cli.levels import Level, shown
+from strainsight_cli.printing import say
 from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ Progress = Callable[[str, str, str, float, Left], None]
 def note(text: str) -> None:
     """Say beside the results what is no result."""
     if shown(Level.WARNING):
-        print(f"note: {text}", file=sys.stderr)
+        say(f"note: {text}", error=True)
 
 
 @dataclass(frozen=True)
@@ -153,11 +153,6 @@ def _spent(event: Event) -> str:
     return f" after {event.seconds:.1f} s, {peak()}"
 
 
-def say(line: str) -> None:
-    """Print a line at once."""
-    print(line, flush=True)
-
-
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
     """The tables of the stages named, and the files that were written for a reader."""
     from strainsight.workflow.artefact import GRID
@@ -168,7 +163,7 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             if not name.endswith(GRID):  # the artefact's own grid under a name that ParaView takes
-                print(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
+                say(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
 
 
 def refuse_warned(work: Work) -> None:

@@ -30,7 +30,7 @@ class StrainsightError(Exception):
         self.others: tuple[StrainsightError, ...] = ()
 
     def __str__(self) -> str:
-        where, key, what, remedy = (text and printable(text) for text in (self.where, self.key, self.what, self.remedy))
+        where, key, what, remedy = (text and _cut(text) for text in (self.where, self.key, self.what, self.remedy))
         head = "  ".join(part for part in (where, key and f"{key}: {what}") if part)
         if not key:
             head = f"{where}  {what}" if where else what or ""
@@ -43,9 +43,14 @@ LONGEST = 1500
 
 
 def printable(text: str) -> str:
-    """What a message shows of a text that may come from any file: no more than LONGEST signs, none that a terminal obeys."""
-    cut = text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}"
-    return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in cut)
+    """One line of a text that may come from any file: what a terminal obeys (controls, line breaks, changes of the direction of
+    writing) as escapes."""
+    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+
+
+def _cut(text: str) -> str:
+    """What a message shows of a text: no more than LONGEST signs."""
+    return printable(text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}")
 
 
 def at_least(limit: float) -> str:

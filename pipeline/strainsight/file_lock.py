@@ -20,8 +20,6 @@ fcntl, msvcrt = _there("fcntl"), _there("msvcrt")
 FIRST_BYTE = 1 << 30
 """Windows holds others off a locked byte: beyond all that is written, so that everybody can read who holds the lock. It counts
 bytes to 2³¹."""
-NO_LINK = getattr(os, "O_NOFOLLOW", 0)
-"""For `os.open`: a link to another file is not opened, let alone written; Windows cannot ask for that."""
 AGAIN = 0.1
 """[s] Windows has no wait without an end."""
 

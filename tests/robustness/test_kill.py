@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from strainsight.workflow.artefact import header_of
-from strainsight.workflow.store import TEMPORARY
+from strainsight.writing import TEMPORARY
 
 from .processes import Launcher, until
 from .whole import LOG, compared, names

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.store import TEMPORARY
+from strainsight.writing import TEMPORARY
 
 LOG, LOCK = "run.log", ".lock"
 

@@ -189,6 +189,7 @@ def test_kernels_and_config_stay_out_of_the_workflow():
         ),
         "strainsight.workflow.stage",
         "strainsight.workflow.store",
+        "strainsight.writing",
     }
 
 

@@ -8,7 +8,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from strainsight.errors import UserError
-from strainsight.file_lock import NO_LINK, lock_byte, lock_file
+from strainsight.file_lock import lock_byte, lock_file
+from strainsight.writing import make_folder, open_file
 
 NAME = ".lock"
 COMPUTING = ".computing"
@@ -21,7 +22,7 @@ def locked(folder: Path) -> Iterator[int | None]:
     The kernel drops the lock with the process that holds it, so that a killed run never blocks the next one.
     Raises UserError naming the process that holds it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     handle = _acquire(folder / NAME)
     try:
         left_by = _pid(handle)
@@ -45,7 +46,7 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
     there is another one to wait for. On a disk without locks nobody waits: at worst the same is computed twice.
     """
     results.mkdir(parents=True, exist_ok=True)
-    handle = os.open(results / COMPUTING, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+    handle = open_file(results / COMPUTING, os.O_RDWR)
     byte = int(key[:15], 16)
     try:
         with suppress(OSError):
@@ -61,7 +62,7 @@ def computing(results: Path, key: str, waits: Callable[[], None] = lambda: None)
 
 def _acquire(path: Path) -> int:
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | NO_LINK, 0o666)
+        handle = open_file(path, os.O_RDWR)
         try:
             lock_file(handle, wait=False)
         except BlockingIOError:

@@ -11,11 +11,11 @@ from functools import partial
 from pathlib import Path
 
 from strainsight.errors import ArtefactError
-from strainsight.file_lock import NO_LINK
 from strainsight.workflow.artefact import Artefact, Header, digest_or_none, header_of
 from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
-from strainsight.workflow.store import TEMPORARY, former, named_together, temporary, umask
+from strainsight.workflow.store import former, named_together
+from strainsight.writing import NO_LINK, TEMPORARY, make_folder, temporary, umask
 
 NO_WAIT, BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 """A pipe is opened without waiting for its other end; Windows alters the ends of lines if it is not asked for bytes."""
@@ -51,7 +51,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
 def _taken(source: Path, folder: Path, header: Header, records: tuple[str, ...]) -> Artefact:
     """The artefact of that header and what lies beside it, under their names only once all is here and was checked here. What
     records said before stays."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     with named_together() as parts:
         parts.append((_shared(source, folder), folder / source.name))
         own = Artefact(parts[0][0])

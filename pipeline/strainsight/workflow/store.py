@@ -8,8 +8,7 @@ import io
 import json
 import os
 import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -37,10 +36,10 @@ from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.provenance import provenance
 from strainsight.workflow.seal import BLOCK, seal
 from strainsight.workflow.slices import canonical
+from strainsight.writing import TEMPORARY, make_folder, replace_file, temporary, write_bytes
 
 ROOM, ROOM_EACH = 1 << 14, 1 << 11
 """[bytes] What HDF5 takes for a file beside its arrays, and for each of them: headers, attributes, heaps, scales."""
-TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the next run removes it
 RAW = "/VTKHDF"
 
 
@@ -75,7 +74,7 @@ def write_artefact(path: Path, output: Output, header: Header, records: tuple[st
 
     gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
     with kept_on_disk(path), named_together() as parts:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         parts.append((temporary(path, write), path))
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
@@ -135,7 +134,7 @@ def named_together() -> Iterator[list[tuple[Path, Path]]]:
     try:
         yield parts
         for part, target in reversed(parts):
-            _replace(part, target)
+            replace_file(part, target)
     finally:
         for part, _ in parts:
             part.unlink(missing_ok=True)
@@ -170,45 +169,6 @@ def _reserve(path: Path, size: int) -> None:
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as stream:
             os.posix_fallocate(stream.fileno(), 0, size)
-
-
-def temporary(path: Path, write: Callable[[Path], Any]) -> Path:
-    """A finished, synced file beside `path`, not yet under its name."""
-    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.name}-", dir=path.parent)
-    part = Path(name)
-    try:
-        os.close(handle)
-        write(part)
-        with part.open("r+b") as stream:  # Windows syncs only what may be written
-            os.fsync(stream.fileno())
-        part.chmod(0o666 & ~umask())
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    return part
-
-
-def write_bytes(content: bytes, part: Path) -> None:
-    """For `temporary`."""
-    part.write_bytes(content)
-
-
-def _replace(part: Path, path: Path) -> None:
-    os.replace(part, path)
-    if os.name == "nt":  # a folder cannot be opened there
-        return
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
-
-
-def umask() -> int:
-    """What new files are not allowed; there is no way to ask without setting it."""
-    current = os.umask(0)
-    os.umask(current)
-    return current
 
 
 def remove_unfinished(folder: Path) -> None:

@@ -1,0 +1,89 @@
+"""Files and folders that are written: under their own names, never through a link.
+
+A folder of somebody else may hold links. A file that is written replaces a link of its name and leaves alone what that leads to;
+a folder that is a link is refused.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from strainsight.errors import UserError
+
+TEMPORARY = ".part-"  # prefix of unfinished files; a kill may leave one, the next run removes it
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+"""For `os.open`: a link to another file is not opened; Windows cannot ask for that."""
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder where there is none. Raises UserError for a link, of which only the folders above may be one."""
+    if folder.is_symlink() or getattr(os.path, "isjunction", lambda _: False)(folder):
+        raise UserError(
+            f"is a link to {os.readlink(folder)}, which is not written to",
+            where=str(folder),
+            remedy="remove the link, or give another results folder with --results DIR",
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write the file, complete or not at all. Raises UserError for a folder, a pipe or a device of that name."""
+    if path.exists() and not path.is_file():
+        raise UserError("is not a file", where=str(path), remedy="give another name")
+    part = temporary(path, partial(write_bytes, content))
+    try:
+        replace_file(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def open_file(path: Path, flags: int) -> int:
+    """Open a file, made where there is none; a link of its name is removed."""
+    if path.is_symlink():
+        path.unlink()
+    return os.open(path, flags | os.O_CREAT | NO_LINK, 0o666)
+
+
+def temporary(path: Path, write: Callable[[Path], Any]) -> Path:
+    """A finished, synced file beside `path`, not yet under its name."""
+    handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.name}-", dir=path.parent)
+    part = Path(name)
+    try:
+        os.close(handle)
+        write(part)
+        with part.open("r+b") as stream:  # Windows syncs only what may be written
+            os.fsync(stream.fileno())
+        part.chmod(0o666 & ~umask())
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return part
+
+
+def write_bytes(content: bytes, part: Path) -> None:
+    """For `temporary`."""
+    part.write_bytes(content)
+
+
+def replace_file(part: Path, path: Path) -> None:
+    """Give a finished file its name, in place of what has it."""
+    os.replace(part, path)
+    if os.name == "nt":  # a folder cannot be opened there
+        return
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def umask() -> int:
+    """What new files are not allowed; there is no way to ask without setting it."""
+    current = os.umask(0)
+    os.umask(current)
+    return current

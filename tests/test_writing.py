@@ -1,0 +1,119 @@
+"""What is written stays in the folder that it is written to, whatever links lie there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from strainsight.errors import UserError
+from strainsight.report.chart.files import write_figures
+from strainsight.workflow.lock import locked
+from strainsight.writing import make_folder, open_file, write_file
+from strainsight_cli import runlog
+from strainsight_cli.main import app
+
+from .robustness.small import write_project
+
+
+@pytest.fixture
+def outside(tmp_path) -> Path:
+    """A folder of somebody, with files under every name that a run writes or removes."""
+    folder = tmp_path / "outside"
+    folder.mkdir()
+    for name in ("file", ".part-thesis.docx", "gauges.csv", "run.log", ".lock", "figures.csv", "a.svg"):
+        (folder / name).write_text("mine")
+    return folder
+
+
+def untouched(outside: Path) -> bool:
+    names = {path.name for path in outside.iterdir()}
+    return len(names) == 7 and all(path.read_text() == "mine" for path in outside.iterdir())
+
+
+def test_a_file_replaces_a_link_and_leaves_alone_what_it_leads_to(tmp_path, outside):
+    for name, target in (("link", outside / "file"), ("dangling", outside / "new"), ("relative", "outside/file")):
+        (tmp_path / name).symlink_to(target)
+        write_file(tmp_path / name, b"ours")
+        assert (tmp_path / name).read_bytes() == b"ours"
+        assert not (tmp_path / name).is_symlink()
+    assert untouched(outside)
+
+
+def test_a_pipe_a_device_and_a_folder_are_no_files(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "device").symlink_to("/dev/null")
+    (tmp_path / "folder").mkdir()
+    for name in ("pipe", "device", "folder"):
+        with pytest.raises(UserError, match="is not a file"):
+            write_file(tmp_path / name, b"ours")
+    assert (tmp_path / "device").is_symlink()
+
+
+def test_a_folder_that_is_a_link_is_refused(tmp_path, outside):
+    (tmp_path / "link").symlink_to(outside)
+    with pytest.raises(UserError, match=r"link .*is a link to .*outside") as caught:
+        make_folder(tmp_path / "link")
+    assert "--results" in caught.value.remedy
+    make_folder(tmp_path / "link" / "below")  # folders above may be links
+    (outside / "below").rmdir()
+    with pytest.raises(UserError, match="is a link"), locked(tmp_path / "link"):
+        pass
+    assert untouched(outside)
+
+
+def test_a_log_replaces_a_link(tmp_path, outside):
+    (tmp_path / "run.log").symlink_to(outside / "run.log")
+    runlog.append(tmp_path / "run.log", "a line\n")
+    assert (tmp_path / "run.log").read_text() == "a line\n"
+    os.close(open_file(tmp_path / "run.log", os.O_RDWR))
+    assert (tmp_path / "run.log").read_text() == "a line\n"
+    assert untouched(outside)
+
+
+def test_figures_replace_links_and_refuse_a_folder_that_is_one(tmp_path, outside):
+    folder = tmp_path / "results" / "figures"
+    folder.mkdir(parents=True)
+    for name in ("figures.csv", "a.svg"):
+        (folder / name).symlink_to(outside / name)
+    write_figures(folder, {"a.svg": b"ours", "figures.csv": b"figure\na\n"})
+    write_figures(folder, {"figures.csv": b"figure\n"})
+    assert not (folder / "a.svg").exists()
+    (tmp_path / "results" / "link").symlink_to(outside)
+    (tmp_path / "linked").symlink_to("results")
+    for refused in (tmp_path / "results" / "link", tmp_path / "linked" / "figures"):
+        with pytest.raises(UserError, match="is a link"):
+            write_figures(refused, {"a.svg": b"ours"})
+    assert untouched(outside)
+
+
+def test_no_command_writes_through_a_link(tmp_path, outside, monkeypatch):
+    project = tmp_path / "project"
+    write_project(project)
+    monkeypatch.chdir(project)
+
+    def refused(*words: str) -> str:
+        done = CliRunner().invoke(app, words)
+        assert done.exit_code == 2, done.output
+        assert untouched(outside)
+        return done.output + done.stderr
+
+    (project / "results").mkdir()
+    (project / "results" / "beam").symlink_to(outside)
+    assert "is a link" in refused("import", "beam.yaml")
+    (project / "results" / "beam").unlink()
+    (project / "results").rmdir()
+    (project / "results").symlink_to(outside)
+    for command in ("run", "status", "figures"):
+        assert "is a link to" in refused(command, "beam.yaml")
+    (project / "results").unlink()
+    (project / "new.yaml").symlink_to(outside / "new.yaml")
+    assert "the file exists" in refused("init", "beam.bdf", "-o", "new.yaml")
+    (project / "lug.yaml").symlink_to(outside / "new.yaml")
+    assert "the file exists" in refused("example", "lug")
+    done = CliRunner().invoke(app, ["init", "beam.bdf", "-o", "new.yaml", "--force"])
+    assert done.exit_code == 0, done.output
+    assert not (project / "new.yaml").is_symlink()
+    assert untouched(outside)
