@@ -62,6 +62,12 @@ def test_a_verdict_names_what_was_stated_wrongly(make_beam, make_filter, process
     assert verdict(run.whitened[:, 0]).text == found.text
 
 
+def test_a_verdict_on_a_record_of_zeros_says_what_is_missing():
+    found = verdict(np.zeros((100, 2)))
+    assert (found.ratio, found.correlation, found.consistent) == (0.0, 0.0, False)
+    assert "all innovations are zero, as of channels that are not connected" in found.text
+
+
 def test_a_verdict_on_coloured_innovations_of_the_right_size():
     white = np.random.default_rng(3).standard_normal((4000, 5))
     opposed = (white[1:] - 0.5 * white[:-1]) / np.sqrt(1.25)

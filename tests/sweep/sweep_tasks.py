@@ -54,6 +54,11 @@ def process(_shared: None, _point: int) -> int:
     return os.getpid()
 
 
+def longer(_shared: None, seconds: float) -> float:
+    time.sleep(seconds)
+    return seconds
+
+
 def slow(_shared: None, point: int) -> int:
     time.sleep(0.3)
     return point

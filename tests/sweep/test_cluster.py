@@ -134,6 +134,29 @@ def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, mo
     assert time.monotonic() - began < 60.0
 
 
+def test_a_worker_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
+    """Stopped, not gone: the scheduler keeps it, with its tasks and its results."""
+    monkeypatch.setattr(module, "FROZEN", 3.0)
+    monkeypatch.setattr(module, "ANSWER", 3.0)
+    began = time.monotonic()
+
+    def stop(share: float) -> None:
+        for worker in doomed.workers:
+            worker.send_signal(signal.SIGSTOP)
+
+    with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match=r"worker tcp.* not answered for 3 s"):
+        sweep(tasks.slow_product, list(range(40)), MATRIX, stop)
+    with pytest.raises(UserError, match=r"a worker of the .* not answered for 3 s"), opened(Where(dask=doomed.address)):
+        pass
+    assert time.monotonic() - began < 60.0
+
+
+def test_a_worker_that_computes_for_long_is_waited_for(cluster, monkeypatch):
+    monkeypatch.setattr(module, "FROZEN", 3.0)
+    with opened(Where(dask=cluster.address)) as sweep:
+        assert sweep(tasks.longer, [7.0], None) == [7.0]
+
+
 def test_distributed_is_not_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install 'strainsight[dask]'" in refusal("127.0.0.1:8786")

@@ -188,7 +188,7 @@ def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndar
     if V.shape[1] == 0:
         return P
     whole = P + transposed(V) @ V
-    std = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))
+    std = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 0.0))
     std = np.where(std > 0, std, 1.0)
     share, axes = np.linalg.eigh(whole / (std[:, :, None] * std[:, None]))
     F = std[:, :, None] * axes * np.sqrt(np.maximum(share, 0.0))[:, None]

@@ -80,6 +80,9 @@ def verdict(whitened: np.ndarray) -> Verdict:
     size = judged(ratio, samples)
     power = np.nansum(whitened**2)
     neighbours = np.nan_to_num(whitened[1:]) * np.nan_to_num(whitened[:-1])
+    if not power:
+        text = "all innovations are zero, as of channels that are not connected: check the readings of the record"
+        return Verdict(0.0, size.band, 0.0, whiteness_band(samples, 1), False, text)
     correlation, chance = float(neighbours.sum() / power), whiteness_band(samples, 1)
     large, small = size.verdict == OVERCONFIDENT, size.verdict == TOO_CAUTIOUS
     alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)

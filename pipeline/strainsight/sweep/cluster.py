@@ -9,6 +9,7 @@ import time
 import uuid
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -32,8 +33,26 @@ CARRYING = 10
 """Times as long that results may be on their way."""
 
 
+FROZEN = 360.0
+"""[s] without a heartbeat after which a worker is frozen: Dask gives its tasks to others after 300 s, if it is left to do so. The
+heartbeats of a worker that computes for long come from another thread."""
+ANSWER = 60.0
+"""[s] for all workers to state their versions, before they have anything to compute."""
+EVERY = 1.0
+"""[s] between two looks at the workers."""
+
+
 class _SilentError(Exception):
     """The scheduler is there, and does not answer."""
+
+
+@dataclass
+class _Watch:
+    """When the workers were last looked for, and when one was there [s]; worker → its last heartbeat, and when that was new."""
+
+    looked: float
+    seen: float
+    heartbeats: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -91,9 +110,17 @@ def _require_workers(client: Any, address: str) -> None:
         raise UserError(
             f"the Dask scheduler at {address} has no workers", key="--dask", remedy=f"dask worker {address}"
         ) from None
-    there = client.get_versions(packages=SAME)
-    _refuse_others(there["scheduler"]["packages"], "scheduler")
-    for worker, own in there["workers"].items():
+
+    async def stated() -> tuple[Any, Any]:
+        scheduler = await client.scheduler.versions(packages=SAME)
+        return scheduler, await client.scheduler.broadcast(msg={"op": "versions", "packages": SAME}, on_error="ignore")
+
+    try:
+        scheduler, workers = client.sync(stated, callback_timeout=ANSWER)
+    except TimeoutError:
+        raise _frozen(f"a worker of the Dask scheduler at {address}", ANSWER) from None
+    _refuse_others(scheduler["packages"], "scheduler")
+    for worker, own in workers.items():
         _refuse_others(own["packages"], f"worker {worker}")
 
 
@@ -185,13 +212,13 @@ def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[
     from distributed import wait
 
     found: dict[Any, Captured] = {}
-    waiting, last_seen = set(futures), time.monotonic()
+    waiting, watch = set(futures), _Watch(time.monotonic(), time.monotonic())
     while waiting:
         try:
             with client.as_current():
                 done = wait(waiting, timeout=LOOK, return_when="FIRST_COMPLETED").done
         except TimeoutError:
-            last_seen = _look_for_workers(client, last_seen)
+            _look_for_workers(client, watch)
             continue
         found |= _results(client, done)
         waiting -= done
@@ -210,7 +237,8 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
         found = client.sync(gathered, callback_timeout=CARRYING * SILENT)
         return dict(zip((future.key for future in done), found, strict=True))
     except TimeoutError:
-        raise _SilentError from None
+        _identities(client)
+        raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
     except KilledWorker:
         raise StrainsightError(
             "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
@@ -218,22 +246,45 @@ def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
         ) from None
 
 
-def _look_for_workers(client: Any, last_seen: float) -> float:
-    """When a worker was last there; raises UserError where that is too long ago, _SilentError where nobody answers."""
+def _identities(client: Any) -> dict[str, Any]:
+    """Worker → what the scheduler knows of it; raises _SilentError where that does not answer."""
     try:
-        there = client.sync(client.scheduler.identity, n_workers=1, callback_timeout=SILENT)["workers"]
+        there: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)["workers"]
     except TimeoutError:
         raise _SilentError from None
-    now = time.monotonic()
+    return there
+
+
+def _look_for_workers(client: Any, watch: _Watch) -> None:
+    """Raises UserError where no worker has been there, or one has had no heartbeat, for too long; _SilentError as above."""
+    if time.monotonic() - watch.looked < EVERY:
+        return
+    there = _identities(client)
+    now = watch.looked = time.monotonic()
     if there:
-        return now
-    if now - last_seen > DESERTED:
+        watch.seen = now
+    elif now - watch.seen > DESERTED:
         raise UserError(
             f"the Dask cluster has had no worker for {DESERTED:g} s",
             key="--dask",
             remedy="start workers, then run again: finished stages are kept",
         )
-    return last_seen
+    beats = {worker: own["last_seen"] for worker, own in there.items()}
+    before = watch.heartbeats
+    watch.heartbeats = {
+        w: (beat, before[w][1] if before.get(w, (0, 0))[0] == beat else now) for w, beat in beats.items()
+    }
+    for worker, (_, since) in watch.heartbeats.items():
+        if now - since > FROZEN:
+            raise _frozen(f"the Dask worker {worker}", FROZEN)
+
+
+def _frozen(who: str, seconds: float) -> UserError:
+    return UserError(
+        f"{who} has not answered for {seconds:g} s",
+        key="--dask",
+        remedy="look whether its machine still runs, and end or start it anew, then run again: finished stages are kept",
+    )
 
 
 def _gone() -> UserError:
