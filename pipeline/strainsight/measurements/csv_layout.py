@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from strainsight.csv_cells import plain_cell
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.records import decoded, plain
 from strainsight.measurements.units import known_unit, seconds_in, spelling
@@ -91,7 +92,7 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
     if form.comment and text.lstrip().startswith(form.comment):
         text = text.lstrip().removeprefix(form.comment)
     delimiter = form.delimiter or ("" if _NUMBERS.fullmatch(text) else _delimiter(text, where, form, time is None))
-    cells = [cell.strip() for cell in split(text, delimiter, where)] if delimiter else []
+    cells = [plain_cell(cell.strip()) for cell in split(text, delimiter, where)] if delimiter else []
     if all(_number_like(cell) for cell in cells):
         raise UserError(
             f"the columns have no names: the first line is {plain(text)}",

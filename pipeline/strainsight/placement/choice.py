@@ -16,7 +16,7 @@ from strainsight.placement.riccati import Loop
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
 
 NOTHING = 1e-12
-"""Rises and their bounds below this share of the largest bound are zero: where a metric does not feel a gauge, they are rounding."""
+"""Rises and their bounds below this share of the largest bound are zero: rounding, where a metric does not feel a gauge."""
 
 
 @dataclass(frozen=True)

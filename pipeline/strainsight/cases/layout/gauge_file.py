@@ -8,6 +8,7 @@ import numpy as np
 
 from strainsight.cases.layout.gauge_lines import gauge_lines, line_edges, measured_cells, measured_columns
 from strainsight.cases.layout.gauge_list import GaugeList
+from strainsight.csv_cells import csv_bytes
 from strainsight.mesh.model import Mesh
 from strainsight.report.datum import Frame
 
@@ -20,9 +21,7 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
     head += ["sign"] * bridged
-    text = [
-        ",".join([*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted])
-    ]
+    rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
     lines = gauge_lines(listed)
     for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
         i = own.gauge
@@ -31,5 +30,5 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
         words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
         missing = [f"{values[i]:.9g}" for values in without.values()]
         tail = [listed.unit[i], *[own.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
-        text.append(",".join([*words, *(f"{x:.9g}" for x in numbers), *tail]))
-    return ("\n".join(text) + "\n").encode()
+        rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
+    return csv_bytes(rows)

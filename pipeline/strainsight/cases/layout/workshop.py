@@ -15,6 +15,7 @@ from strainsight.cases.layout.gauge_lines import (
 )
 from strainsight.cases.layout.gauge_list import GaugeList, marked_places
 from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
+from strainsight.csv_cells import csv_bytes
 from strainsight.gauges.clearance import carrier
 from strainsight.gauges.edge_dimensions import EdgeDimensions
 from strainsight.gauges.export import uff_text
@@ -66,7 +67,7 @@ def workshop_csv(shop: Workshop) -> bytes:
     axes = [f"{vector}_{axis}" for vector in ("direction", "normal") for axis in "xyz"]
     head = ["gauge", "kind", "glued", "element", "facet", *measured_columns(frame)]
     head += [*axes, "angle_deg", f"grid_length_{frame.unit}"] + ["sign"] * bridged
-    text = [",".join(head)]
+    rows = [head]
     for own, measured in zip(shop.lines, measured_cells(shop.lines, shop.edges, frame), strict=True):
         i = own.gauge
         words = [
@@ -78,8 +79,8 @@ def workshop_csv(shop: Workshop) -> bytes:
         ]
         turned = [cell(x) for x in (*frame.turn(own.direction), *frame.turn(own.normal))]
         sizes = [cell(own.angle), cell(float(frame.length(own.length)))]
-        text.append(",".join([*words, *measured, *turned, *sizes, *[own.sign] * bridged]))
-    return ("\n".join(text) + "\n").encode()
+        rows.append([*words, *measured, *turned, *sizes, *[own.sign] * bridged])
+    return csv_bytes(rows)
 
 
 def workshop_unv(shop: Workshop) -> bytes:

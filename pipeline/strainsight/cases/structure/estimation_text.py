@@ -20,6 +20,7 @@ from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
+from strainsight.csv_cells import csv_bytes
 from strainsight.records.estimated import Estimated
 from strainsight.workflow.output import Scalar, Table
 
@@ -141,8 +142,7 @@ def estimation_csv(found: Estimation) -> bytes:
         for i, label in enumerate(found.labels):
             columns |= {f"{label} [strain]": own.virtual.strain[:, i], f"{label} std [strain]": own.virtual.std[:, i]}
     rows = np.column_stack(list(columns.values()))
-    lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return csv_bytes([list(columns), *([f"{x:.9g}" for x in row] for row in rows)])
 
 
 def rms(history: np.ndarray) -> float:

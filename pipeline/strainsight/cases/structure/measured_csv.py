@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from strainsight.cases.structure.trial import Trial
+from strainsight.csv_cells import csv_bytes
 
 UNITS = ("m/m", "m/s2", "m")
 """Of strain, acceleration and displacement, as a measurement file writes them."""
@@ -25,6 +26,5 @@ def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, unit
     loads = [f"{name} [{units[name]}]" for name in trial.problem.known]
     first = np.concatenate([trial.time[:1], np.full(len(names), np.nan), trial.known[0, 0]])
     rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])
-    lines = [",".join(["time [s]", *names, *loads])]
-    lines += [",".join("" if np.isnan(x) else f"{x:.12g}" for x in row) for row in rows]
-    return ("\n".join(lines) + "\n").encode()
+    numbers = (["" if np.isnan(x) else f"{x:.12g}" for x in row] for row in rows)
+    return csv_bytes([["time [s]", *names, *loads], *numbers])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import struct
 import zlib
 from collections.abc import Iterator
@@ -13,13 +14,14 @@ from zipfile import BadZipFile
 import numpy as np
 from scipy import sparse
 
+from strainsight.csv_cells import plain_cell
 from strainsight.decks.matrices.archive import require_room
 from strainsight.decks.matrices.calculix import read_calculix, read_dofs
 from strainsight.decks.matrices.market import read_market
 from strainsight.decks.matrices.op4 import read_op4
 from strainsight.decks.matrices.op4_parts import LARGEST
 from strainsight.decks.numbers import no_integer, parse_integer
-from strainsight.decks.text import text_lines
+from strainsight.decks.text import read_text
 from strainsight.errors import DeckError
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"
@@ -148,19 +150,18 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
 
     Raises DeckError with file:line for another header and for lines with more or fewer cells.
     """
-    lines = text_lines(path)
-    while not lines[-1].strip():
-        lines.pop()
-    wanted = ",".join(header)
-    if [cell.strip().lower() for cell in lines[0].split(",")] != list(header):
+    rows = _csv_rows(path)
+    while len(rows) > 1 and not any(rows[-1][1]):
+        rows.pop()
+    wanted, (_, first) = ",".join(header), rows[0]
+    if [cell.lower() for cell in first] != list(header):
         raise DeckError(
-            f"the first line is {lines[0].strip()[:60]!r}", where=f"{path}:1", remedy=f"write {wanted!r} there"
+            f"the first line is {','.join(first)[:60]!r}", where=f"{path}:1", remedy=f"write {wanted!r} there"
         )
-    for number, line in enumerate(lines[1:], start=2):
-        cells = [cell.strip() for cell in line.split(",")]
+    for number, cells in rows[1:]:
         if len(cells) != len(header):
             raise DeckError(
-                f"{line.strip()[:60]!r} has {len(cells)} cells", where=f"{path}:{number}", remedy=f"give {wanted}"
+                f"{','.join(cells)[:60]!r} has {len(cells)} cells", where=f"{path}:{number}", remedy=f"give {wanted}"
             )
         yield number, cells
 
@@ -170,16 +171,15 @@ def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict
 
     Raises DeckError with file:line for a column of `needed` that is missing, and for lines with more or fewer cells.
     """
-    lines = list(csv.reader(text_lines(path)))
-    header = [cell.strip().lower() for cell in lines[0]] if lines else []
+    rows = _csv_rows(path)
+    header = [cell.lower() for cell in rows[0][1]]
     if missing := [column for column in needed if column not in header]:
         raise DeckError(
             f"no column {', '.join(missing)}",
             where=f"{path}:1",
             remedy=f"the first line names them: {','.join(needed)}",
         )
-    for number, line in enumerate(lines[1:], start=2):
-        cells = [cell.strip() for cell in line]
+    for number, cells in rows[1:]:
         if not any(cells):
             continue
         if len(cells) != len(header):
@@ -189,6 +189,19 @@ def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict
                 remedy="give one a column",
             )
         yield number, dict(zip(header, cells, strict=True))
+
+
+def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
+    """Number of the line where each row begins and its cells, which may hold line breaks in quotes; at least one row."""
+    found, line = [], 1
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    try:
+        for cells in reader:
+            found.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
+            line = reader.line_num + 1
+    except csv.Error as error:
+        raise DeckError(f"is no line of a table: {error}", where=f"{path}:{line}", remedy="check its quotes") from None
+    return found or [(1, [""])]
 
 
 def _integer(cell: str, path: Path, number: int) -> int:

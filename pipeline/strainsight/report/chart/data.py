@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from strainsight.csv_cells import csv_bytes
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.panels import DOTS
 
@@ -37,10 +37,8 @@ def figure_csv(drawn: Figure) -> bytes:
     columns: list[list[str]] = []
 
     def add(title: str, cells: list[str]) -> None:
-        # A spreadsheet takes a cell that begins like this for a formula.
-        safe = f"'{title}" if title[:1] in "=+-@\t" else title
-        again = sum(other == safe or other.startswith(f"{safe} (") for other in head)
-        head.append(f"{safe} ({again + 1})" if again else safe)
+        again = sum(other == title or other.startswith(f"{title} (") for other in head)
+        head.append(f"{title} ({again + 1})" if again else title)
         columns.append(cells)
 
     below = next((axes.get_xlabel() for axes in reversed(drawn.axes) if axes.get_xlabel()), "")
@@ -55,12 +53,7 @@ def figure_csv(drawn: Figure) -> bytes:
                 words = f"{series.name}{' ' * bool(series.name and what)}{what}"
                 title = ": ".join(part for part in (words, up or "row") if part)
                 add(title, _cells(axes, values, named=not up))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    for row in range(max(map(len, columns), default=0)):
-        writer.writerow([cells[row] if row < len(cells) else "" for cells in columns])
-    return text.getvalue().encode()
+    return csv_bytes([head, *zip_longest(*columns, fillvalue="")])
 
 
 def _series(axes: Any) -> Iterator[Series]:

@@ -10,8 +10,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from strainsight.csv_cells import csv_bytes
 from strainsight.report.chart.data import dots_of, figure_csv
 from strainsight.report.chart.drawing import MUTED, Drawing, styled
+from strainsight.writing import make_folder, write_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,20 +35,18 @@ def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> 
         files[f"{name}.csv"] = figure_csv(own)
         files |= {f"{name}.svg": drawing.svg, f"{name}.png": _png(own)}
         rows.append((name, drawing.title, drawing.caption))
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerows([("figure", "title", "caption"), *rows])
-    return files | {INDEX: text.getvalue().encode()}
+    return files | {INDEX: csv_bytes([("figure", "title", "caption"), *rows])}
 
 
 def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write them; figures of an earlier time that there are no more are removed, other files are left alone."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder.parent)
+    make_folder(folder)
     for name in _listed(folder / INDEX) - {Path(own).stem for own in files}:
         for suffix in (".svg", ".png", ".csv"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
     for name, content in files.items():
-        (folder / name).write_bytes(content)
+        write_file(folder / name, content)
 
 
 def _listed(index: Path) -> set[str]:

@@ -25,6 +25,7 @@ from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits
 from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, FromFile
+from strainsight.csv_cells import csv_bytes
 from strainsight.errors import ArtefactError
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read, written
@@ -217,10 +218,8 @@ def _command_history(found: BenchEstimated) -> bytes:
     A rig moves the bench after the record, so that what later samples say of a load is known by then.
     """
     loads = [own.estimate if own.smoothed is None else own.smoothed for own in found.inputs.values()]
-    lines = [",".join(["time", *found.inputs])]
-    for k, instant in enumerate(found.time):
-        lines.append(",".join([f"{instant:.9g}", *(f"{load[k]:.9g}" for load in loads)]))
-    return ("\n".join(lines) + "\n").encode()
+    rows = ([f"{x:.9g}" for x in (instant, *(load[k] for load in loads))] for k, instant in enumerate(found.time))
+    return csv_bytes([["time", *found.inputs], *rows])
 
 
 ESTIMATE = Stage(
