@@ -8,7 +8,7 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -44,7 +44,7 @@ from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_wa
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
-USAGE = typer.BadParameter.__mro__[1]
+USAGE: Any = typer.BadParameter.__mro__[1]
 """Words that are no command or option; of the click that this typer brings."""
 
 app = typer.Typer(

@@ -40,12 +40,14 @@ class StrainsightError(Exception):
 
 LONGEST = 1500
 """Signs of a part of a message: of a number of five thousand digits the middle is left out."""
+SPACES = "\u00a0\u202f"
+"""Between a number and its unit, and between thousands."""
 
 
 def printable(text: str) -> str:
     """One line of a text that may come from any file: what a terminal obeys (controls, line breaks, changes of the direction of
     writing) as escapes."""
-    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
+    return "".join(sign if sign.isprintable() or sign in SPACES else ascii(sign)[1:-1] for sign in text)
 
 
 def _cut(text: str) -> str:

@@ -32,7 +32,8 @@ BAD = {*CONTROLS, *BIDI}
 
 def test_every_control_becomes_an_escape_and_letters_stay():
     assert not BAD & set(printable(HOSTILE))
-    assert printable("G1 σ é 漢 µm/m ±√") == "G1 σ é 漢 µm/m ±√"
+    for text in ("G1 σ é 漢 µm/m ±√", "0.1\u00a0s", "316\u202f000"):
+        assert printable(text) == text
     assert printable("a\x1b[0mb\nc\x9bd\u202ee") == r"a\x1b[0mb\nc\x9bd\u202ee"
     assert printable(printable(HOSTILE)) == printable(HOSTILE)
 

@@ -210,4 +210,5 @@ def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(beam_of, sc
         found = eliminate(shaken, 4, aggregate)
         assert found.removed[:4].tolist() == silent
         assert found.rise[:4].tolist() == [0.0] * 4
+        assert [bool(ties) for ties in found.ties[:4]] == [True, True, True, False]
         assert (found.rise[4:] > 0).all()

@@ -76,6 +76,11 @@ class Step:
         level = self.level.reshape(-1, *[1] * (parts.ndim - 1))
         return aggregated(level + parts, self.aggregate)
 
+    def rounded(self, parts: np.ndarray) -> float:
+        """The rise of the aggregate, zero where it is rounding."""
+        rise = float(self.together(parts))
+        return rise if rise > self.rounding else 0.0
+
     def sharpened(self, at: int, best: float) -> tuple[float, np.ndarray]:
         """A sharper bound of the aggregate's rise and its parts (scenarios,), until it exceeds the best value."""
         parts = self.lifted[:, at].copy()
@@ -83,9 +88,9 @@ class Step:
             if parts[i] > 0:
                 bound = sharper_bound(s, pool.rows[self.left.index[at]])
                 parts[i] = max(parts[i], pool.metric.least_rise(s.loop.P, bound))
-            if self.together(parts) > best * (1 + TIE):
+            if self.together(parts) > max(best * (1 + TIE), self.rounding):
                 break
-        return float(self.together(parts)), parts
+        return self.rounded(parts), parts
 
     def exactly(self, at: int, bounds: np.ndarray, best: float) -> tuple[float, list[np.ndarray] | None, int]:
         """The rise of the aggregate, D of every scenario and the solves; None as soon as a scenario loses an unknown or as
@@ -98,10 +103,9 @@ class Step:
                 return np.inf, None, i + 1
             increments.append(D)
             parts[i] = pool.metric.rise(loop.P, D)
-            if self.together(parts) > best * (1 + TIE):
+            if self.together(parts) > max(best * (1 + TIE), self.rounding):
                 return np.inf, None, i + 1
-        rise = float(self.together(parts))
-        return rise if rise > self.rounding else 0.0, increments, len(self.pools)
+        return self.rounded(parts), increments, len(self.pools)
 
 
 def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
@@ -112,6 +116,7 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
     left = step.left
     worth, least = step.together(step.bounds), step.together(step.lifted)
     per = np.ones(len(worth)) if relief is None else relief
+    least = np.where(least > step.rounding, least, 0.0)
     waiting = np.divide(least, per, out=np.full(len(worth), np.inf), where=left.movable & (per > 0))
     exact: dict[int, tuple[float, list[np.ndarray]]] = {}
     best, solves = np.inf, 0
@@ -130,8 +135,8 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
         for bound, parts in [step.sharpened(at, best * per[at])]
     ]
     for bound, at, parts in sorted(doubtful, key=lambda entry: entry[:2]):
-        # of rises of nothing the first one is taken: there may be as many as there are gauges
-        if bound > best * (1 + TIE) or best == 0:
+        # of rises of zero the first one is taken, and one more shows that it is a tie: all gauges may be such
+        if bound > best * (1 + TIE) or (best == 0 and [rise for rise, _ in exact.values()].count(0.0) > 1):
             break
         value, increments, number = step.exactly(at, parts, best * per[at])
         solves += number

@@ -37,8 +37,8 @@ class Elimination:
     kept ascending; removed (s,) in order; cost (s + 1,) aggregate of the metric, the whole pool first; rise (s,) its
     increments, not differences of `cost` and so with all their digits; blocks (s + 1, states that any scenario weighs)
     their variances times their weights, Mᵢᵢ (of the worst scenario where that is the aggregate), which add up to the trace;
-    solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, the gauges that were as good as the one
-    removed; residual: the largest relative one of all; pools: the scenarios as solved.
+    solves (s,): exact Riccati solves of every step, one a scenario; ties: per step, gauges that were as good as the one
+    removed, all of them but for rises of zero; residual: the largest relative one of all; pools: the scenarios as solved.
     """
 
     kept: np.ndarray

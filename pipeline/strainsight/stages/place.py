@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=29,
+    version=30,
     reads=(
         "seed",
         "mesh.length_unit",

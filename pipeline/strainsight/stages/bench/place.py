@@ -25,7 +25,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=21,
+    version=22,
     reads=(
         "seed",
         "bodies",
