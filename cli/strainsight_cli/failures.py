@@ -122,11 +122,29 @@ def saying(quiet: bool, verbose: bool, named: str | None, wanted: bool) -> Itera
 
 
 def plain_warnings(verbose: bool) -> None:
-    """From now on warnings to the user are one line each; those to developers are only shown where `verbose`."""
+    """From now on warnings to the user are one line each, once; those to developers are only shown where `verbose`."""
     if not verbose:
         warnings.simplefilter("ignore")
         warnings.simplefilter("default", UserWarning)
-    warnings.showwarning = _warn
+    shown_texts: set[str] = set()
+
+    def show(message: Warning | str, *_: object, **__: object) -> None:
+        text = str(message)
+        if shown(Level.WARNING) and same_text(text) not in shown_texts:
+            shown_texts.add(same_text(text))
+            print(f"warning: {printable(text)}", file=sys.stderr)
+
+    warnings.showwarning = show
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr, once a command, and write it to the log that is open."""
+    warnings.showwarning(UserWarning(text), UserWarning, "strainsight", 0)
+
+
+def same_text(text: str) -> str:
+    """By which two warnings are one: stages begin them in lower case, pages write sentences."""
+    return f"{text[:1].lower()}{text[1:].rstrip('.')}"
 
 
 @contextmanager
@@ -198,8 +216,3 @@ def _leave(code: int) -> None:
         for registered in SHARED.glob(f"__KMP_REGISTERED_LIB_{os.getpid()}_*"):
             registered.unlink(missing_ok=True)
     os._exit(code)
-
-
-def _warn(message: Warning | str, *_: object, **__: object) -> None:
-    if shown(Level.WARNING):
-        say(f"warning: {message}", error=True)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from strainsight.file_lock import lock_file
 from strainsight.processes import peak_memory
 from strainsight.writing import open_file
-from strainsight_cli.failures import LAST_WORDS
+from strainsight_cli.failures import LAST_WORDS, same_text
 from strainsight_cli.placeless import placeless
 
 if TYPE_CHECKING:
@@ -49,9 +49,12 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
             waiting.clear()
 
     shown = warnings.showwarning
+    logged: set[str] = set()
 
     def warn(message: Warning | str, *rest: Any, **named: Any) -> None:
-        log(f"warning: {message}")
+        if same_text(str(message)) not in logged:
+            logged.add(same_text(str(message)))
+            log(f"warning: {message}")
         shown(message, *rest, **named)
 
     def interrupted(text: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import warnings
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from strainsight.processes import end_with_parent
 from strainsight_cli import levels
-from strainsight_cli.failures import Failure, failure_of, plain_warnings
+from strainsight_cli.failures import Failure, failure_of, plain_warnings, warn
 from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, note
 
 if TYPE_CHECKING:
@@ -85,11 +86,13 @@ def _quiet_tracker() -> None:
 
 
 def _pass_on(moves: Any, progress: Progress) -> None:
-    """What the processes sent since the last look: a move of the bar, or a note."""
+    """What the processes sent since the last look: a move of the bar, a note or a warning."""
     while not moves.empty():
         text = moves.get()
         if isinstance(text, str):
             note(text)
+        elif isinstance(text, UserWarning):
+            warn(str(text))
         else:
             progress(*text)
 
@@ -107,13 +110,14 @@ _moves: Any = None
 
 
 def _start(moves: Any, verbose: bool, level: levels.Level) -> None:
-    """In a new process: end with the parent, and say warnings as it does."""
+    """In a new process: end with the parent, and leave warnings to it, which prints each once."""
     global _moves
     _moves = moves
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent()
     levels.set_level(level)
     plain_warnings(verbose)
+    warnings.showwarning = lambda message, *_, **__: moves.put(UserWarning(str(message)))
 
 
 def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> Ended:

@@ -9,7 +9,7 @@ from strainsight.errors import printable
 from strainsight_cli import render
 from strainsight_cli.clock import seconds_for
 from strainsight_cli.printing import say
-from strainsight_cli.work import Work, elsewhere, note, refuse_taken
+from strainsight_cli.work import Work, elsewhere, note, refuse_taken, show_warnings
 
 if TYPE_CHECKING:
     from strainsight.workflow.plan import Status
@@ -30,6 +30,7 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     if text := elsewhere(work):
         note(text)
     statuses = plan(work.stages, work.job, forced)
+    show_warnings(statuses)
     if as_json:
         for status in statuses:
             say(render.status_json(status, work.run))

@@ -18,7 +18,16 @@ from strainsight_cli.failures import CONTRADICTED, tell
 from strainsight_cli.printing import say
 from strainsight_cli.status import print_statuses, sum_of
 from strainsight_cli.timing import peak_memory, timing_table
-from strainsight_cli.work import Progress, Work, bring_up_to_date, contradicted, makers, refuse_taken, show_results
+from strainsight_cli.work import (
+    Progress,
+    Work,
+    bring_up_to_date,
+    contradicted,
+    makers,
+    refuse_taken,
+    show_results,
+    show_warnings,
+)
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -126,6 +135,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
     pending = []
     for work in works[:-1]:
         statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
+        show_warnings(statuses)
         waits = any(status.status != UP_TO_DATE for status in statuses)
         if waits:
             pending.append(f"{work.run} changed")

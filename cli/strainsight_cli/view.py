@@ -13,7 +13,7 @@ from strainsight_cli import pipelines
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
 from strainsight_cli.printing import say
-from strainsight_cli.work import note
+from strainsight_cli.work import note, show_warnings
 
 if TYPE_CHECKING:
     from strainsight.config.bench.bench import BenchConfig
@@ -112,11 +112,13 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
 
 
 def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> None:
-    """Say where the picture is not of the config as it stands; what was computed is shown all the same."""
+    """Print the warnings of the stages whose results are shown, and a note where these are older than the config."""
     from strainsight.workflow.plan import UP_TO_DATE, plan
 
     work = pipelines.work_of(loaded, results)
-    for status in plan(work.stages, work.job):
+    statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
+    show_warnings(statuses)
+    for status in statuses:
         if status.stage in read and status.status != UP_TO_DATE:
             note(f"{status.artefact} is older than the config: {status.reason}")
             return

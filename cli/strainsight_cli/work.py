@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from strainsight.sweep.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
+from strainsight_cli.failures import same_text, warn
 from strainsight_cli.levels import Level, shown
 from strainsight_cli.printing import say
 from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
     from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.plan import Job
+    from strainsight.workflow.plan import Job, Status
     from strainsight.workflow.runner import Event
     from strainsight.workflow.stage import Stage
 
@@ -123,6 +124,8 @@ def bring_up_to_date(
                     continue
                 assert event.artefact is not None
                 artefacts.append(event.artefact)
+                for text in event.artefact.warnings:
+                    warn(text)
                 log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
                 say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
         except Exception as error:
@@ -154,16 +157,28 @@ def _spent(event: Event) -> str:
 
 
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
-    """The tables of the stages named, and the files that were written for a reader."""
+    """The tables of the stages named, with one of all warnings at the end, and the files that were written for a reader."""
     from strainsight.workflow.artefact import GRID
+    from strainsight.workflow.output import WARNINGS, warnings_in, warnings_table
 
-    render.print_tables(
-        [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
-    )
+    found = [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
+    warned = [table for table in found if table.title == WARNINGS]
+    texts = {same_text(text): text for text in warnings_in(warned)}
+    render.print_tables([*(table for table in found if table not in warned), *warnings_table([*texts.values()])])
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             if not name.endswith(GRID):  # the artefact's own grid under a name that ParaView takes
                 say(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
+
+
+def show_warnings(statuses: Iterable[Status]) -> None:
+    """Print the warnings of the artefacts that a command which computes nothing reads or lists."""
+    from strainsight.workflow.artefact import Artefact
+    from strainsight.workflow.plan import UP_TO_DATE
+
+    for status in statuses:
+        for text in Artefact(status.artefact).warnings if status.status == UP_TO_DATE else ():
+            warn(text)
 
 
 def refuse_warned(work: Work) -> None:
@@ -171,8 +186,7 @@ def refuse_warned(work: Work) -> None:
     from strainsight.errors import UserError
     from strainsight.workflow.artefact import Artefact
 
-    found = Artefact(work.job.folder / "import.h5")
-    said = [row[-1] for table in found.tables for row in table.rows if row[0] == "warning"]
+    said = Artefact(work.job.folder / "import.h5").warnings
     if said:
         more = f"; and {len(said) - 3} more" if len(said) > 3 else ""
         raise UserError(

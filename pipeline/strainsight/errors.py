@@ -120,6 +120,10 @@ class ContactError(DeckError):
         self.pairs = pairs
 
 
+class MachineWarning(UserWarning):
+    """A warning about the machine, such as a missing solver; it is printed and kept in no results file."""
+
+
 class InfeasibleError(UserError):
     """A request that no layout or estimate can satisfy."""
 

@@ -74,3 +74,17 @@ def test_two_levels_contradict_each_other(call, tmp_path):
         assert done.stderr.endswith("contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n")
     assert not (tmp_path / "results").exists()
     assert call("--log-level", "loud").exit_code == 2
+
+
+def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
+    log = tmp_path / "results" / "beam" / "run.log"
+    for count, stage in enumerate(("modes", "modes", "import"), start=1):  # computed, then up to date
+        done = call(stage=stage)
+        assert (done.exit_code, done.stderr.count(ON_ONE_NODE)) == (0, 1)
+        assert log.read_text(encoding="utf-8").count(ON_ONE_NODE) == count
+    assert call(stage="status").stderr.count(ON_ONE_NODE) == 1
+    assert call("--dry-run", stage="run").stderr.count(ON_ONE_NODE) == 1
+    done = call("--json", stage="modes")
+    assert [json.loads(line)["stage"] for line in done.stdout.splitlines()] == ["import", "modes"]
+    assert done.stderr.count(ON_ONE_NODE) == 1
+    assert call("-q", stage="modes").stderr == ""

@@ -84,11 +84,14 @@ def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
     assert re.fullmatch(r"ends after \d\.\d s, peak \d+\.\d\d GiB", ends)
 
 
-def test_it_is_appended_and_says_what_was_up_to_date(work):
+def test_it_is_appended_with_what_was_up_to_date_and_its_warnings(work):
     first = run(work(good))
     second = run(work(good))
     assert second.startswith(first)
-    assert texts(second.removeprefix(first))[1] == "good up to date: three numbers"
+    assert texts(second.removeprefix(first))[1:3] == [
+        "warning: �[2Jlook at this",
+        "good up to date: three numbers",
+    ]
 
 
 @pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])

@@ -39,9 +39,10 @@ def test_what_is_not_in_the_mesh_is_named_at_once(tmp_path, changes, key, what):
 
 
 def test_a_force_on_one_node_of_a_solid_is_warned_of_and_one_on_a_tie_is_not(tmp_path):
-    with pytest.warns(UserWarning, match="loads.tip acts on node 45 of a solid alone"):
-        finished(tmp_path / "solid", "import", bricks((4, 2, 2), tip=False), {"loads.tip.node": 45})
-    finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
+    solid = finished(tmp_path / "solid", "import", bricks((4, 2, 2), tip=False), {"loads.tip.node": 45})
+    assert any("loads.tip acts on node 45 of a solid alone" in text for text in solid["import"].warnings)
+    tie = finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
+    assert not any("acts on node" in text for text in tie["import"].warnings)
 
 
 def test_so_is_one_on_a_node_of_shells_and_none_on_one_that_a_beam_ends_at():

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from strainsight.errors import NumericalError, UserError
+from strainsight.errors import MachineWarning, NumericalError, UserError
 from strainsight.fem.pardiso import MECHANISM, pardiso
 from strainsight.memory import require_memory
 
@@ -75,6 +75,7 @@ def factorise(A: sparse.csr_array) -> Factor:
         warnings.warn(
             "PARDISO is not available: SuperLU factorises, two to five times slower; more than 100 000 unknowns are refused "
             "(pip install pypardiso, where there is MKL: x86-64)",
+            MachineWarning,
             stacklevel=2,
         )
         solve, name = _superlu(upper), "SuperLU"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,7 @@ from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
 from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.pages.found import faces_table, found_tables
-from strainsight.workflow.output import Output
+from strainsight.workflow.output import Output, warnings_in
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -39,8 +38,6 @@ def run(context: Context[PlacementConfig]) -> Output:
     mesh = mesh_of(config, file, base=context.base, loads=used)
     weight, quality, found = looked_at(context.config, mesh)
     alone = on_one_node(context.config.loads, mesh)
-    for text in alone:
-        warnings.warn(f"{text}.", stacklevel=2)
     faces = None
     if mesh.has_surface:
         facets = exterior_facets(mesh)
@@ -58,7 +55,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
     tables = found_tables(mesh, weight, quality, (*found, *alone))
-    summary["warnings"] = sum(row[0] == "warning" for table in tables for row in table.rows)
+    summary["warnings"] = len(warnings_in(tables))
     program = format_of(file) if config.format == "auto" else config.format
     computed = config.matrices is None and config.results is None
     assumed = assumed_table(mesh, program, config.free) if computed else None

@@ -16,7 +16,7 @@ from strainsight.stages.pages.sheets import sheet_files, sheets_of
 from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.stages.view.strain import strain_shapes, strains_of
-from strainsight.workflow.output import Dataset, Output, Scalar, Table
+from strainsight.workflow.output import Dataset, Output, Scalar, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -59,7 +59,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         datasets=datasets,
         summary=summary,
         message=said,
-        tables=(Table("warnings", ("",), tuple((text,) for text in report.warnings)),) * bool(report.warnings),
+        tables=warnings_table(report.warnings),
         files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )
 

@@ -14,7 +14,7 @@ from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Modes
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output, Table
+from strainsight.workflow.output import Output, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -42,7 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
             "projection_error": worst,
         },
         message=f"{size} unknowns → {reduced.model.size}, first mode {hertz(first, 2)} Hz, held-out error {worst:.1e}",
-        tables=(Table(source, ("warning",), tuple((text,) for text in other.notes)),) if other and other.notes else (),
+        tables=warnings_table([f"{source}: {text}" for text in other.notes] if other else ()),
     )
 
 

@@ -13,7 +13,7 @@ from strainsight.report.tested.figures import figures_of_test
 from strainsight.report.tested.page import page_of_test
 from strainsight.report.view.viewing import screenshots
 from strainsight.stages.pages.tested import pages_of
-from strainsight.workflow.output import Output, Table
+from strainsight.workflow.output import Output, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -45,7 +45,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         datasets={},
         summary={"pictures": pictured, "figures": drawn, "warnings": len(warnings)},
         message=said,
-        tables=(Table("warnings", ("",), tuple((text,) for text in warnings)),) * bool(warnings),
+        tables=warnings_table(tuple(warnings)),
         files=files,
     )
 

@@ -9,6 +9,7 @@ import time
 import warnings
 from collections.abc import Callable, Sequence
 
+from strainsight.errors import MachineWarning
 from strainsight.processes import end_with_parent, peak_memory, safe_path
 from strainsight.sweep.sweep import P, Progress, R, S, Sweep, captured, repeated, unwatched
 
@@ -63,6 +64,7 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
     except TerminatedWorkerError:
         warnings.warn(
             "a process of a sweep was killed, probably for lack of memory: the rest goes on in one (--jobs 1)",
+            MachineWarning,
             stacklevel=2,
         )
 

@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow.output import Scalar, Table
+from strainsight.workflow.output import Scalar, Table, warnings_in
 from strainsight.workflow.seal import BLOCK, is_intact, is_sealed
 from strainsight.workflow.slices import canonical
 
@@ -72,7 +72,7 @@ class Artefact:
 
     artefact["/frequency"]                 → ndarray (text comes back as str arrays)
     artefact.children("/reduced/mass")     → {"constant": ndarray, "E": ndarray}
-    artefact.summary, .tables, .message    what the stage said
+    artefact.summary, .tables, .message    what the stage said; .warnings are those in the tables
     artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
     artefact.attributes("/augmented")      attributes of a group or dataset
     artefact.source                        the run beside this one that it has just been reused from, or ""
@@ -102,6 +102,11 @@ class Artefact:
             Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
             for t in json.loads(bytes(file["tables"][()]).decode())
         )
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the stage warned of; commands print it also where the artefact is up to date."""
+        return warnings_in(self.tables)
 
     @property
     def key(self) -> str:

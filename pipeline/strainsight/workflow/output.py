@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,20 @@ class Table:
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+WARNINGS = "warnings"
+"""Title of the table of a stage's warnings."""
+
+
+def warnings_table(texts: Sequence[str]) -> tuple[Table, ...]:
+    """A table of warnings, none for no texts."""
+    return (Table(WARNINGS, ("",), tuple((text,) for text in texts)),) if texts else ()
+
+
+def warnings_in(tables: Iterable[Table]) -> tuple[str, ...]:
+    """Texts of tables titled `WARNINGS`, and of rows that begin with "warning"."""
+    return tuple(row[-1] for table in tables for row in table.rows if table.title == WARNINGS or row[0] == "warning")
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 import time
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from strainsight.errors import StrainsightError
 from strainsight.sweep.sweep import Sweep, serial
 from strainsight.workflow.artefact import Artefact, Header, file_digest
 from strainsight.workflow.code import code_of
 from strainsight.workflow.lock import computing, locked
+from strainsight.workflow.output import warnings_table
 from strainsight.workflow.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge, other_code
 from strainsight.workflow.reuse import reused
 from strainsight.workflow.slices import Slice, declared
@@ -129,7 +132,9 @@ def _execute(
         base=job.base,
     )
     start = time.perf_counter()
-    output = stage.run(context)
+    with _warned() as texts:
+        output = stage.run(context)
+    output = replace(output, tables=(*output.tables, *warnings_table(tuple(texts))))
     seconds = time.perf_counter() - start
     header = Header(
         stage=stage.name,
@@ -144,6 +149,23 @@ def _execute(
         code=code_of(stage.run),
     )
     return write_artefact(job.folder / f"{stage.name}.h5", output, header, stage.records)
+
+
+@contextmanager
+def _warned() -> Iterator[dict[str, None]]:
+    """The texts of each UserWarning, which is shown as well; those of subclasses depend on the machine (`MachineWarning`)."""
+    texts: dict[str, None] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        show = warnings.showwarning
+
+        def keep(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
+            if category is UserWarning:
+                texts[str(message)] = None
+            show(message, category, *rest, **named)
+
+        warnings.showwarning = keep
+        yield texts
 
 
 @contextmanager

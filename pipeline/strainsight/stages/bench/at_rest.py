@@ -18,7 +18,7 @@ from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.output import Output, Table
+from strainsight.workflow.output import Output, Table, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 LISTED = 20
@@ -59,7 +59,7 @@ def statics(context: Context[BenchConfig]) -> Output:
         Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
         Table("drives [N or N m]", ("drive", "force"), tuple(drawn)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
-        Table("warnings", ("",), tuple((text,) for text in warned)),
+        *warnings_table(warned),
     )
     state = f"unstable, {rest.growth:.3g} 1/s" if rest.growth > 0 else "stable"
     first = next((f for f in rest.modes.frequency if f > 0), 0.0)

@@ -19,7 +19,7 @@ from strainsight.report.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.workflow.output import Output, Scalar, Table
+from strainsight.workflow.output import Output, Scalar, Table, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 
@@ -69,8 +69,9 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
             f"{case.bearing} under {case.case}", case.pressure.max(), config.bearings[case.bearing]
         )
     ]
-    warned = (Table("warnings", ("",), tuple((words,) for words in said)),) if said else ()
-    return Output(written(alone, units), summary, text, (*_tables(cases), *warned), files={"bearing.html": page})
+    return Output(
+        written(alone, units), summary, text, (*_tables(cases), *warnings_table(said)), files={"bearing.html": page}
+    )
 
 
 def _facts(bearing: Bearing) -> str:

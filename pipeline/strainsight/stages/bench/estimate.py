@@ -33,7 +33,7 @@ from strainsight.records.simulated import Simulated
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
 from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.output import Output, Scalar, Table
+from strainsight.workflow.output import Output, Scalar, Table, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 METHODS = {
@@ -107,8 +107,7 @@ def run(context: Context[BenchConfig]) -> Output:
         tables.append(offsets)
     if own.done:
         tables.append(Table("measurements", ("",), tuple((text,) for text in own.done)))
-    if warnings:
-        tables.append(Table("warnings", ("",), tuple((text,) for text in warnings)))
+    tables += warnings_table(warnings)
     of = {name: "Pa" if estimate.parameters[name].bearing is None else "m" for name in free}
     units |= {f"parameter {name}": unit for name, unit in of.items()} | of
     if own.compared is not None:

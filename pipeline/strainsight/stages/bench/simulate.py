@@ -14,7 +14,7 @@ from strainsight.multibody.band import SHARE, followed, missed
 from strainsight.records.record import written
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.output import Output, Scalar, Table
+from strainsight.workflow.output import Output, Scalar, Table, warnings_table
 from strainsight.workflow.stage import Context, Stage
 
 TURN = {"second_order": 0.1, "thesis": 0.01}
@@ -50,15 +50,12 @@ def run(context: Context[BenchConfig]) -> Output:
         for name, load in found.inputs.items():
             summary[f"missed.{name}"] = float(missed(load[:, None], found.frequency, h, config.simulate.method)[0])
     summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in found.bearings.items()}
+    doubts = _warnings(own, config, summary, doubtful_drives(config, context.files))
     return Output(
         datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=tuple(
-            t
-            for t in (_moved(own), _rings(own), _warnings(own, config, summary, doubtful_drives(config, context.files)))
-            if t.rows
-        ),
+        tables=(*(table for table in (_moved(own), _rings(own)) if table.rows), *warnings_table(doubts)),
     )
 
 
@@ -80,7 +77,7 @@ def _rings(own: Simulation) -> Table:
     return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
 
 
-def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> Table:
+def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> list[str]:
     said = [
         f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
         "simulate.time_step, or leave out what is so quick"
@@ -93,7 +90,7 @@ def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar
     free = own.bench.system.size > own.bench.system.constrained
     if free and settings.tolerance is None and own.turn > TURN[settings.method]:
         said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
-    return Table("warnings", ("",), tuple((text,) for text in said))
+    return said
 
 
 def _turning(turn: float, settings: Simulate) -> str:

@@ -30,8 +30,6 @@ from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
 REACTION = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
-WARNINGS = "warnings"
-"""Title of the table in which a stage warns."""
 
 
 def estimate_of(artefact: Artefact) -> BenchEstimate:
@@ -135,13 +133,7 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
 
 def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
     """What the stages warned of, each once."""
-    words = [
-        row[0]
-        for artefact in artefacts.values()
-        for table in artefact.tables
-        if table.title == WARNINGS
-        for row in table.rows
-    ]
+    words = [text for artefact in artefacts.values() for text in artefact.warnings]
     return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(words))
 
 
