@@ -75,6 +75,7 @@ def test_a_structure_of_steel_has_no_warnings():
         (1.0, 3.0e7, 15.0, ("m", "kg"), None),
         (1.0, 2.1e9, 78500.0, ("m", "kg"), None),
         (1.0, 1e7, 99000.0, ("m", "kg"), None),
+        (1.0, 3.0e7, 0.283, ("m", "kg"), "3e+07 looks like psi and 0.283 like lb/in³ (steel)"),
         (1.0, 2e6, 90000.0, ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
         (1000.0, 2.1e11, 7850.0, ("m", "kg"), "extent is 1e+03 m"),
         (1.0, 2.1e11, 0.0, ("m", "kg"), "material 1 has no density"),

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.mixed_units import LIKELY_DENSITY, likely_units, mixed_units
 from strainsight.mesh.model import IntArray, Material, Mesh
 from strainsight.mesh.sane_sections import section_warnings
 from strainsight.mesh.thin import GeneralShell
-from strainsight.mesh.units import length_factor, mass_factor
 
-MODULUS = (1e6, 1e13)
-"""[Pa], from soft rubber to ten times diamond."""
+MODULUS = (1e5, 1e13)
+"""[Pa], from soft foam to ten times diamond."""
 DENSITY = (10.0, 1e5)
 """[kg/m³], from light foam to four times osmium. Steel in t/mm³ that is read as kg/mm³ has 7.85: its modulus is off as much,
 so that the speed of sound does not show it."""
@@ -30,9 +30,6 @@ SHEAR_EXCESS = 2.0
 GRAVITY = 9.80665
 METAL = 1e10
 """[Pa] What is stiffer is no mass that is smeared over something soft."""
-LIKELY_MODULUS = (1e9, 6e11)
-LIKELY_DENSITY = (500.0, 2.5e4)
-USUAL_UNITS = (("m", "kg"), ("mm", "t"), ("mm", "kg"), ("in", "lbf*s2/in"), ("ft", "slug"), ("cm", "kg"), ("m", "t"))
 
 
 def unused_nodes(mesh: Mesh) -> IntArray:
@@ -94,14 +91,14 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
         found += _ratio_warnings(mesh, material)
         found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
     for lamina in mesh.laminae.values():
-        found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit)
+        found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit, True)
     for number, section in mesh.sections.items():
         if isinstance(section, GeneralShell):
             found += _material_warnings(
                 str(mesh.regions[number]), section.modulus, section.density, length_unit, mass_unit
             )
     for solid in mesh.anisotropic.values():
-        found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit)
+        found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit, True)
     found += _stiff_cores(mesh)
     found += section_warnings(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
@@ -221,9 +218,14 @@ def _far_references(mesh: Mesh) -> list[str]:
     return found
 
 
-def _material_warnings(name: str, E: float, rho: float, length_unit: str, mass_unit: str) -> list[str]:
-    own = name.startswith("mesh.materials.")
-    remedy = "values of the config are in Pa and kg/m³" if own else _likely_units(E, rho, length_unit, mass_unit)
+def _material_warnings(
+    name: str, E: float, rho: float, length_unit: str, mass_unit: str, ply: bool = False
+) -> list[str]:
+    """Of a modulus [Pa] and a density [kg/m³] that no material has; ply: E along the fibres of a composite."""
+    in_config = name.startswith("mesh.materials.")
+    if in_config:
+        length_unit, mass_unit = "m", "kg"
+    remedy = "values of the config are in Pa and kg/m³" if in_config else likely_units(E, rho, length_unit, mass_unit)
     found = _outside(f"{name}: Young's modulus", E, MODULUS, "Pa", remedy)
     if rho == 0:
         return [*found, f"{name} has no density: it adds stiffness and no mass"]
@@ -233,31 +235,13 @@ def _material_warnings(name: str, E: float, rho: float, length_unit: str, mass_u
             f"{name}: density is {rho:.3g} kg/m³, and no metal has more than {LIKELY_DENSITY[1]:g}: a weight per volume over g "
             f"would be {rho / GRAVITY:.4g} kg/m³ (PARAM,WTMASS): check the deck"
         ]
+    if not found and (mixed := mixed_units(E, rho, length_unit, mass_unit, ply)):
+        found = [
+            f"{name}: Young's modulus is {E:.3g} Pa and density {rho:.4g} kg/m³: {mixed}{f'; {remedy}' * in_config}"
+        ]
     if not found:
         found = _outside(f"{name}: the speed of sound √(E/ρ)", float(np.sqrt(E / rho)), WAVE_SPEED, "m/s", remedy)
     return found
-
-
-def usual_units(E: float, rho: float) -> tuple[str, str] | None:
-    """Units of length and mass that make a structural material of E and ρ as a deck has them, the most usual first."""
-    for length, mass in USUAL_UNITS:
-        L, M = length_factor(length), mass_factor(mass)
-        fits = LIKELY_DENSITY[0] <= rho * M / L**3 <= LIKELY_DENSITY[1] or rho == 0
-        if fits and LIKELY_MODULUS[0] <= E * M / L <= LIKELY_MODULUS[1]:
-            return length, mass
-    return None
-
-
-def _likely_units(E: float, rho: float, length_unit: str, mass_unit: str) -> str:
-    """Which usual units would make a structural material of these numbers in m and kg, in words."""
-    L, M = length_factor(length_unit), mass_factor(mass_unit)
-    if units := usual_units(E * L / M, rho * L**3 / M):
-        l, m = length_factor(units[0]) / L, mass_factor(units[1]) / M
-        in_words = f"with mesh.length_unit {units[0]} and mesh.mass_unit {units[1]}"
-        return f"{in_words} it is {E * m / l:.4g} Pa and {rho * m / l**3:.4g} kg/m³"
-    if LIKELY_MODULUS[0] <= E * 1e6 <= LIKELY_MODULUS[1]:
-        return f"{E:.4g} looks like MPa beside another unit of density: check the deck, mesh.length_unit and mesh.mass_unit"
-    return "check mesh.mass_unit and mesh.length_unit"
 
 
 def _outside(what: str, value: float, limits: tuple[float, float], unit: str, remedy: str) -> list[str]:

@@ -24,9 +24,9 @@ from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.mixed_units import usual_units
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import without_modulus
-from strainsight.mesh.sanity import usual_units
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import GeneralShell, ShellSection
 from strainsight.mesh.units import to_si
