@@ -48,7 +48,7 @@ def pages() -> dict[str, str]:
             "",
             "Written from the models that check a config, so it is what this version takes. `strainsight schema` prints the",
             "same as a [JSON Schema](../config.schema.json) for your editor. A key with a dot goes behind `--set` as it stands;",
-            "`NAME` is a name that you give, `[]` an entry of a list.",
+            "`NAME` is a name that you give, `[]` an entry of a list. A number outside its plausible range is a warning.",
             "",
             "```{toctree}",
             *KINDS,
@@ -105,6 +105,8 @@ def table(model: dict[str, Any], definitions: dict[str, Any], path: str, only: l
             full = f"{path}.{key}" if path else key
             default = "required" if key in model.get("required", []) else standard(field)
             what = cell(meaning(field, definitions))
+            if words := ranges(field):
+                what += f" Plausible: {cell(words)}."
             lines.append(f"| `{full}` | {cell(kind_of(field, definitions))} | {default} | {what} |")
     return lines
 
@@ -140,6 +142,14 @@ def kind_of(field: dict[str, Any], definitions: dict[str, Any]) -> str:
     name = NAMES.get(field.get("type", ""), "anything")
     bounds = [f"{sign} {field[bound]:g}" for bound, sign in BOUNDS.items() if bound in field]
     return " ".join([name, ", ".join(bounds)]).strip()
+
+
+def ranges(field: dict[str, Any]) -> str:
+    """The plausible range of a field's numbers, in words."""
+    if "plausible" in field:
+        return field["plausible"]
+    parts = [*options(field), *field.get("prefixItems", []), field.get("items"), field.get("additionalProperties")]
+    return next((words for part in parts if isinstance(part, dict) and (words := ranges(part))), "")
 
 
 def standard(field: dict[str, Any]) -> str:

@@ -132,7 +132,7 @@ def plain_warnings(verbose: bool) -> None:
         text = str(message)
         if shown(Level.WARNING) and same_text(text) not in shown_texts:
             shown_texts.add(same_text(text))
-            print(f"warning: {printable(text)}", file=sys.stderr)
+            say(f"warning: {text}", error=True)
 
     warnings.showwarning = show
 

@@ -30,7 +30,7 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     if text := elsewhere(work):
         note(text)
     statuses = plan(work.stages, work.job, forced)
-    show_warnings(statuses)
+    show_warnings(work, statuses)
     if as_json:
         for status in statuses:
             say(render.status_json(status, work.run))

@@ -135,7 +135,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
     pending = []
     for work in works[:-1]:
         statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
-        show_warnings(statuses)
+        show_warnings(work, statuses)
         waits = any(status.status != UP_TO_DATE for status in statuses)
         if waits:
             pending.append(f"{work.run} changed")

@@ -117,7 +117,7 @@ def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> Non
 
     work = pipelines.work_of(loaded, results)
     statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
-    show_warnings(statuses)
+    show_warnings(work, statuses)
     for status in statuses:
         if status.stage in read and status.status != UP_TO_DATE:
             note(f"{status.artefact} is older than the config: {status.reason}")

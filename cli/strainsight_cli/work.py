@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
@@ -112,6 +114,8 @@ def bring_up_to_date(
     asked = " ".join(stage.name for stage in work.stages)
     with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
         try:
+            for text in config_warnings(work.job):
+                warn(text)
             for event in run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep):
                 if event.status == RUNNING:
                     at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
@@ -124,7 +128,8 @@ def bring_up_to_date(
                     continue
                 assert event.artefact is not None
                 artefacts.append(event.artefact)
-                for text in event.artefact.warnings:
+                sized = config_warnings(work.job, event.artefact) if event.stage == "import" else ()
+                for text in (*sized, *event.artefact.warnings):
                     warn(text)
                 log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
                 say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
@@ -171,22 +176,36 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
                 say(f"{name.rpartition('.')[0]}: {artefact.path.parent / name}")
 
 
-def show_warnings(statuses: Iterable[Status]) -> None:
-    """Print the warnings of the artefacts that a command which computes nothing reads or lists."""
+def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ...]:
+    """Numbers of a config outside their plausible ranges; imported: the artefact with the size of the structure."""
+    from strainsight.config.plausible import implausible
+    from strainsight.config.problem import shown_key
+
+    if job.model is None:
+        return ()
+    sizes = [value for key, value in imported.summary.items() if key.split(".")[0] == "extent"] if imported else []
+    found = implausible(job.model, max(map(float, sizes), default=math.inf))
+    return tuple(f"{job.locate(own.key)}  {shown_key(own.key)}: {own.what}; {own.remedy}" for own in found)
+
+
+def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
+    """Print the warnings of the config, and of the artefacts that a command which computes nothing reads or lists."""
     from strainsight.workflow.artefact import Artefact
     from strainsight.workflow.plan import UP_TO_DATE
 
-    for status in statuses:
-        for text in Artefact(status.artefact).warnings if status.status == UP_TO_DATE else ():
-            warn(text)
+    artefacts = [Artefact(status.artefact) for status in statuses if status.status == UP_TO_DATE]
+    imported = next((own for own in artefacts if own.header.stage == "import"), None)
+    for text in (*config_warnings(work.job, imported), *(text for own in artefacts for text in own.warnings)):
+        warn(text)
 
 
 def refuse_warned(work: Work) -> None:
-    """Raise UserError where the import of a run has warnings, with the first three."""
+    """Raise UserError where the config or the import of a run has warnings, with the first three."""
     from strainsight.errors import UserError
     from strainsight.workflow.artefact import Artefact
 
-    said = Artefact(work.job.folder / "import.h5").warnings
+    imported = Artefact(work.job.folder / "import.h5")
+    said = (*config_warnings(work.job, imported), *imported.warnings)
     if said:
         more = f"; and {len(said) - 3} more" if len(said) > 3 else ""
         raise UserError(

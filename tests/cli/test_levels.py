@@ -41,6 +41,26 @@ def test_quiet_says_nothing_and_the_log_says_all(call, tmp_path, words):
     assert now() is Level.INFO
 
 
+def test_a_number_outside_its_plausible_range_is_warned_of_with_its_place(call, project, tmp_path):
+    text = (project / "beam.yaml").read_text(encoding="utf-8")
+    config = project / "odd.yaml"
+    config.write_text(text.replace("ratio: 0.01", "ratio: 0.5").replace("name: beam", "name: odd"), encoding="utf-8")
+    line = next(i for i, words in enumerate(text.splitlines(), start=1) if "ratio: 0.01" in words)
+    words = (str(config), "--results", str(tmp_path / "results"), "--set", "screen.minimum_spacing=2")
+    said = f"odd.yaml:{line}:31  damping.ratio: 0.5 is outside the plausible range of 1e-05 to 0.2; if 0.5 is in per cent, write"
+    small = "screen.minimum_spacing: 2 m is more than the size of the structure, 1.0"
+    for stage, more in (("import", ()), ("modes", ()), ("status", ()), ("modes", ("--log-level", "warning"))):
+        done = CliRunner().invoke(app, [stage, *words, *more])
+        assert done.exit_code == 0, done.stderr
+        assert (done.stderr.count(said), done.stderr.count(small)) == (1, 1)
+    log = (tmp_path / "results" / "odd" / "run.log").read_text(encoding="utf-8")
+    assert (log.count("damping.ratio: 0.5 is"), log.count(small)) == (3, 3)
+    strict = CliRunner().invoke(app, ["import", *words, "--strict"])
+    assert strict.exit_code == 2
+    assert "--strict takes none" in strict.stderr
+    assert "damping.ratio: 0.5 is" in strict.stderr.partition("--strict takes none")[2]
+
+
 def test_a_failure_is_printed_in_any_case(call):
     done = call("-q", "--set", "loads.tip.node=77777")
     assert (done.exit_code, done.stdout) == (2, "")

@@ -10,7 +10,7 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.structure.channels import listed_gauges
-from strainsight.cases.structure.resolution import quiet_noise, unresolved_candidates, unresolved_gauges
+from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates, unresolved_gauges
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
 
@@ -49,6 +49,17 @@ def test_noise_that_no_channel_has_is_named_with_its_key(run, noise, said):
     found = quiet_noise(training, replace(screened, noise_std=np.full(len(screened.noise_std), noise)))
     assert (bool(found), said in found) == (bool(said), True)
     assert ("gauges.noise_std: {value: …}" in found) == bool(said)
+
+
+def test_noise_above_every_reading_is_named_with_both(run):
+    training, screened = run
+    largest = float(training.peak.max())
+    for noise, named in ((0.99 * largest, False), (1.01 * largest, True), (1.0, True)):
+        found = loud_noise(training, replace(screened, noise_std=np.full(len(screened.noise_std), noise)))
+        assert bool(found) == named
+        assert (f"{noise:.3g} strain, with readings of at most {largest:.3g}" in found) == named
+    moving = replace(training, candidates=replace(training.candidates, quantity=np.ones_like(training.candidates.quantity)))
+    assert "m/s^2" in loud_noise(moving, replace(screened, noise_std=np.full(len(screened.noise_std), 1.0)))
 
 
 def test_gauges_of_a_layout_that_read_too_little_are_named_and_the_others_not(run):

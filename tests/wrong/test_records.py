@@ -135,6 +135,12 @@ def test_a_dead_channel_and_a_clipped_one_are_warned_of(project):
     assert "G2 is clipped" in found
 
 
+def test_a_noise_above_every_reading_is_warned_of(project):
+    found = said(project, ("channel: G1,", "channel: G1, noise_std: 0.1,"))
+    assert "the noise of G1, 0.1, exceeds its largest reading" in found
+    assert "G2" not in found
+
+
 def test_a_clock_that_is_too_slow_for_a_load_is_warned_of(project):
     head, values = rows(project)
     rewrite(project, head, values[::40])

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Positive, Section, with_defaults
+from strainsight.config.base import Cycles, Positive, Section, Stress, with_defaults
+from strainsight.config.plausible import Plausible
 from strainsight.config.problem import Problem
 
 
@@ -15,18 +16,18 @@ class SNCurve(Section):
     """N = cycles · (stress/Δσ)^slope: straight lines of ln N over ln Δσ."""
 
     slope: Annotated[float, Field(ge=1, le=30)] = Field(description="m of the line through `stress` [-].")
-    stress: Positive = Field(description="Of which the material bears `cycles` cycles [Pa], a range or an amplitude.")
+    stress: Stress = Field(description="Of which the material bears `cycles` cycles [Pa], a range or an amplitude.")
     of: Literal["range", "amplitude"] = Field(
         "range", description="What `stress` is: a range Δσ, from valley to peak, or an amplitude σ_a = Δσ/2."
     )
-    cycles: Positive = Field(2e6, description="At `stress` [-].")
-    knee: Positive | None = Field(
+    cycles: Cycles = Field(2e6, description="At `stress` [-].")
+    knee: Cycles | None = Field(
         None, description="Cycles at which the line ends [-]; null: it goes on to any number of them."
     )
     second_slope: Annotated[float, Field(ge=1, le=60)] | None = Field(
         None, description="m₂ beyond the knee [-]; null: ranges below that of the knee do no damage."
     )
-    cut_off: Positive | None = Field(
+    cut_off: Cycles | None = Field(
         None, description="Cycles on the curve whose range and all below do no damage [-]; null: none."
     )
 
@@ -39,7 +40,7 @@ class MeanStress(Section):
         description="none: ranges as they are. goodman: Δσ/(1 − σ_m/R_m) under tension. fkm: by the mean stress sensitivity "
         "M, as the FKM guideline has it.",
     )
-    tensile_strength: Positive | None = Field(None, description="R_m of goodman [Pa].")
+    tensile_strength: Stress | None = Field(None, description="R_m of goodman [Pa].")
     sensitivity: Annotated[float, Field(ge=0, le=1)] | None = Field(None, description="M of fkm [-].")
 
 
@@ -56,12 +57,14 @@ class DamageSettings(Section):
     draws: Annotated[int, Field(ge=40, le=10_000)] = Field(
         200, description="Histories drawn from what the smoother leaves open [-]."
     )
-    points: Annotated[int, Field(ge=1)] | None = Field(
+    points: Annotated[Annotated[int, Field(ge=1)] | None, Plausible(1, 1e6)] = Field(
         None,
         description="Interval at so many points of the surface, those most damaged by the smoothed mean [-]; null: at all.",
     )
-    equivalent_cycles: Positive = Field(1e6, description="N_eq of the damage-equivalent range [-].")
-    repetitions: Positive = Field(1.0, description="How often the record is repeated [-]; damage is that of all.")
+    equivalent_cycles: Cycles = Field(1e6, description="N_eq of the damage-equivalent range [-].")
+    repetitions: Annotated[Positive, Plausible(1e-6, 1e12)] = Field(
+        1.0, description="How often the record is repeated [-]; damage is that of all."
+    )
     hot_spots: Annotated[int, Field(ge=1, le=1000)] = Field(10, description="Places listed [-].")
 
 

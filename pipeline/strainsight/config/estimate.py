@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from strainsight.config.base import Name, Positive, RunName, Section, Text, with_defaults
+from strainsight.config.base import Count, Id, Name, Positive, RunName, Section, Text, TimeStep, with_defaults
 from strainsight.config.damage import DamageSettings
 from strainsight.config.gauges import NamedGauge
+from strainsight.config.plausible import GAUGE_FACTOR, INSTANT, NOISE, READING, RELATIVE_STD, SCALE, Plausible
 from strainsight.config.zones import key_of
 
 BridgeKind = Literal[
@@ -22,20 +23,22 @@ class Bridge(Section):
     arrangement: BridgeKind = Field(
         description="Arms with gauges, see docs/estimation.md; sum: a bridge of gauges.fixed."
     )
-    gauge_factor: Positive = Field(description="Gauge factor [-].")
+    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor [-].")
     poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
 
 
 class DelayInSamples(Section):
     """A delay in samples of the file."""
 
-    samples: int = Field(description="Whole samples that the channel is late by; negative: early [-].")
+    samples: Annotated[int, Plausible(0, 1e6)] = Field(
+        description="Whole samples that the channel is late by; negative: early [-]."
+    )
 
 
 class DelayInSeconds(Section):
     """A delay in seconds."""
 
-    seconds: float = Field(
+    seconds: Annotated[float, Plausible(0.0, 1e4, "s")] = Field(
         description="What the channel is late by, a whole number of sampling intervals; negative: early [s]."
     )
 
@@ -61,10 +64,12 @@ class Channel(Section):
     )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
-    scale: Positive = Field(1.0, description="Factor on the calibrated signal [-].")
-    offset: float = Field(0.0, description="Subtracted from the readings [unit].")
-    drift: float = Field(0.0, description="Subtracted from the readings, times the time since the start [unit/s].")
-    zero: tuple[float, float] | None = Field(
+    scale: Annotated[Positive, SCALE] = Field(1.0, description="Factor on the calibrated signal [-].")
+    offset: Annotated[float, READING] = Field(0.0, description="Subtracted from the readings [unit].")
+    drift: Annotated[float, READING] = Field(
+        0.0, description="Subtracted from the readings, times the time since the start [unit/s]."
+    )
+    zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
         None, description="[from, to] [s]: the mean of the readings there is subtracted."
     )
     delay: Delay | None = Field(
@@ -76,16 +81,18 @@ class Channel(Section):
 class GaugeChannel(Channel):
     """A channel of a gauge."""
 
-    gauge: Text | int = Field(
+    gauge: Text | Id = Field(
         description="Name of the gauge: of gauges.fixed, number in the table of gauges.given, or label in the layout (G1, as "
         "gauges.csv has it)."
     )
-    grid: int = Field(1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1.")
-    noise_std: Positive | None = Field(
+    grid: Annotated[int, Plausible(1, 3)] = Field(
+        1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1."
+    )
+    noise_std: Annotated[Positive | None, NOISE] = Field(
         None,
         description="Noise of one sample [strain, m/s² or m]; null: that of the config, at the sampling of the file.",
     )
-    bias: Positive | None = Field(
+    bias: Annotated[Positive | None, Plausible(1e-12, 1e3, "strain, m/s² or m")] = Field(
         None, description="σ of an unknown constant offset, which is estimated too [strain, m/s² or m]; null: none."
     )
 
@@ -129,7 +136,7 @@ class TextForm(Section):
     delimiter: Literal[",", ";", "\t"] | None = Field(None, description="Between cells; null: as the first line shows.")
     decimal: Literal[".", ","] = Field(".", description="Decimal mark.")
     comment: str = Field("#", description="What lines to pass over begin with; empty: none.")
-    header_line: Annotated[int, Field(ge=1)] | None = Field(
+    header_line: Count | None = Field(
         None, description="Line of the names, where others without a comment sign stand above it [-]."
     )
     missing: tuple[Text, ...] = Field((), description="Words that stand for no sample, beside an empty cell and NaN.")
@@ -138,7 +145,9 @@ class TextForm(Section):
 class Field3D(Section):
     """The strain and stress of the whole surface in time."""
 
-    every: Positive | None = Field(None, description="Time between pictures [s]; null: a hundred of them.")
+    every: Annotated[Positive | None, Plausible(1e-6, 1e5, "s")] = Field(
+        None, description="Time between pictures [s]; null: a hundred of them."
+    )
 
 
 class Tune(Section):
@@ -193,7 +202,7 @@ class Estimate(RecordedFile):
         "what is bonded are the same in all; loads, motion and zeros are each record's own (docs/estimation.md).",
     )
     date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
-    time_step: Positive | None = Field(
+    time_step: TimeStep | None = Field(
         None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
     )
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
@@ -213,7 +222,7 @@ class Estimate(RecordedFile):
         description="rest: the structure stands still when the record begins; settled: it moves periodically under its loads, "
         "all known and sums of sines as in `loads`, amplitudes and phases of the record; moving: nothing is known of it.",
     )
-    initial_std: dict[Name, Positive] = Field(
+    initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = Field(
         {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."
     )
     virtual: tuple[NamedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")

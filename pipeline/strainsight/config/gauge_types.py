@@ -8,6 +8,7 @@ from typing import Annotated, Any, Protocol
 from pydantic import Field, ValidationError
 
 from strainsight.config.base import NotNegative, Positive, Section
+from strainsight.config.plausible import GAUGE_FACTOR, GRID, RESISTANCE, STRAIN_RANGE, Plausible
 from strainsight.config.problem import Problem
 from strainsight.errors import did_you_mean
 
@@ -20,15 +21,19 @@ LEADS = 1.0
 class GaugeType(Section):
     """A type of strain gauge."""
 
-    grid_length: Positive = Field(description="Length of its grid [m], over which it averages.")
-    grid_width: Positive = Field(description="Width of its grid [m].")
-    carrier_length: Positive = Field(description="Length of its carrier, along the grid, untrimmed [m].")
-    carrier_width: Positive = Field(description="Width of its carrier, untrimmed [m].")
-    resistance: Positive = Field(description="Nominal resistance [Ω].")
-    gauge_factor: Positive = Field(2.0, description="Nominal gauge factor [-]; that of the lot is on the package.")
+    grid_length: Annotated[Positive, GRID] = Field(description="Length of its grid [m], over which it averages.")
+    grid_width: Annotated[Positive, GRID] = Field(description="Width of its grid [m].")
+    carrier_length: Annotated[Positive, GRID] = Field(
+        description="Length of its carrier, along the grid, untrimmed [m]."
+    )
+    carrier_width: Annotated[Positive, GRID] = Field(description="Width of its carrier, untrimmed [m].")
+    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
+    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(
+        2.0, description="Nominal gauge factor [-]; that of the lot is on the package."
+    )
     gauge_factor_tolerance: float = Field(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
-    range: Positive = Field(0.05, description="Largest strain that it can measure [strain].")
-    bend_radius: NotNegative = Field(
+    range: Annotated[Positive, STRAIN_RANGE] = Field(0.05, description="Largest strain that it can measure [strain].")
+    bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = Field(
         0.0, description="Smallest radius to which it may be bent, solder tabs included [m]; 0: it follows any surface."
     )
     grids: int = Field(default=1, ge=1, le=3, description="Grids on the carrier: 1, or 2 and 3 of a rosette [-].")

@@ -6,18 +6,19 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector
+from strainsight.config.base import DirectionVector, Name, NotNegative, Point, Positive, Section, Size, Text
 from strainsight.config.gauge_types import GaugeType, TypeName
+from strainsight.config.plausible import ANGLE, GRID, NOISE, PRICE, SNAP, STRAIN_RANGE, Plausible
 from strainsight.config.zones import Zone, key_of
 
-Angles = Annotated[tuple[float, ...], Field(min_length=1)]
+Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
 class AxisDirection(Section):
     """Gauges along an axis projected on the facet, and turned by angles."""
 
     type: Literal["axis"] = Field(description="Kind of direction.")
-    axis: Vector = Field(description="Axis in global coordinates [-]; its length does not matter.")
+    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length does not matter.")
     angles: Angles = Field(
         (0.0,),
         description="Angles from the projected axis, right-handed about the outward normal [deg]; a candidate each, or the "
@@ -38,13 +39,15 @@ Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="t
 class RelativeNoise(Section):
     """Noise as a share of the strongest candidate."""
 
-    relative_to_strongest: Positive = Field(description="Noise standard deviation over the largest RMS reading [-].")
+    relative_to_strongest: Annotated[Positive, Plausible(1e-9, 1.0)] = Field(
+        description="Noise standard deviation over the largest RMS reading [-]."
+    )
 
 
 class AbsoluteNoise(Section):
     """Noise in the unit of the reading."""
 
-    value: Positive = Field(
+    value: Annotated[Positive, NOISE] = Field(
         description="Noise standard deviation of one sample at train.time_step [strain, m/s² or m]."
     )
 
@@ -67,9 +70,9 @@ class GivenGauges(Section):
 class BondedGauge(Section):
     """A gauge that is already bonded, and so in every layout."""
 
-    position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
-    direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
-    length: NotNegative | None = Field(
+    position: Point = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
+    direction: DirectionVector = Field(description="Measuring direction [-]; it is laid on the surface there.")
+    length: Annotated[NotNegative | None, GRID] = Field(
         None,
         description="Length of its grid [m], over which it averages; null: gauges.grid_length, on a bench the strain at its "
         "centre.",
@@ -88,12 +91,14 @@ class NamedGauge(BondedGauge):
 class BridgeArm(Section):
     """One arm of a bridge: a gauge that is bonded."""
 
-    position: Vector = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
-    direction: Vector = Field(description="Measuring direction [-]; it is laid on the surface there.")
+    position: Point = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
+    direction: DirectionVector = Field(description="Measuring direction [-]; it is laid on the surface there.")
     sign: Literal[1, -1] = Field(
         1, description="Of its strain in the reading: 1 for arms 1 and 3 of the bridge, -1 for 2 and 4."
     )
-    length: NotNegative | None = Field(None, description="Length of its grid [m]; null: gauges.grid_length.")
+    length: Annotated[NotNegative | None, GRID] = Field(
+        None, description="Length of its grid [m]; null: gauges.grid_length."
+    )
 
 
 class BondedBridge(Section):
@@ -118,13 +123,13 @@ class SensorSites(Section):
         description="Zones without them; a name is that of a face, an element or node set, to which strain gauges keep their "
         "clearance, too.",
     )
-    price: NotNegative = Field(1.0, description="Price of one, in the unit of place.budget.")
+    price: Annotated[NotNegative, PRICE] = Field(1.0, description="Price of one, in the unit of place.budget.")
 
 
 class GaugeSites(SensorSites):
     """Where strain gauges may go, and how near those that are there already are to the surface."""
 
-    snap_tolerance: Positive = Field(
+    snap_tolerance: Annotated[Positive, SNAP] = Field(
         0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
     )
 
@@ -162,12 +167,12 @@ class Gauges(GaugeSites):
         "(half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial) or ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion); null: a "
         "gauge.",
     )
-    grid_length: NotNegative = Field(
+    grid_length: Annotated[NotNegative, GRID] = Field(
         0.0,
         description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre. With `type`: that of its "
         "grid.",
     )
-    clearance: Positive | Literal["none"] | None = Field(
+    clearance: Size | Literal["none"] | None = Field(
         None,
         description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied, from nodes that carry a "
         "load and from faces that `exclude` names, in a straight line [m], or 'none'; null: half the diagonal of the carrier of "
@@ -176,7 +181,7 @@ class Gauges(GaugeSites):
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
-    range: Positive | None = Field(
+    range: Annotated[Positive | None, STRAIN_RANGE] = Field(
         None,
         description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "
         "are dropped. With `type`: its range.",
@@ -187,13 +192,13 @@ class MotionSensors(SensorSites):
     """Accelerometers or displacement sensors that may be placed beside the strain gauges."""
 
     quantity: Literal["acceleration", "displacement"] = Field(description="What they measure: [m/s²] or [m].")
-    axes: Annotated[tuple[Vector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
+    axes: Annotated[tuple[DirectionVector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
         ("normal",),
         description="Measuring directions, 'normal' to the surface or in global coordinates [-]; several are one sensor, as "
         "a triaxial one.",
     )
-    every: Positive | None = Field(None, description="Least distance between candidates [m]; null: one on every facet.")
+    every: Size | None = Field(None, description="Least distance between candidates [m]; null: one on every facet.")
     noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
-    range: Positive | None = Field(
+    range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = Field(
         None, description="Largest reading [m/s² or m]; candidates that see more are dropped."
     )

@@ -7,13 +7,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, NotNegative, Positive, Section
+from strainsight.config.base import Count, Name, NotNegative, Positive, Section
+from strainsight.config.plausible import DURATION, PRICE, SIZE, Plausible
 from strainsight.config.problem import Problem
 from strainsight.config.zones import Zone, zone_problem
 from strainsight.errors import did_you_mean
 
 Keep = Annotated[
-    int,
+    Count,
     Field(ge=1, description="Gauges to bond [-], those already bonded among them; with a budget at most so many."),
 ]
 
@@ -22,7 +23,7 @@ class ZoneLimit(Section):
     """So many gauges in a zone, and no more."""
 
     zone: Zone = Field(description="The zone.")
-    count: int = Field(ge=0, description="Most gauges in it [-].")
+    count: Annotated[int, Plausible(0, 1000)] = Field(ge=0, description="Most gauges in it [-].")
 
 
 class LayoutSettings(Section):
@@ -39,13 +40,13 @@ class LayoutSettings(Section):
         description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
         "badly.",
     )
-    minimum_spacing: NotNegative = Field(
+    minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
         description="Least distance between gauges of the layout [m]. With gauges.type of a structure: the longer side of its "
         "carrier.",
     )
     at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
-    budget: Positive | None = Field(
+    budget: Annotated[Positive | None, PRICE] = Field(
         None, description="What the gauges may cost together, by their `price`; null: no limit."
     )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
@@ -53,7 +54,7 @@ class LayoutSettings(Section):
     optimise: Literal["metric", "worst_failure"] = Field(
         "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
     )
-    prove: NotNegative = Field(
+    prove: Annotated[NotNegative, DURATION] = Field(
         0.0,
         description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
         "without a proof depends on the machine.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,7 +18,7 @@ from strainsight.config.gauge_types import filled
 from strainsight.config.messages import problems_of
 from strainsight.config.overrides import Override, explained, meant_for_runs, parsed, put
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem
+from strainsight.config.problem import Problem, shown_key
 from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
@@ -131,7 +130,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     except YamlProblem as problem:
         where = f"{path}:{problem.line}:{problem.column}"
         raise ConfigError(
-            problem.what, where=where, key=_display(problem.key) or None, remedy=problem.remedy or None
+            problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None
         ) from None
     if not isinstance(document.data, dict):
         raise ConfigError(
@@ -163,12 +162,8 @@ def _locate(places: Mapping[str, str], key: str) -> str:
 def _error(found: Sequence[tuple[str, Problem]]) -> ConfigError:
     """The first problem, with the others behind it."""
     errors = [
-        ConfigError(problem.what, where=where, key=_display(problem.key) or None, remedy=problem.remedy or None)
+        ConfigError(problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None)
         for where, problem in found
     ]
     errors[0].others = tuple(errors[1:])
     return errors[0]
-
-
-def _display(key: str) -> str:
-    return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Name, Positive, Section
+from strainsight.config.base import Amplitude, Duration, Frequency, Name, Positive, Section, TimeStep
 from strainsight.config.loads import Load, LoadSignal, Recorded, Settle, signal_problems
+from strainsight.config.plausible import DURATION, Plausible
 from strainsight.config.problem import Problem, known
 
 
@@ -16,12 +17,12 @@ class CaseLoad(Section):
     """What a load looks like in one load case."""
 
     signal: LoadSignal = Field(description="What it looks like in that case.")
-    frequency: Positive | None = Field(
+    frequency: Frequency | None = Field(
         None,
         description="Typical frequency of an unknown load there [Hz]; null: as process_noise of the load has it, else that of "
         "this signal.",
     )
-    amplitude: Positive | None = Field(
+    amplitude: Amplitude | None = Field(
         None,
         description="Its typical amplitude there [unit of the load], which its σ counts in; null: as process_noise of the load "
         "has it, else that of this signal.",
@@ -37,7 +38,7 @@ CaseEntry = Annotated[
 class TrainingCase(Section):
     """One of the trainings that a layout has to serve. What it does not state is as in `loads` and `train`."""
 
-    weight: Positive = Field(
+    weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
         description="What the case counts [-], beside the weights of the others: its share of the mean, or its factor in the "
         "worst; of variances, so that 4 stands for half the σ.",
@@ -47,12 +48,12 @@ class TrainingCase(Section):
         description="Loads that are other than stated, by name, or none: silent. Others act as stated. A silent load stays an "
         "unknown of the filter, with the process noise that it has as stated, and is left out of the criterion in that case.",
     )
-    duration: Positive | None = Field(None, description="Length of this training [s]; null: train.duration.")
-    time_step: Positive | None = Field(
+    duration: Duration | None = Field(None, description="Length of this training [s]; null: train.duration.")
+    time_step: TimeStep | None = Field(
         None,
         description="Its time step [s]; null: train.time_step, at which noise_std is that of a sample in every case.",
     )
-    settle: Settle | None = Field(None, description="How its motion begins; null: train.settle.")
+    settle: Annotated[Settle | None, DURATION] = Field(None, description="How its motion begins; null: train.settle.")
 
 
 def silent_in(case: TrainingCase) -> frozenset[str]:

@@ -7,7 +7,22 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive, Section, Seed, Text, Vector, with_defaults
+from strainsight.config.base import (
+    Amplitude,
+    Count,
+    DirectionVector,
+    Duration,
+    Frequency,
+    Id,
+    NotNegative,
+    Point,
+    Positive,
+    Section,
+    Seed,
+    Text,
+    with_defaults,
+)
+from strainsight.config.plausible import FREQUENCY, KAPPA, TURN, Plausible
 from strainsight.config.problem import Problem
 
 
@@ -15,29 +30,29 @@ class Sine(Section):
     """u(t) = a sin(2πft + φ)."""
 
     type: Literal["sine"] = Field(description="Kind of signal.")
-    frequency: Positive = Field(description="Frequency f [Hz].")
-    amplitude: Positive = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
-    phase: float = Field(0.0, description="Phase φ [rad].")
+    frequency: Frequency = Field(description="Frequency f [Hz].")
+    amplitude: Amplitude = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
+    phase: Annotated[float, TURN] = Field(0.0, description="Phase φ [rad].")
 
 
 class Sweep(Section):
     """A sine whose frequency runs linearly from one value to another, and then stays there."""
 
     type: Literal["sweep"] = Field(description="Kind of signal.")
-    start_frequency: NotNegative = Field(description="Frequency at t = 0 [Hz].")
-    end_frequency: Positive = Field(description="Frequency at the end of the sweep [Hz].")
-    duration: Positive = Field(description="Length of the sweep [s].")
-    amplitude: Positive = Field(description="Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
+    start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
+    end_frequency: Frequency = Field(description="Frequency at the end of the sweep [Hz].")
+    duration: Duration = Field(description="Length of the sweep [s].")
+    amplitude: Amplitude = Field(description="Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
 
 
 class MultiSine(Section):
     """Sines of equal amplitude, evenly spaced in frequency, with seeded phases."""
 
     type: Literal["multisine"] = Field(description="Kind of signal.")
-    lowest: Positive = Field(description="Lowest frequency [Hz].")
-    highest: Positive = Field(description="Highest frequency [Hz].")
-    count: int = Field(ge=1, description="Number of sines [-].")
-    amplitude: Positive = Field(
+    lowest: Frequency = Field(description="Lowest frequency [Hz].")
+    highest: Frequency = Field(description="Highest frequency [Hz].")
+    count: Count = Field(ge=1, description="Number of sines [-].")
+    amplitude: Amplitude = Field(
         description="Amplitude [unit of the load] of the one sine that has the power of all of them together."
     )
     seed: Seed = Field(0, description="Seed of the phases [-].")
@@ -74,35 +89,37 @@ class InputNoise(Section):
         description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
         "bandwidth; oscillator: one about a known frequency.",
     )
-    kappa: Positive | None = Field(
+    kappa: Annotated[Positive | None, KAPPA] = Field(
         None,
         description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
         "amplitude in a period.",
     )
-    frequency: Positive | None = Field(
+    frequency: Frequency | None = Field(
         None,
         description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal.",
     )
-    amplitude: Positive | None = Field(
+    amplitude: Amplitude | None = Field(
         None,
         description="Typical amplitude of the load [its unit]; initial_std is relative to it; null: "
         "that of its signal.",
     )
     smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
-    damping: Positive = Field(0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency.")
+    damping: Annotated[Positive, Plausible(1e-3, 1.0)] = Field(
+        0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency."
+    )
 
 
 class Rotation(Section):
     """A steady rotation of the structure; stiffening by the forces that it causes is left out."""
 
-    axis: Vector = Field(description="Axis [-]; neither its length nor its sign matters.")
-    point: Vector = Field((0.0, 0.0, 0.0), description="A point on it [m].")
+    axis: DirectionVector = Field(description="Axis [-]; neither its length nor its sign matters.")
+    point: Point = Field((0.0, 0.0, 0.0), description="A point on it [m].")
 
 
 class Load(Section):
     """A force at a node or spread over a set or face, a moment, what presses on a face, or what pulls at all mass."""
 
-    node: int | None = Field(
+    node: Id | None = Field(
         None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
     )
     set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
@@ -116,17 +133,17 @@ class Load(Section):
         description="true: the signal is how often the load of the deck acts [1], and not its resultant: for one that balances, "
         "for moments, or to keep the numbers of the deck.",
     )
-    direction: Vector | None = Field(
+    direction: DirectionVector | None = Field(
         None,
         description="Direction in global coordinates [-]; its length does not matter. On a face the force is spread evenly "
         "over its area. Left out with deck_load, moment, bearing, pressure, gravity or rotation.",
     )
-    moment: Vector | None = Field(
+    moment: DirectionVector | None = Field(
         None,
         description="Axis of a moment [-] instead of a direction: the load is in N m then. It acts on the rotations of an "
         "RBE2/RBE3 reference node, else as a couple of forces on the nodes of the set, or on those around the node.",
     )
-    bearing: Vector | None = Field(
+    bearing: DirectionVector | None = Field(
         None,
         description="Vector [-] along which a pin presses on the bore that `set` names, a face of `mesh.faces`, from the pin "
         "into the material, instead of a direction: the pressure goes with the cosine to it, on the half turned against it.",
@@ -135,7 +152,7 @@ class Load(Section):
         None,
         description="true: a pressure on the face that `set` names instead of a direction; the load is in Pa then.",
     )
-    gravity: Vector | None = Field(
+    gravity: DirectionVector | None = Field(
         None,
         description="Vector [-] along which all mass is pulled, instead of a place and a direction; the load is the acceleration "
         "[m/s²], as of weight, or of a shaken foundation against its motion. No density may be a parameter beside it.",

@@ -6,12 +6,27 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from strainsight.config.base import Name, NotNegative, Positive, Section, Text, Vector, with_defaults
+from strainsight.config.base import (
+    DirectionVector,
+    Id,
+    Name,
+    NotNegative,
+    ParameterValue,
+    Point,
+    Positive,
+    Section,
+    Size,
+    Text,
+    Vector,
+    YoungsModulus,
+    with_defaults,
+)
+from strainsight.config.plausible import DENSITY, MODULUS, STIFFNESS, Plausible
 
 Component = Literal[1, 2, 3, 4, 5, 6]
 Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]
-RegionKey = int | Text
-NodeId = Annotated[int, Field(ge=1)]
+RegionKey = Id | Text
+NodeId = Annotated[Id, Field(ge=1)]
 SetId = NodeId
 
 
@@ -23,9 +38,11 @@ class MaterialAxes(Section):
         description="Of z = x × y through `origin`. rectangular: 1, 2, 3 are x, y, z; cylindrical: radial, tangential, along z; "
         "spherical: radial, away from z, around z. Of the last two they are those at each point of integration.",
     )
-    x: Vector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
-    y: Vector = Field((0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-].")
-    origin: Vector = Field((0.0, 0.0, 0.0), description="Of the system [m]; of a rectangular one without effect.")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
+    y: DirectionVector = Field(
+        (0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-]."
+    )
+    origin: Point = Field((0.0, 0.0, 0.0), description="Of the system [m]; of a rectangular one without effect.")
 
 
 Moduli = tuple[Positive, Positive, Positive]
@@ -38,14 +55,16 @@ class Material(Section):
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
         description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group), or 'all'."
     )
-    youngs_modulus: Positive | Moduli = Field(
+    youngs_modulus: YoungsModulus | Moduli = Field(
         description="Young's modulus [Pa], or [E1, E2, E3] of an orthotropic material."
     )
     poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] | Vector = Field(
         description="Poisson's ratio [-], or [ν12, ν13, ν23] of an orthotropic material, ν_ij = −ε_j/ε_i under a stress along i."
     )
-    shear_modulus: Moduli | None = Field(None, description="[G12, G13, G23] of an orthotropic material [Pa].")
-    density: NotNegative = Field(description="Density [kg/m³].")
+    shear_modulus: Annotated[Moduli | None, MODULUS] = Field(
+        None, description="[G12, G13, G23] of an orthotropic material [Pa]."
+    )
+    density: Annotated[NotNegative, DENSITY] = Field(description="Density [kg/m³].")
     axes: MaterialAxes | None = Field(
         None, description="Axes of an orthotropic material; null: x, y and z of the mesh."
     )
@@ -58,26 +77,32 @@ class ElementSection(Section):
     regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
         description="Ids or names of the regions (physical surface or line), or 'all' that have such elements."
     )
-    thickness: Positive | None = Field(None, description="Thickness of shells [m].")
-    offset: float = Field(
+    thickness: Annotated[Positive | None, Plausible(1e-5, 2.0, "m", share=1.0)] = Field(
+        None, description="Thickness of shells [m]."
+    )
+    offset: Annotated[float, Plausible(0.0, 10.0, "m", share=1.0)] = Field(
         0.0,
         description="Of the middle of shells from their nodes [m], along the normal by the right-hand rule about the order of "
         "nodes.",
     )
-    area: Positive | None = Field(None, description="Area of the section of beams or rods [m²].")
-    second_moments: tuple[Positive, Positive] | tuple[Positive, Positive, float] | None = Field(
+    area: Annotated[Positive | None, Plausible(1e-8, 10.0, "m²")] = Field(
+        None, description="Area of the section of beams or rods [m²]."
+    )
+    second_moments: Annotated[
+        tuple[Positive, Positive] | tuple[Positive, Positive, float] | None, Plausible(1e-16, 10.0, "m⁴")
+    ] = Field(
         None,
         description="Second moments of area of beams about the centroid [m⁴]: [∫y² dA, ∫z² dA] or [∫y² dA, ∫z² dA, ∫yz dA]. The "
         "first resists bending in the plane of the beam and `direction`, the second across it. Null: rods.",
     )
-    torsion: NotNegative | None = Field(
+    torsion: Annotated[NotNegative | None, Plausible(1e-16, 10.0, "m⁴")] = Field(
         None, description="Torsion constant J of beams [m⁴], ∫r² dA of a circle; of rods may be null for 0."
     )
-    direction: Vector | None = Field(
+    direction: DirectionVector | None = Field(
         None,
         description="Vector towards which y of beams points [-]; x runs from their first node to their second.",
     )
-    size: tuple[Positive, Positive] | None = Field(
+    size: Annotated[tuple[Positive, Positive] | None, Plausible(1e-5, 10.0, "m", share=1.0)] = Field(
         None,
         description="Of the section of beams along y and z [m]: how far apart its sides are, on which gauges sit; null: a square "
         "of its area.",
@@ -90,7 +115,7 @@ class Support(Section):
     node: NodeId | None = Field(None, description="Id of a node.")
     set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
     components: Components = Field((1, 2, 3), description="1-3 translations, 4-6 rotations of a reference node.")
-    stiffness: NotNegative | Vector | None = Field(
+    stiffness: Annotated[NotNegative | Vector | None, STIFFNESS] = Field(
         None,
         description="Stiffness of springs to the ground in place of a hold [N/m, of rotations N m/rad]: a number for each of the "
         "components, or three along x, y and z. It is that of the whole support: in equal parts on the nodes of a set, evenly "
@@ -101,17 +126,17 @@ class Support(Section):
 class Face(Section):
     """A face of the surface, or several, under one name; all that is given has to hold."""
 
-    near: Vector | Annotated[tuple[Vector, ...], Field(min_length=1)] | None = Field(
+    near: Point | Annotated[tuple[Point, ...], Field(min_length=1)] | None = Field(
         None,
         description="A point [m], or a list of points: the face nearest to each. A face ends where it turns by more than "
         "30°, or begins to bend. The middle of a bore means the bore. `import` lists a point of every face.",
     )
-    normal: Vector | None = Field(None, description="Outward normal [-]: facets that face this way.")
+    normal: DirectionVector | None = Field(None, description="Outward normal [-]: facets that face this way.")
     angle: float = Field(10.0, gt=0, le=90, description="Largest angle between a facet's normal and `normal` [deg].")
-    box: tuple[Vector, Vector] | None = Field(
+    box: tuple[Point, Point] | None = Field(
         None, description="[[x, y, z], [x, y, z]]: lower and upper corner [m]; facets whose centre lies between them."
     )
-    radius: Positive | None = Field(None, description="Bores and cylinders of this radius [m], to 2 %.")
+    radius: Size | None = Field(None, description="Bores and cylinders of this radius [m], to 2 %.")
 
 
 class Tie(Section):
@@ -125,12 +150,14 @@ class Tie(Section):
     reference: NodeId | None = Field(
         None, description="Id of the reference node; a new one where `at` is given. Not of a surface."
     )
-    at: Vector | None = Field(None, description="Position of a new reference node [m].")
+    at: Point | None = Field(None, description="Position of a new reference node [m].")
     set: Text = Field(description="Name of the node set or face; of a surface the finer side.")
     to: Text | None = Field(
         None, description="surface: name of the node set or face that they follow, the coarser side."
     )
-    within: Positive = Field(1e-4, description="surface: how far the nodes may lie from it [m].")
+    within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = Field(
+        1e-4, description="surface: how far the nodes may lie from it [m]."
+    )
     components: Components | None = Field(
         None, description="rigid: of the nodes, default [1, 2, 3]; averaging: of the reference, default all six."
     )
@@ -156,7 +183,7 @@ class MatrixTerm(Section):
     )
     name: Text | None = Field(None, description="Which matrix of a file that holds several.")
     parameter: Name | None = Field(None, description="Name of the parameter that this term is proportional to.")
-    at: Positive | None = Field(
+    at: ParameterValue | None = Field(
         None, description="Value of the parameter that the matrix was made with [Pa, kg/m³ or 1]; null: 1, a unit term."
     )
 
@@ -172,7 +199,7 @@ class Matrices(Section):
     mass: Annotated[tuple[MatrixTerm, ...], Field(min_length=1)] = Field(description="Terms of the mass.")
 
 
-Step = Annotated[int, Field(ge=0)] | Text
+Step = Annotated[Id, Field(ge=0)] | Text
 
 
 class ModesOfResults(Section):
@@ -193,7 +220,7 @@ class ResponseOfLoad(Section):
         description="Number or title of the step or subcase in which this load acted alone; null: the only static one of the "
         "file.",
     )
-    applied: float = Field(
+    applied: Annotated[float, Plausible(1e-9, 1e12, "unit of the load")] = Field(
         1.0,
         description="How large the load was there, in the unit of the load [N, N m, Pa …]: of 500 N along the load's direction "
         "500, against it -500.",
@@ -206,7 +233,7 @@ class SecondResults(Section):
     parameter: Name = Field(
         description="Which parameter: a youngs_modulus, stiffness_factor or density of some regions."
     )
-    at: Positive = Field(
+    at: ParameterValue = Field(
         description="Its value when this set was made [Pa, kg/m³ or 1]; that of the first one is in mesh.results.at, or the "
         "mesh's."
     )
@@ -235,7 +262,7 @@ class Results(Section):
         description="ΦᵀMΦ of the shapes. unit: 1 in the units of the mesh; mesh: by its densities; auto: as the file states, "
         "else by the densities.",
     )
-    at: dict[Name, Positive] = Field(
+    at: dict[Name, ParameterValue] = Field(
         {},
         description="By the name of a parameter, its value when the results were made [Pa, kg/m³ or 1]; left out: that of the "
         "mesh's materials, 1 of a stiffness_factor.",
@@ -297,7 +324,7 @@ class MeshFile(Section):
         description="Folders from which a deck may include files (INCLUDE, *INCLUDE, INPUT=) beside its own folder and those "
         "below it; paths start from the config's folder. Links are followed before it is decided where a file lies.",
     )
-    merge: Positive | None = Field(
+    merge: Annotated[Positive | None, Plausible(1e-9, 0.01, "m", share=0.1)] = Field(
         None,
         description="Nodes of elements that are this near to each other [m] become one, that of the lowest id; 1e-6 of meshes "
         "whose parts share places and no nodes. Nodes that a tie or spring joins in their place stay. Null: none.",

@@ -6,13 +6,30 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, RunName, Section, Seed, Text, Vector, with_defaults
+from strainsight.config.base import (
+    Count,
+    DirectionVector,
+    Duration,
+    Frequency,
+    Id,
+    Name,
+    NotNegative,
+    Point,
+    Positive,
+    RunName,
+    Section,
+    Seed,
+    Text,
+    TimeStep,
+    with_defaults,
+)
 from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.layout import LayoutSettings
 from strainsight.config.load_cases import TrainingCase
 from strainsight.config.loads import Load, Settle
 from strainsight.config.mesh import MeshFile
+from strainsight.config.plausible import DAMPING, DURATION, GAUGE_FACTOR, PROPERTY, RESISTANCE, SIZE, Plausible
 from strainsight.config.tolerances import StatedTolerances, Tolerances
 from strainsight.config.validation import Validate
 
@@ -65,7 +82,7 @@ class MaterialParameter(Section):
         "damping_factor [-], without region, multiplies `damping` in every mode. "
         "Of shells: thickness [m], with the mass and the faces where gauges sit; that of a laminate scales all its plies alike."
     )
-    region: int | Text | Annotated[tuple[int | Text, ...], Field(min_length=1)] | None = Field(
+    region: Id | Text | Annotated[tuple[Id | Text, ...], Field(min_length=1)] | None = Field(
         None,
         description="Region id (PSOLID id) or name, or a list of them; left out only with `springs`, mesh.matrices or a "
         "damping_factor, or with mesh.results, which know all regions alone.",
@@ -75,17 +92,17 @@ class MaterialParameter(Section):
         description="In place of region, of a stiffness_factor: springs by the names that import lists (CELAS2 12, CBUSH 3, "
         "SPRINGA 7, of the config mesh.supports.0) or by patterns of names (CELAS2 *), as of a foundation.",
     )
-    material: int | Text | None = Field(
+    material: Id | Text | None = Field(
         None,
         description="Of a modulus of plies: id or name of their material (MAT8, MAT1), where they have several of one kind.",
     )
-    guess: Guess = Field(
+    guess: Annotated[Guess, PROPERTY] = Field(
         description="Value before anything is measured [Pa, kg/m³, m, or 1 for a factor], or {from: another run}."
     )
-    range: tuple[Positive, Positive] = Field(
+    range: Annotated[tuple[Positive, Positive], PROPERTY] = Field(
         description="[lowest, highest] value the reduced model is made for [Pa, kg/m³, m, or 1 for a factor]."
     )
-    process_noise_scale: Positive = Field(
+    process_noise_scale: Annotated[Positive, Plausible(1e-6, 10.0, "1/√s")] = Field(
         0.05,
         description="δ: how fast the parameter may drift, relative to its guess [1/√s; 1/s under the thesis's rules of "
         "process_noise], in the steady filter that ranks layouts and where filter.drift lets it; else it is a constant.",
@@ -96,23 +113,23 @@ class ModalDamping(Section):
     """The same damping ratio in every mode."""
 
     type: Literal["modal"] = Field(description="Kind of damping.")
-    ratio: float = Field(ge=0, lt=1, description="Damping ratio [-].")
+    ratio: Annotated[float, DAMPING] = Field(ge=0, lt=1, description="Damping ratio [-].")
 
 
 class RayleighDamping(Section):
     """C = αM + βK."""
 
     type: Literal["rayleigh"] = Field(description="Kind of damping.")
-    alpha: NotNegative = Field(description="α [1/s].")
-    beta: NotNegative = Field(description="β [s].")
+    alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = Field(description="α [1/s].")
+    beta: Annotated[NotNegative, Plausible(1e-12, 0.1, "s")] = Field(description="β [s].")
 
 
 class ReducedModel(Section):
     """The parametric reduced model."""
 
-    modes: int = Field(10, ge=1, description="Modes per parameter sample [-].")
-    parameter_samples: int = Field(5, ge=1, description="Samples of the parameter box [-].")
-    tolerance: float = Field(
+    modes: Annotated[int, Plausible(1, 500)] = Field(10, ge=1, description="Modes per parameter sample [-].")
+    parameter_samples: Count = Field(5, ge=1, description="Samples of the parameter box [-].")
+    tolerance: Annotated[float, Plausible(1e-14, 0.01)] = Field(
         1e-4,
         gt=0,
         lt=1,
@@ -129,9 +146,9 @@ class Train(Section):
         description="static: for loads far below the first mode, the structure follows them without inertia, in training, "
         "placement and filter; the truth of `validate` keeps its inertia. `train` says how much that leaves out.",
     )
-    duration: Positive = Field(description="Length of the training run [s].")
-    time_step: Positive = Field(description="Time step [s].")
-    settle: Settle = Field(
+    duration: Duration = Field(description="Length of the training run [s].")
+    time_step: TimeStep = Field(description="Time step [s].")
+    settle: Annotated[Settle, DURATION] = Field(
         "auto",
         description="How the motion of training and validation begins. auto: periodic where every load is a sine or a "
         "multisine, else from rest; none: from rest; a number: from rest so long before t = 0, under the same loads [s].",
@@ -141,7 +158,7 @@ class Train(Section):
 class Screen(Section):
     """Which candidates enter the elimination."""
 
-    keep: Annotated[int, Field(ge=1)] | KeepAll = Field(
+    keep: Annotated[Annotated[int, Field(ge=1)] | KeepAll, Plausible(1, 1e6)] = Field(
         "all", description="Candidates to keep of every kind of sensor [-] at most, or 'all'."
     )
     by: Literal["unknowns", "strength"] = Field(
@@ -150,7 +167,7 @@ class Screen(Section):
         "what that unknown alone makes them read, over their noise and, where `place.installation` avoids them, over their noise "
         "and errors of installation; strength: those that read most in training over their noise, as the thesis has it (5.2).",
     )
-    minimum_spacing: NotNegative = Field(
+    minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0, description="Least distance between kept candidates [m]. With gauges.type: the longer side of its carrier."
     )
 
@@ -163,7 +180,7 @@ class ProcessNoise(Section):
         description="continuous: intensities q = κωa²; thesis: (hωa)² a step of train.time_step, whatever κ is; as_printed: "
         "those numbers, and σ² of the gauges, put into the Riccati equation as if they were intensities.",
     )
-    model_error: float | None = Field(
+    model_error: Annotated[float | None, Plausible(1e-9, 1.0)] = Field(
         None,
         ge=0,
         le=1e6,
@@ -176,8 +193,8 @@ class ProcessNoise(Section):
 class Symmetry(Section):
     """A plane: gauges on both sides are placed in pairs."""
 
-    point: Vector = Field((0.0, 0.0, 0.0), description="A point of the plane [m].")
-    normal: Vector = Field(description="Its normal in global coordinates [-].")
+    point: Point = Field((0.0, 0.0, 0.0), description="A point of the plane [m].")
+    normal: DirectionVector = Field(description="Its normal in global coordinates [-].")
 
 
 class Place(LayoutSettings):
@@ -186,8 +203,8 @@ class Place(LayoutSettings):
     estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
         description="Unknown loads and parameters to place for."
     )
-    instants: int = Field(20, ge=1, description="Instants of a training run that the model is linearised at [-].")
-    parameter_samples: int = Field(
+    instants: Count = Field(20, ge=1, description="Instants of a training run that the model is linearised at [-].")
+    parameter_samples: Count = Field(
         1,
         ge=1,
         description="Parameter values to place for [-]: 1, the guess alone; more, points of the parameters' ranges too.",
@@ -223,7 +240,7 @@ class Cases(Section):
     """Which unknowns could be distinguished (tables 6.1, 6.2): the unknown loads, or all where all are known, the moduli and the
     densities, in every combination."""
 
-    frequencies: tuple[Positive, ...] = Field(
+    frequencies: tuple[Frequency, ...] = Field(
         (), description="Excitations to compare beside the training run: every load a sine of this frequency [Hz]."
     )
 
@@ -271,9 +288,9 @@ Export = Literal["nastran", "abaqus", "catman", "labview", "mat"]
 class Datum(Section):
     """Where a workshop measures from."""
 
-    origin: Vector = Field((0.0, 0.0, 0.0), description="Its origin, in the deck's coordinates and unit of length.")
-    x: Vector = Field((1.0, 0.0, 0.0), description="Direction of its x axis in the deck's coordinates [-].")
-    y: Vector = Field(
+    origin: Point = Field((0.0, 0.0, 0.0), description="Its origin, in the deck's coordinates and unit of length.")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of its x axis in the deck's coordinates [-].")
+    y: DirectionVector = Field(
         (0.0, 1.0, 0.0),
         description="Direction of its y axis [-], of which the part across x is taken; z completes a right-handed system.",
     )
@@ -294,10 +311,10 @@ class Report(Section):
         "*ELSET of them, gauges-abaqus.inp; catman, labview: a table of the channels to set up by hand, channels-catman.txt, "
         "channels-labview.txt; mat: the linear augmented model with the rows of the layout, model.mat.",
     )
-    gauge_factor: Positive | None = Field(
+    gauge_factor: Annotated[Positive | None, GAUGE_FACTOR] = Field(
         None, description="Gauge factor in tables of channels [-]; null: that of gauges.type, else blank."
     )
-    resistance: Positive | None = Field(
+    resistance: Annotated[Positive | None, RESISTANCE] = Field(
         None, description="Resistance of a gauge in tables of channels [ohm]; null: that of gauges.type, else blank."
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -16,6 +17,11 @@ class Problem:
     what: str
     remedy: str = ""
     at_key: bool = False
+
+
+def shown_key(key: str) -> str:
+    """A dotted key as it is printed: `loads.0.node` is loads[0].node."""
+    return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)
 
 
 def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:

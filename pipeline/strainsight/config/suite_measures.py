@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from strainsight.config.base import Section, Text
+from strainsight.config.plausible import COMPARED
 from strainsight.config.problem import Problem
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
@@ -23,11 +24,11 @@ class Measure(Section):
     stage: Text | None = Field(
         None, description="Stage that the number comes from; null: `estimate` of a bench, `validate` of a placement."
     )
-    times: float = Field(1.0, description="The number is multiplied by it first [-].")
+    times: Annotated[float, COMPARED] = Field(1.0, description="The number is multiplied by it first [-].")
     against: Text | None = Field(None, description="Name of another run: the number is divided by that one's.")
     against_number: Text | None = Field(None, description="Number to divide by; null: the same as number.")
-    above: float | None = Field(None, description="It has to be larger than this.")
-    below: float | None = Field(None, description="It has to be smaller than this.")
+    above: Annotated[float | None, COMPARED] = Field(None, description="It has to be larger than this.")
+    below: Annotated[float | None, COMPARED] = Field(None, description="It has to be smaller than this.")
     equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
     unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
 

@@ -7,78 +7,81 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import NotNegative, Section
+from strainsight.config.plausible import GAIN, MISALIGNED, MISPLACED, STRAIN, Plausible
 
 
 class Tolerances(Section):
     """Standard deviations of how gauges are installed, how loads act and of what the model leaves open; 0 for what is exact.
     Every truth `rich` draws its own from them."""
 
-    position: NotNegative = Field(
+    position: Annotated[NotNegative, MISPLACED] = Field(
         0.002,
         description="σ of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out.",
     )
-    angle: float = Field(
+    angle: Annotated[float, MISALIGNED] = Field(
         2.0, ge=0, le=45, description="σ of a gauge's direction, of an accelerometer's about every axis [deg]."
     )
-    gain: float = Field(
+    gain: Annotated[float, GAIN] = Field(
         0.01,
         ge=0,
         le=0.5,
         description="σ of the factor on a reading: gauge factor and lead wires, sensitivity of an accelerometer [-]. With "
         "gauges.type, and no motion_sensors: √(t² + (1 Ω/R)²) of the tolerance t of its gauge factor and its resistance R.",
     )
-    transverse: float = Field(
+    transverse: Annotated[float, GAIN] = Field(
         0.005, ge=0, le=0.5, description="σ of the transverse sensitivity K_t of a strain gauge [-]."
     )
-    offset: NotNegative = Field(0.0, description="σ of a constant offset of every channel of strain [strain].")
-    drift: NotNegative = Field(
+    offset: Annotated[NotNegative, STRAIN] = Field(
+        0.0, description="σ of a constant offset of every channel of strain [strain]."
+    )
+    drift: Annotated[NotNegative, STRAIN] = Field(
         0.0,
         description="σ of how far the zero of a channel of strain has drifted by the end of the record, in proportion to time "
         "[strain]; 0 for records that are short beside the warming up of an amplifier.",
     )
-    temperature: NotNegative = Field(
+    temperature: Annotated[NotNegative, Plausible(0.001, 500.0, "K")] = Field(
         0.0,
         description="σ of how much warmer the part is at the end of the record, in proportion to time [K]: one history for all "
         "gauges, which read `thermal_output` of it.",
     )
-    thermal_output: NotNegative = Field(
+    thermal_output: Annotated[NotNegative, Plausible(1e-9, 1e-4, "strain/K")] = Field(
         1e-6,
         description="What every strain gauge reads of a kelvin, alike [strain/K]; 1e-6 for foil gauges that are compensated for "
         "the material, near room temperature. The thermal output that the maker states may be subtracted before.",
     )
-    thermal_spread: NotNegative = Field(
+    thermal_spread: Annotated[NotNegative, Plausible(1e-9, 1e-4, "strain/K")] = Field(
         1.4e-7,
         description="σ of what a strain gauge reads of a kelvin beside the others [strain/K]; gauges of one lot.",
     )
-    load_angle: float = Field(
+    load_angle: Annotated[float, MISALIGNED] = Field(
         1.0,
         ge=0,
         le=45,
         description="σ of the direction of a load about each of two axes across it [deg]; 1° for a rod or an actuator that was "
         "aligned by eye and spirit level.",
     )
-    load_position: NotNegative = Field(
+    load_position: Annotated[NotNegative, MISPLACED] = Field(
         0.002,
         description="σ of the point of action of a load along each of two directions across its line of action [m], which adds "
         "the couple of the shift; 2 mm for a place that was marked out.",
     )
-    load_gain: float = Field(
+    load_gain: Annotated[float, GAIN] = Field(
         0.005,
         ge=0,
         le=0.5,
         description="σ of the factor on a known load: load cell and amplifier [-]. ISO 7500-1 allows ±1 % of a force that is "
         "measured in class 1, ±0.5 % in class 0.5.",
     )
-    damping: float = Field(
+    damping: Annotated[float, Plausible(1.0, 10.0)] = Field(
         1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
     )
-    model: float = Field(
+    model: Annotated[float, GAIN] = Field(
         0.0,
         ge=0,
         le=0.5,
         description="σ of the logarithm of one scale of the whole stiffness, where no modulus is estimated [-].",
     )
-    discrepancy: float = Field(
+    discrepancy: Annotated[float, GAIN] = Field(
         0.02,
         ge=0,
         le=0.5,

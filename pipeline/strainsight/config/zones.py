@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from strainsight.config.base import Positive, Section, Text, Vector
+from strainsight.config.base import DirectionVector, Point, Positive, Section, Size, Text, Vector
+from strainsight.config.plausible import Plausible
 from strainsight.config.problem import Problem
 
 NO_LENGTH = "a vector of length zero"
@@ -40,15 +41,15 @@ def key_of(*keys: str, text: bool = False) -> Any:
 class BoxZone(Section):
     """A box."""
 
-    box: tuple[Vector, Vector] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
+    box: tuple[Point, Point] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
 
 
 class CylinderZone(Section):
     """A cylinder without ends."""
 
-    point: Vector = Field(description="A point on its axis [m].")
-    axis: Vector = Field(description="Direction of its axis [-].")
-    radius: Positive = Field(description="Radius [m].")
+    point: Point = Field(description="A point on its axis [m].")
+    axis: DirectionVector = Field(description="Direction of its axis [-].")
+    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = Field(description="Radius [m].")
 
 
 class InCylinder(Section):
@@ -60,7 +61,7 @@ class InCylinder(Section):
 class ConeZone(Section):
     """Normals near an axis."""
 
-    axis: Vector = Field(description="Axis in global coordinates [-]; its sign does not matter.")
+    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its sign does not matter.")
     angle: float = Field(gt=0, le=90, description="Largest angle between the facet's normal and the axis [deg].")
 
 
@@ -74,7 +75,7 @@ class SetZone(Section):
     """A set and a distance from it."""
 
     set: Text = Field(description="Name of a node or element set.")
-    distance: Positive = Field(description="Nearer than this to one of its nodes [m].")
+    distance: Size = Field(description="Nearer than this to one of its nodes [m].")
 
 
 class NearSetZone(Section):
@@ -86,7 +87,7 @@ class NearSetZone(Section):
 class NearEdgesZone(Section):
     """The surroundings of edges."""
 
-    near_edges: Positive = Field(description="Nearer than this to an edge of the body [m].")
+    near_edges: Size = Field(description="Nearer than this to an edge of the body [m].")
 
 
 class ShellFaceZone(Section):

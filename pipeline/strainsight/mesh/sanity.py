@@ -73,6 +73,12 @@ def attached(mesh: Mesh) -> NDArray[np.bool_]:
     return used
 
 
+def size_of(mesh: Mesh) -> float:
+    """Diagonal of the box about all elements, of a mesh without elements about all nodes [m]."""
+    nodes = [block.nodes.ravel() for block in mesh.elements] or [np.arange(len(mesh.node_ids))]
+    return float(np.linalg.norm(np.ptp(mesh.position[np.concatenate(nodes)], axis=0)))
+
+
 def empty_regions(mesh: Mesh) -> tuple[int, ...]:
     """Ids of the regions that no element belongs to."""
     filled = {int(i) for block in mesh.elements for i in np.unique(block.region)}
@@ -201,10 +207,9 @@ def _shear_modulus(own: Anisotropic | Material) -> float:
 
 def _far_references(mesh: Mesh) -> list[str]:
     """Reference nodes that lie farther from the nodes of their tie than three times the size of the structure."""
-    nodes = [block.nodes.ravel() for block in mesh.elements]
-    if not nodes:
+    if not mesh.elements:
         return []
-    size = float(np.linalg.norm(np.ptp(mesh.position[np.unique(np.concatenate(nodes))], axis=0)))
+    size = size_of(mesh)
     of = "elements" if mesh.shells or mesh.beams else "solids"
     ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
     found = []

@@ -18,7 +18,7 @@ from strainsight.fem.quality import Quality
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.sanity import ignored_structure
+from strainsight.mesh.sanity import ignored_structure, size_of
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.faces import FoundFaces, Imported
 from strainsight.records.grids import vtkhdf_datasets
@@ -50,7 +50,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     felt = () if config.matrices or config.results else tuple(ignored_structure(mesh))
     which = f" ({', '.join(felt[:3])}{', …' * (len(felt) > 3)} may change the structure: see import)" if felt else ""
     parts = [f"{mesh.own_nodes} nodes", kinds, f"{ignored} card{'s' * (ignored != 1)} ignored{which}"]
-    summary: dict[str, Any] = {"nodes": mesh.own_nodes, "elements": count, "ignored": ignored}
+    summary: dict[str, Any] = {"nodes": mesh.own_nodes, "elements": count, "ignored": ignored, "extent": size_of(mesh)}
     if weight is not None:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.cases.structure.channels import training_units
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
 from strainsight.cases.structure.gauge_practice import type_in_words, type_table
-from strainsight.cases.structure.resolution import quiet_noise
+from strainsight.cases.structure.resolution import loud_noise, quiet_noise
 from strainsight.cases.structure.screening import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.gauges.candidates import Candidates
@@ -45,7 +45,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     if warning := bent_warning(config, training, bent):
         warnings.warn(warning, stacklevel=2)
         said.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
-    if warning := quiet_noise(training, found):
+    for warning in filter(None, (quiet_noise(training, found), loud_noise(training, found))):
         warnings.warn(warning, stacklevel=2)
     if kind := type_in_words(config):
         said.append(kind)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from strainsight.cases.recorded import QUANTITY, recorded
+from strainsight.config.gauges import AbsoluteNoise
 from strainsight.config.load_cases import CaseLoad
 from strainsight.config.loads import Recorded
 from strainsight.config.placement import PlacementConfig
@@ -131,7 +132,9 @@ def _check_records(config: PlacementConfig, base: Path) -> None:
         with in_record(own.name):
             wanted = wanted_of(own, known, units)
             signals = signals_of(own.settings, own.file.removesuffix(".file"), path, wanted)
-            for text in odd_channels(config, signals, list(wanted)):
+            stated = config.gauges.noise_std.value if isinstance(config.gauges.noise_std, AbsoluteNoise) else None
+            noise = [entry.noise_std or (None if config.motion_sensors else stated) for entry in own.settings.channels]
+            for text in odd_channels(config, signals, list(wanted), noise):
                 warnings.warn(f"{text}.", stacklevel=2)
             if not config.motion_sensors and config.gauges.given is None:
                 check_quantities(wanted, signals, ["strain"] * len(own.settings.channels), known, units)

@@ -15,9 +15,11 @@ STILL = 0.1
 """Share of samples between the limits that are as the one before: amplifiers that are clipped have none."""
 
 
-def odd_channels(config: PlacementConfig, signals: Signals, keys: Sequence[str]) -> tuple[str, ...]:
-    """Of the channels (c,) of a record, by their keys in the config: gauges that read one value, channels that stand at a limit,
-    and a clock that is too slow for the loads that the config states."""
+def odd_channels(
+    config: PlacementConfig, signals: Signals, keys: Sequence[str], noise: Sequence[float | None] = ()
+) -> tuple[str, ...]:
+    """Of the channels (c,) of a record, by their keys in the config: gauges that read one value, or less than their noise [unit
+    of the reading], channels that stand at a limit, and a clock that is too slow for the loads that the config states."""
     found = []
     gauges = len(keys) - sum(".inputs." in key for key in keys)
     for i, (name, key) in enumerate(zip(signals.names, keys, strict=True)):
@@ -31,6 +33,10 @@ def odd_channels(config: PlacementConfig, signals: Signals, keys: Sequence[str])
             found.append(
                 f"{name} is clipped: {count} of {len(own)} samples stand in rows at its largest or least value, where the range "
                 f"of the amplifier may end ({key})"
+            )
+        if i < len(noise) and len(there) and (std := noise[i] or 0.0) > (largest := float(np.abs(there).max())):
+            found.append(
+                f"the noise of {name}, {std:.3g}, exceeds its largest reading, {largest:.3g} ({key}.noise_std)"
             )
     step = float(signals.time[1] - signals.time[0])
     for name, load in config.loads.items():

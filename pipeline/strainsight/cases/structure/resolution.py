@@ -39,6 +39,22 @@ def quiet_noise(training: Training, screened: Screened) -> str:
     )
 
 
+def loud_noise(training: Training, screened: Screened) -> str:
+    """Says that the noise of every sensor of a kind exceeds its largest training reading; empty where it does not."""
+    loud = []
+    for quantity in np.unique(training.candidates.quantity):
+        alike = training.candidates.quantity == quantity
+        noise, largest = float(screened.noise_std[alike].min()), float(training.peak[alike].max())
+        if noise > largest:
+            loud.append(f"{noise:.3g} {UNITS[quantity]}, with readings of at most {largest:.3g}")
+    if not loud:
+        return ""
+    return (
+        f"The noise of a sample exceeds every training reading: {'; '.join(loud)}. Check noise_std, which is in the unit of the "
+        "reading (1 µm/m is 1e-6), and the loads."
+    )
+
+
 def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
     """A sentence on the gauges of a layout whose largest training reading is below `RESOLVED`: that of their largest channel."""
     weak = [i for i in range(len(listed.labels)) if listed.unit[i] == UNITS[STRAIN] and listed.peak[i] < RESOLVED]

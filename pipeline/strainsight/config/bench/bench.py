@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import Name, Positive, RunName, Section, Seed
+from strainsight.config.base import Duration, Name, Positive, RunName, Section, Seed, Stress, TimeStep
 from strainsight.config.bench.bearing import Bearing, Curve, LoadCase
 from strainsight.config.bench.bodies import Body, Frame
 from strainsight.config.bench.connections import Force, Frames, Joint
@@ -14,6 +14,7 @@ from strainsight.config.bench.estimate import Estimate
 from strainsight.config.bench.place import BenchPlace, Layout
 from strainsight.config.gauges import BondedGauge
 from strainsight.config.names import FlexibleName, FrameName, JointName
+from strainsight.config.plausible import SNAP, Plausible
 
 
 class StrainSensor(Section):
@@ -25,7 +26,7 @@ class StrainSensor(Section):
     layout: Layout | None = Field(
         None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
     )
-    snap_tolerance: Positive = Field(
+    snap_tolerance: Annotated[Positive, SNAP] = Field(
         0.005, description="How far a gauge may be from the surface of the mesh before it is refused [m]."
     )
     zeroed: bool = Field(False, description="true: what they read at the start is taken off.")
@@ -76,14 +77,14 @@ Sensor = Annotated[
 class Simulate(Section):
     """The simulation in time."""
 
-    duration: Positive = Field(description="Length of the simulation [s].")
-    time_step: Positive = Field(description="Time step [s].")
+    duration: Duration = Field(description="Length of the simulation [s].")
+    time_step: TimeStep = Field(description="Time step [s].")
     method: Literal["second_order", "thesis"] = Field(
         "second_order",
         description="second_order: two implicit stages a step, errors shrink with its square; thesis: implicit Euler, with the "
         "step itself.",
     )
-    tolerance: Positive | None = Field(
+    tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = Field(
         None,
         description="Largest error of the motion that all steps together may make, beside the coordinates of each body (a turn "
         "counts as 1): steps are divided until halving them again changes less, and see the loads at every instant of their "
@@ -98,7 +99,7 @@ class Simulate(Section):
         False,
         description="true: start from an equilibrium that is left by itself, as of a pendulum that stands on its head.",
     )
-    snap_tolerance: Positive = Field(
+    snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = Field(
         0.005,
         description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "
         "change by 1 %.",
@@ -112,9 +113,11 @@ class SurfaceField(Section):
     of: Literal["simulate", "estimate"] = Field(
         "simulate", description="Of the simulated motion, or of the estimated one with the estimated moduli."
     )
-    every: int | None = Field(None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says.")
+    every: Annotated[int | None, Plausible(1, 1e6)] = Field(
+        None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says."
+    )
     instants: int | None = Field(None, ge=2, le=10_000, description="Pictures, evenly from start to end [-]; null: 50.")
-    allowable: Positive | None = Field(
+    allowable: Stress | None = Field(
         None,
         description="Von Mises stress that the body may carry [Pa]; the page compares the largest one with it and begins with it "
         "where it is exceeded; null: none is stated.",

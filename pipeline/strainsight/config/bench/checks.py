@@ -15,7 +15,8 @@ from strainsight.config.bench.checks_place import place_problems
 from strainsight.config.bench.connections import Driven
 from strainsight.config.checks_material import material_problems
 from strainsight.config.checks_model import RESERVED
-from strainsight.config.names import GROUND, name_problems, names_in
+from strainsight.config.marks import marked
+from strainsight.config.names import GROUND, Names, name_problems
 from strainsight.config.problem import Problem, undivided
 
 MOST_STEPS = 10_000_000
@@ -210,7 +211,9 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():
             named = [
-                (key, frame) for key, frame, mark in names_in(entry, f"{section}.{name}") if mark.section == "frames"
+                (own.field, own.value)
+                for own in marked(entry, Names, f"{section}.{name}")
+                if own.mark.section == "frames"
             ]
             bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
             if len(bodies) == 2 and bodies[0] == bodies[1]:

@@ -6,9 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import NotNegative, Positive, Section, Vector, with_defaults
+from strainsight.config.base import DirectionVector, Duration, NotNegative, Positive, Section, Vector, with_defaults
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
 from strainsight.config.names import BearingName, FrameName
+from strainsight.config.plausible import DRIVEN, DURATION, MOMENT, STIFFNESS, TURN, VISCOUS, Plausible
 
 Frames = tuple[FrameName, FrameName]
 Axis = Literal["x", "y", "z"]
@@ -18,17 +19,17 @@ class Constant(Section):
     """u(t) = value, from the start."""
 
     type: Literal["constant"] = Field(description="Kind of signal.")
-    value: float = Field(description="Value [N or N m, of a drive its own unit].")
+    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m, of a drive its own unit].")
 
 
 class Ramp(Section):
     """From one value to another without a jump in velocity or acceleration, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵)."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
-    start: float = Field(0.0, description="Value a before [N or N m, of a drive its own unit].")
-    end: float = Field(description="Value b after [N or N m, of a drive its own unit].")
-    begin: NotNegative = Field(0.0, description="When it begins [s].")
-    duration: Positive = Field(description="How long it lasts [s].")
+    start: Annotated[float, DRIVEN] = Field(0.0, description="Value a before [N or N m, of a drive its own unit].")
+    end: Annotated[float, DRIVEN] = Field(description="Value b after [N or N m, of a drive its own unit].")
+    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="When it begins [s].")
+    duration: Duration = Field(description="How long it lasts [s].")
 
 
 Signal = Annotated[Constant | Ramp | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
@@ -116,7 +117,7 @@ class Distance(Section):
 
     type: Literal["distance"] = Field(description="Kind of joint.")
     frames: Frames = Field(description="Names of the two frames.")
-    length: Positive = Field(description="Length [m].")
+    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = Field(description="Length [m].")
 
 
 Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
@@ -140,7 +141,9 @@ class Drive(Section):
     of: Literal["position", "rate"] = Field(
         "position", description="Whether the history is of the angle, displacement or length itself or of its rate."
     )
-    start: float = Field(0.0, description="Where it is at t = 0 if its rate is given [rad or m].")
+    start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = Field(
+        0.0, description="Where it is at t = 0 if its rate is given [rad or m]."
+    )
 
 
 class DrivenAngle(Section):
@@ -193,7 +196,7 @@ Joint = Annotated[
 class Turns(Section):
     """A turn of gravity in time."""
 
-    axis: Vector = Field(description="Axis in global axes [-]; its length does not matter.")
+    axis: DirectionVector = Field(description="Axis in global axes [-]; its length does not matter.")
     signal: Signal = Field(description="Angle about it [rad], up to 1 rad in a time step.")
 
 
@@ -201,7 +204,9 @@ class Gravity(Section):
     """Gravity on every body."""
 
     type: Literal["gravity"] = Field(description="Kind of force.")
-    acceleration: Vector = Field((0.0, 0.0, -9.81), description="In global axes [m/s²].")
+    acceleration: Annotated[Vector, Plausible(0.0, 1e3, "m/s²")] = Field(
+        (0.0, 0.0, -9.81), description="In global axes [m/s²]."
+    )
     turns: Turns | None = Field(
         None,
         description="It turns, as for a bench that is itself turned slowly: nothing else is felt of that rotation. null: it does "
@@ -214,9 +219,9 @@ class Spring(Section):
 
     type: Literal["spring"] = Field(description="Kind of force.")
     frames: Frames = Field(description="Names of the two frames.")
-    stiffness: NotNegative = Field(description="Stiffness [N/m].")
-    damping: NotNegative = Field(0.0, description="Damping [N s/m].")
-    length: NotNegative = Field(0.0, description="Length without force [m].")
+    stiffness: Annotated[NotNegative, STIFFNESS] = Field(description="Stiffness [N/m].")
+    damping: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping [N s/m].")
+    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = Field(0.0, description="Length without force [m].")
 
 
 class Torsion(Section):
@@ -224,9 +229,13 @@ class Torsion(Section):
 
     type: Literal["torsion"] = Field(description="Kind of force.")
     frames: Frames = Field(description="Names of the two frames.")
-    stiffness: NotNegative = Field(description="Stiffness [N m/rad]; above zero it turns by less than 3 rad.")
-    damping: NotNegative = Field(0.0, description="Damping [N m s/rad].")
-    angle: float = Field(0.0, description="Angle of the second frame about the axis of the first without moment [rad].")
+    stiffness: Annotated[NotNegative, STIFFNESS] = Field(
+        description="Stiffness [N m/rad]; above zero it turns by less than 3 rad."
+    )
+    damping: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping [N m s/rad].")
+    angle: Annotated[float, TURN] = Field(
+        0.0, description="Angle of the second frame about the axis of the first without moment [rad]."
+    )
     axis: Axis = Field("x", description="Axis of both frames.")
 
 
@@ -238,8 +247,10 @@ class Bushing(Section):
 
     type: Literal["bushing"] = Field(description="Kind of force.")
     frames: Frames = Field(description="Names of the two frames: the one whose axes count, the one that moves.")
-    stiffness: Six = Field(description="Along x, y, z [N/m], then about them [N m/rad].")
-    damping: Six = Field((0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad].")
+    stiffness: Annotated[Six, STIFFNESS] = Field(description="Along x, y, z [N/m], then about them [N m/rad].")
+    damping: Annotated[Six, VISCOUS] = Field(
+        (0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad]."
+    )
 
 
 class Friction(Section):
@@ -249,9 +260,13 @@ class Friction(Section):
     type: Literal["friction"] = Field(description="Kind of force.")
     frames: Frames = Field(description="Names of the two frames.")
     motion: Literal["turn", "slide"] = Field("turn", description="Against a turn about the axis, or a slide along it.")
-    coulomb: NotNegative = Field(description="Coulomb friction T [N m, of a slide N].")
-    viscous: NotNegative = Field(0.0, description="Viscous friction c [N m s/rad, of a slide N s/m].")
-    speed: Positive = Field(
+    coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = Field(
+        description="Coulomb friction T [N m, of a slide N]."
+    )
+    viscous: Annotated[NotNegative, VISCOUS] = Field(
+        0.0, description="Viscous friction c [N m s/rad, of a slide N s/m]."
+    )
+    speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
         description="ω₀: from 3 ω₀ on it is Coulomb's to 0.5 %, below what should stick creeps; not less than a tenth of what it "
         "changes the speed by in a step, which is not solved otherwise [rad/s, of a slide m/s].",
@@ -289,7 +304,7 @@ class PointForce(Section):
 
     type: Literal["force"] = Field(description="Kind of force.")
     frame: FrameName = Field(description="Name of the frame.")
-    direction: Vector = Field(description="Direction [-]; its length does not matter.")
+    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
     axes: Axes = Field("global", description=AXES)
     signal: Signal = Field(description="Its history [N].")
 
@@ -299,7 +314,7 @@ class PointMoment(Section):
 
     type: Literal["moment"] = Field(description="Kind of force.")
     frame: FrameName = Field(description="Name of the frame.")
-    direction: Vector = Field(description="Direction [-]; its length does not matter.")
+    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
     axes: Axes = Field("global", description=AXES)
     signal: Signal = Field(description="Its history [N m].")
 
@@ -307,18 +322,20 @@ class PointMoment(Section):
 class BearingDrag(Section):
     """What a bearing takes from motion."""
 
-    moment: NotNegative = Field(0.0, description="Friction moment without load, of seals and preload [N m].")
-    coefficient: NotNegative = Field(
+    moment: Annotated[NotNegative, MOMENT] = Field(
+        0.0, description="Friction moment without load, of seals and preload [N m]."
+    )
+    coefficient: Annotated[NotNegative, Plausible(1e-4, 0.3)] = Field(
         0.0,
         description="µ of µ/2 (4.4 M + D F_a + 3.81 D F_r) of what the balls carry, as makers state it [-]: 0.006 or so.",
     )
-    viscous: NotNegative = Field(0.0, description="Viscous friction against the turn [N m s/rad].")
-    speed: Positive = Field(
+    viscous: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Viscous friction against the turn [N m s/rad].")
+    speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s")] = Field(
         1e-3, description="Speed of turning from three times which on friction is Coulomb's to 0.5 % [rad/s]."
     )
-    axial: NotNegative = Field(0.0, description="Damping of the axial displacement [N s/m].")
-    radial: NotNegative = Field(0.0, description="Damping of the radial displacements [N s/m].")
-    tilt: NotNegative = Field(0.0, description="Damping of the tilts [N m s/rad].")
+    axial: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the axial displacement [N s/m].")
+    radial: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the radial displacements [N s/m].")
+    tilt: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the tilts [N m s/rad].")
 
 
 class BearingForce(Section):

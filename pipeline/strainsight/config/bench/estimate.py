@@ -6,10 +6,22 @@ from typing import Annotated, Literal
 
 from pydantic import Field, Tag
 
-from strainsight.config.base import Name, NotNegative, Positive, Section, Text, with_defaults
+from strainsight.config.base import (
+    Duration,
+    Frequency,
+    Name,
+    NotNegative,
+    ParameterValue,
+    Positive,
+    Section,
+    Text,
+    TimeStep,
+    with_defaults,
+)
 from strainsight.config.estimate import Channel, RecordedFile
 from strainsight.config.loads import InputNoise
 from strainsight.config.names import BearingName
+from strainsight.config.plausible import DRIVEN, GAIN, INSTANT, MISALIGNED, MISPLACED, NOISE, PARAMETER, Plausible
 from strainsight.config.zones import key_of
 
 BearingParameter = Literal[
@@ -20,16 +32,16 @@ BearingParameter = Literal[
 class MeasuredSensor(Section):
     """A sensor that the filter is given."""
 
-    noise: NotNegative | tuple[NotNegative, ...] = Field(
+    noise: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
         description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
         "second half of a pair in m and rad is written out: five numbers."
     )
-    bias: NotNegative | tuple[NotNegative, ...] = Field(
+    bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
         0.0,
         description="σ of an unknown constant offset of every component, which is estimated, too [as noise]; 0: none. A "
         "simulated truth draws it for every seed.",
     )
-    drift: NotNegative | tuple[NotNegative, ...] = Field(
+    drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
         0.0,
         description="σ of what that offset changes by in a second, as a random walk, √t times that in t [as noise per √s]; 0: it "
         "stays.",
@@ -44,23 +56,23 @@ class MeasuredSensor(Section):
 class UnknownInput(InputNoise):
     """A force or moment of the bench that the filter does not know, and how it moves in time."""
 
-    guess: float | None = Field(
+    guess: Annotated[float | None, DRIVEN] = Field(
         None,
         description="First estimate [N or N m]; null: its history's first value, as where a test begins under known loads; with "
         "`measured` the load that explains the first sample at rest.",
     )
-    std: Positive = Field(description="σ of the first estimate [N or N m].")
-    increment: Positive | None = Field(
+    std: Annotated[Positive, DRIVEN] = Field(description="σ of the first estimate [N or N m].")
+    increment: Annotated[Positive | None, DRIVEN] = Field(
         None,
         description="Of a random walk: σ of its change in a step, or in a second (see `increments`) [N or N m]; null: that of "
         "its amplitude, frequency and kappa.",
     )
-    frequency: Positive | None = Field(
+    frequency: Frequency | None = Field(
         None,
         description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of the sine that its "
         "history is.",
     )
-    amplitude: Positive | None = Field(
+    amplitude: Annotated[Positive | None, DRIVEN] = Field(
         None, description="Typical amplitude of the load [N or N m]; null: that of the sine that its history is."
     )
 
@@ -68,12 +80,16 @@ class UnknownInput(InputNoise):
 class GaugeTolerances(Section):
     """σ of how gauges are installed, of all strain sensors of the filter; 0 for what is exact."""
 
-    position: NotNegative = Field(
+    position: Annotated[NotNegative, MISPLACED] = Field(
         0.002, description="Of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out."
     )
-    angle: float = Field(2.0, ge=0, le=45, description="Of a gauge's direction [deg].")
-    gain: float = Field(0.01, ge=0, le=0.5, description="Of the factor on a reading: gauge factor and lead wires [-].")
-    transverse: float = Field(0.005, ge=0, le=0.5, description="Of the transverse sensitivity K_t [-].")
+    angle: Annotated[float, MISALIGNED] = Field(2.0, ge=0, le=45, description="Of a gauge's direction [deg].")
+    gain: Annotated[float, GAIN] = Field(
+        0.01, ge=0, le=0.5, description="Of the factor on a reading: gauge factor and lead wires [-]."
+    )
+    transverse: Annotated[float, GAIN] = Field(
+        0.005, ge=0, le=0.5, description="Of the transverse sensitivity K_t [-]."
+    )
 
 
 class EstimatedParameter(Section):
@@ -84,12 +100,18 @@ class EstimatedParameter(Section):
 
     bearing: BearingName | None = Field(None, description="Name of the bearing; null: a modulus of that name.")
     property: BearingParameter | None = Field(None, description="Which property of the bearing.")
-    guess: float | None = Field(None, description="What the filter starts from [m or Pa]; null: the bench's own value.")
-    std: Positive | None = Field(
+    guess: Annotated[float | None, PARAMETER] = Field(
+        None, description="What the filter starts from [m or Pa]; null: the bench's own value."
+    )
+    std: ParameterValue | None = Field(
         None, description="σ of the guess [m or Pa]; null: the guess is taken for the truth and not estimated."
     )
-    increment: NotNegative = Field(0.0, description="σ of its change in a step, or in a second [m or Pa].")
-    starts: tuple[float, ...] = Field((), description="Further guesses, a run each: do all end alike? [m or Pa].")
+    increment: Annotated[NotNegative, PARAMETER] = Field(
+        0.0, description="σ of its change in a step, or in a second [m or Pa]."
+    )
+    starts: Annotated[tuple[float, ...], PARAMETER] = Field(
+        (), description="Further guesses, a run each: do all end alike? [m or Pa]."
+    )
 
 
 class BenchTruth(Section):
@@ -103,15 +125,15 @@ class BenchTruth(Section):
     )
     substeps: int = Field(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
     noise: bool = Field(True, description="false: the sensors read exactly, whatever noise the filter believes.")
-    step: Positive = Field(0.01, description="other: its step, within which loads are straight [s].")
-    duration: Positive | None = Field(
+    step: TimeStep = Field(0.01, description="other: its step, within which loads are straight [s].")
+    duration: Duration | None = Field(
         None,
         description="other: its length, which runs that estimate less of it can share [s]; null: that of the estimate.",
     )
     histories: int = Field(
         1, ge=1, le=10_000, description="other: load histories, one a seed (`runs`); 1: the same one for all [-]."
     )
-    within: NotNegative = Field(
+    within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
         description="other: every further history is the stated one from an instant on that is drawn up to this one, shifted so "
         "that it begins with the same loads [s].",
@@ -129,7 +151,7 @@ class FromRun(Section):
     inputs: dict[Name, Text] = Field(
         {}, description="Own input → input there, to divide one by the other; default as above."
     )
-    scale: Positive = Field(1.0, description="Factor on lengths of the other run [-].")
+    scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(1.0, description="Factor on lengths of the other run [-].")
 
 
 class FromFile(RecordedFile):
@@ -182,10 +204,10 @@ class Method(Section):
 class Estimate(Section):
     """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
 
-    time_step: Positive | None = Field(
+    time_step: TimeStep | None = Field(
         None, description="Time step of filter and samples [s]; null: simulate.time_step."
     )
-    duration: Positive | None = Field(None, description="Length of the estimate [s]; null: simulate.duration.")
+    duration: Duration | None = Field(None, description="Length of the estimate [s]; null: simulate.duration.")
     sensors: Annotated[dict[Name, MeasuredSensor], Field(min_length=1)] = Field(
         description="The sensors that the filter is given; all others are compared with it."
     )
@@ -202,7 +224,7 @@ class Estimate(Section):
         description="How gauges are installed: constants of which the filter learns nothing, and which its σ covers, to first "
         "order; a simulated truth draws them for every seed; {}: σ as a structure has them. null: gauges are exact.",
     )
-    disturbance: NotNegative = Field(
+    disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
         0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."
     )
     truth: BenchTruth = with_defaults(BenchTruth, "What stands for reality.")

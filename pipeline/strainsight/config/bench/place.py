@@ -10,6 +10,7 @@ from strainsight.config.base import Name, NotNegative, Positive, Section
 from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, PrincipalDirection
 from strainsight.config.layout import Keep, LayoutSettings
 from strainsight.config.names import FlexibleName
+from strainsight.config.plausible import INSTANT, NOISE, PRICE, SIZE, STRAIN, Plausible
 
 Layout = Literal["place", "random"]
 """Which layout a strain sensor takes from the placement."""
@@ -18,10 +19,10 @@ Layout = Literal["place", "random"]
 class CandidateSensor(Section):
     """A sensor of the bench among the candidates, each of its three components one."""
 
-    noise: Positive | tuple[Positive, Positive, Positive] = Field(
+    noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = Field(
         description="σ of a sample [m or m/s²], one for all three components or one each."
     )
-    price: NotNegative = Field(1.0, description="Price of a component, in the unit of place.budget.")
+    price: Annotated[NotNegative, PRICE] = Field(1.0, description="Price of a component, in the unit of place.budget.")
 
 
 class BenchPlace(GaugeSites, LayoutSettings):
@@ -35,13 +36,15 @@ class BenchPlace(GaugeSites, LayoutSettings):
         "motion (position), relative (its displacements, without the tilts) or acceleration. They keep no spacing.",
     )
     keep: Keep = 4
-    noise: Positive = Field(description="Noise standard deviation of a sample of every gauge [strain].")
+    noise: Annotated[Positive, STRAIN] = Field(
+        description="Noise standard deviation of a sample of every gauge [strain]."
+    )
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
         description="Measuring directions of the candidates, one gauge each; principal: of the static strains under the unknown "
         "inputs, each as strong as the others.",
     )
-    pool: Annotated[int, Field(ge=1)] = Field(
+    pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = Field(
         300,
         description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown "
         "in turn.",
@@ -51,10 +54,10 @@ class BenchPlace(GaugeSites, LayoutSettings):
         description="all: bound and proof are over all candidates, and those that a better layout could have by that bound "
         "enter, too; pool: layout, bound and proof are of the pool alone.",
     )
-    spacing: NotNegative = Field(
+    spacing: Annotated[NotNegative, SIZE] = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."
     )
-    poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100)] = Field(
+    poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = Field(
         (0.0,),
         description="Instants of the run, each with the pose in equilibrium under its loads and drives, that the gauges have to "
         "serve [s].",

@@ -10,6 +10,7 @@ from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.sanity import size_of
 from strainsight.mesh.scaling import scaled
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
@@ -50,7 +51,11 @@ def run(context: Context[BenchConfig]) -> Output:
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
         ]
         included += [Path(found) for found in mesh.included]
-        summary |= {f"nodes.{name}": len(mesh.node_ids), f"mass.{name}": float(weight[0])}
+        summary |= {
+            f"nodes.{name}": len(mesh.node_ids),
+            f"mass.{name}": float(weight[0]),
+            f"extent.{name}": size_of(mesh),
+        }
         parts.append(f"{name} {len(mesh.node_ids)} nodes, {weight[0]:.5g} kg")
     return Output(
         datasets=written(Meshes(bodies=meshes)),

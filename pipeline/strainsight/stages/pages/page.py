@@ -13,7 +13,7 @@ from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.mesh import model_warnings
 from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.references import on_one_node
-from strainsight.cases.structure.resolution import quiet_noise, unresolved_candidates
+from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -107,7 +107,9 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
         notes.append(f"Ignored cards of the deck: {', '.join(cards)}{but}.")
     if "train" in up and "screen" in up:
         training, screened = read(Training, up["train"]), read(Screened, up["screen"])
-        notes += filter(None, (unresolved_candidates(training), quiet_noise(training, screened)))
+        notes += filter(
+            None, (unresolved_candidates(training), quiet_noise(training, screened), loud_noise(training, screened))
+        )
         if screened.clearance is not None and (warning := clearance_warning(screened.clearance)):
             notes.append(warning)
     if "place" in up and (rests := str(up["place"].summary.get("rests_on_loads", ""))):
