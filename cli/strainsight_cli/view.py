@@ -13,6 +13,7 @@ from strainsight_cli import pipelines
 from strainsight_cli.failures import reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
 from strainsight_cli.printing import say
+from strainsight_cli.runlog import run_log
 from strainsight_cli.work import note, show_warnings
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def view(
         folder = results / str(loaded.data["name"])
         names = [stage.name for stage in stages]
         shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value, record)
-        say_stale(loaded, results, read)
+        say_stale(loaded, results, read, "view")
         from strainsight.report.view import viewing
         from strainsight.writing import write_file
 
@@ -111,13 +112,14 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
     raise UserError("a bearing alone has no mesh", where=str(config), remedy="its curves and balls are in bearing.html")
 
 
-def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...]) -> None:
-    """Print the warnings of the stages whose results are shown, and a note where these are older than the config."""
+def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], command: str) -> None:
+    """Print and log the warnings of the stages whose results are shown; a note says where these are older than the config."""
     from strainsight.workflow.plan import UP_TO_DATE, plan
 
     work = pipelines.work_of(loaded, results)
     statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
-    show_warnings(work, statuses)
+    with run_log(work.job, command):
+        show_warnings(work, statuses)
     for status in statuses:
         if status.stage in read and status.status != UP_TO_DATE:
             note(f"{status.artefact} is older than the config: {status.reason}")
@@ -136,7 +138,7 @@ def figures(
         folder = results / str(loaded.data["name"])
         pages = [stage for stage in pipelines.stages_of(loaded.data) if stage.name in pipelines.PAGES]
         found = figures_of(model, pages, folder, str(config))
-        say_stale(loaded, results, found.read)
+        say_stale(loaded, results, found.read, "figures")
         write_figures(folder / "figures", found.files)
         many = sum(found.counted.values())
         of = _of_what(found.counted, loaded)
