@@ -110,7 +110,7 @@ class Clock(Section):
         "with unit Hz their rate.",
     )
     unit: Text = Field("s", description="Its unit: s, ms, us, min; Hz of a rate.")
-    rate: Positive | None = Field(
+    rate: Annotated[Positive | None, Plausible(1e-3, 1e7, "Hz or kHz")] = Field(
         None, description="Samples per second, where the file has no time: {rate: 100, unit: Hz}, in place of channel."
     )
 
