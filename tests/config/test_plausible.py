@@ -104,7 +104,7 @@ E_IN_GPA = "{property: youngs_modulus, region: 1, guess: 190.0, range: [160.0, 2
 ODD = [  # (config, key, value, what the warning says)
     (PLACEMENT, "damping.ratio", "0.5", "if 0.5 is in per cent, write 0.005"),
     (PLACEMENT, "tolerances.position", "2.0", "if 2 is in mm, write 0.002"),
-    (PLACEMENT, "gauges.direction.angles", "[900]", "900 deg is outside the plausible range of 0 to 360 deg"),
+    (PLACEMENT, "gauges.direction.angles", "[900]", "900 deg is outside the plausible range of up to 360 deg"),
     (PLACEMENT, "gauges.range", "1500", "if 1500 is in µm/m, write 0.0015"),
     (PLACEMENT, "loads.tip.signal.phase", "90", "if 90 is in degrees, write 1.571"),
     (PLACEMENT, "loads.tip.signal.amplitude", "1e-9", "check the value and its unit"),
@@ -114,7 +114,7 @@ ODD = [  # (config, key, value, what the warning says)
     (BEARING, "bearings.one.youngs_modulus", "208", "if 208 is in GPa, write 2.08e+11"),
     (BEARING, "bearings.one", "{balls: 147, ball_diameter: 60, pitch_diameter: 3000, contact_angle: 45, radius_inner_left: 31.8, "
      "radius_inner_right: 31.8, radius_outer_left: 31.8, radius_outer_right: 31.8}", "if 60 is in mm, write 0.06"),
-    (BEARING, "cases.pull.force", "[1e+12, 0, 0]", "0 to 1e+09 N"),
+    (BEARING, "cases.pull.force", "[1e+12, 0, 0]", "up to 1e+09 N"),
     (BENCH, "bodies.beam.damping.ratio", "0.4", "if 0.4 is in per cent, write 0.004"),
     (BENCH, "estimate.sensors.gauges.noise", "1e+5", "1e-12 to 1000"),
 ]  # fmt: skip
