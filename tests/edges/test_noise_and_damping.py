@@ -119,3 +119,12 @@ def test_a_bench_without_noise_or_damping_says_what_it_takes_instead(tmp_path):
     for name in ("side", "down"):
         assert estimate.summary[f"error.{name}"] < 1e-2
     assert "the noise of gauges is raised from 0 to" in str(estimate.tables)
+
+
+def test_a_noise_of_a_bench_above_every_reading_is_warned_of(tmp_path):
+    for noise, warned in ((1e-7, False), (1e-3, True)):
+        changes = {"estimate.sensors.gauges.noise": noise}
+        own = finished(tmp_path / f"{noise:g}", "estimate", bricks((6, 2, 2)), changes, BENCH_CONFIG)["estimate"]
+        said = [text for text in own.warnings if text.startswith("the noise of gauges, 0.001, exceeds its largest reading")]
+        assert bool(said) == warned
+        assert np.abs(own["/sensors/gauges/expected"]).max() < 1e-3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -90,7 +90,7 @@ def run(context: Context[BenchConfig]) -> Output:
         *own.notes,
         *warnings_of(*judged, own.lost),
     ]
-    warnings += _disagreements(estimate, own)
+    warnings += [*_disagreements(estimate, own), *_loud(estimate, found)]
     if against and not estimate.accept:
         # what the others say of a channel keeps its σ: that claim is what is tested
         own = replace(without_sigma(own), without=own.without)
@@ -119,6 +119,15 @@ def run(context: Context[BenchConfig]) -> Output:
         tables=tuple(tables),
         files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
     )
+
+
+def _loud(estimate: Estimate, found: BenchEstimated) -> Iterator[str]:
+    """Of the sensors whose noise exceeds everything that they read by the estimate."""
+    for name, settings in estimate.sensors.items():
+        noise, largest = float(np.min(settings.noise)), float(np.max(np.abs(found.sensors[name].expected), initial=0.0))
+        if noise > largest:
+            key = f"estimate.sensors.{name}.noise"
+            yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
 
 
 def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
