@@ -39,6 +39,7 @@ from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.scan import resonance_widths, scan_lattice
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.standing import C, Weights
 
@@ -196,9 +197,20 @@ def _passed_through(problem: BankProblem) -> tuple[LinearStanding[Any], int, lis
     """By a lattice over few parameters, by columns over more."""
     if len(problem.model.unknowns.parameters) <= FEW:
         at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-        bank = Bank[LinearStanding[Lattice]](problem.prior, problem.spacing, problem.depth, at, one_standing, refuse)
+        bank = Bank[LinearStanding[Lattice]](
+            problem.prior, problem.spacing, problem.depth, at, one_standing, refuse, first=_first_of_settled(problem)
+        )
         return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
     return _filtered(problem, first_columns(problem), partial(next_columns, problem), at_end=True)
+
+
+def _first_of_settled(problem: BankProblem) -> Lattice | None:
+    """A lattice that resolves resonances, where the motion has settled: a few samples then choose between amplitudes, which may
+    be the same on both sides of a resonance. Otherwise a posterior narrows as the record grows, and a lattice follows it: None."""
+    own = problem.records[0]
+    if own.settled is None or not problem.model.unknowns.parameters:
+        return None
+    return scan_lattice(*problem.prior, resonance_widths(problem.records), float(np.sqrt(2 * problem.depth)))
 
 
 def _filtered(

@@ -42,6 +42,7 @@ class Bank(Generic[S]):
     joined: Callable[[Lattice, Sequence[S]], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
+    first: Lattice | None = None
 
 
 class _TooMany(NumericalError):
@@ -50,7 +51,7 @@ class _TooMany(NumericalError):
 
 def first_lattice(bank: Bank[S]) -> S:
     """For the prior."""
-    return _laid(bank, *bank.prior, 0)
+    return _laid(bank, *bank.prior, 0) if bank.first is None else bank.at(bank.first, 0)
 
 
 def _laid(

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.estimation.bank_filters import BankProblem, BankRecord, bank_record, filtered_at
 from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.lattice import Lattice
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import LOST
+from strainsight.estimation.scan import resonance_widths, scan_lattice
 from strainsight.estimation.settled import Settled
 
+Density = Callable[..., np.ndarray]
+"""Points (B, k) and the steps of the record that count, all where none are named → ln of the posterior density (B,)."""
+
+RADIUS, DEPTH = 3.5, 10.0
+"""Standard deviations of the prior that are scanned, and how far below the largest density a point may lie and still be tried."""
+PARTS = (1 / 64, 1 / 16, 1 / 4, 1.0)
+"""Shares of the record by which scanned points are compared, one after the other."""
+FEWEST, MOST_STARTS, RISE = 6, 3, 3.0
+"""Points that remain after each part at least; peaks that are refined; and how much higher than another a peak may stand above
+its grid point."""
 ROUNDS = 15
 """Of Newton's method at most: what has not settled then is no record that the model could make."""
 SETTLED = 0.2
@@ -30,10 +42,11 @@ class Points:
 
 @dataclass(frozen=True)
 class Peak:
-    """point (k,) where the posterior of the parameters is largest; evidence: ln p(y)."""
+    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y)."""
 
     point: np.ndarray
     evidence: float
+    density: float
 
 
 def peak_of(
@@ -50,8 +63,9 @@ def peak_of(
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
 
-    p(y | p) by a filter at p, tolerances integrated out. Newton's method on differences over a σ of the posterior, in 1 + 2k +
-    k(k − 1)/2 filters a round. A lattice follows a posterior to wherever a wrong record drives it; this gives up.
+    p(y | p) by a filter at p, tolerances integrated out. A scan of the prior, as fine as resonances are wide, then Newton's method
+    from the best of it, on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A lattice follows a
+    posterior to wherever a wrong record drives it; this gives up.
     """
     return peak_of_records([bank_record(model, known, measurement, nuisances, settled)], mean, covariance, biased)
 
@@ -62,47 +76,83 @@ def peak_of_records(
     """The same of records that share their parameters and ν; arguments as of `filter_records`."""
     problem = BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0)
     centre, prior = problem.prior
+    last = problem.first[-1]
+
+    def density(point: np.ndarray, steps: int = last) -> np.ndarray:
+        value = filtered_at(problem, Points(point), steps).log_weight  # type: ignore[type-var]
+        return np.where(np.isfinite(value), value, -np.finfo(float).max)
+
+    if not len(centre):
+        value = float(density(centre[None])[0])
+        return Peak(centre, value, value)
+    lattice = scan_lattice(centre, prior, resonance_widths(records), RADIUS)
+    peaks: list[Peak] = []
+    for start, value in _scanned(lattice, density, last):
+        # a peak stands as far above its grid point as that of the first, or a few times as far
+        if peaks and value + RISE * (peaks[0].density - first) + DEPTH < max(own.density for own in peaks):
+            continue
+        first = first if peaks else value
+        peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
+    return max(peaks, key=lambda own: own.evidence)
+
+
+def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
+    """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
+    first: by longer and longer parts of the record, keeping after each the best quarter and all within DEPTH of the best."""
+    which = np.arange(len(lattice.node))
+    for part in PARTS:
+        value = density(lattice.point[which], max(1, round(part * steps)))
+        order = np.argsort(-value, kind="stable")
+        if part < 1:
+            order = order[: max(FEWEST, len(order) // 4, int(np.sum(value > value.max() - DEPTH)))]
+        which, value = which[order], value[order]
+    starts: list[int] = []
+    for i, node in enumerate(lattice.node[which]):
+        if all(np.abs(node - lattice.node[which[j]]).max() > 1 for j in starts):
+            starts.append(i)
+    return [(lattice.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
+
+
+def _refined(
+    density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
+) -> Peak:
+    """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and
+    none leaves a stencil that brackets the summit."""
     k = len(centre)
-    width = np.sqrt(np.diag(prior))
-
-    def density(point: np.ndarray) -> np.ndarray:
-        found = filtered_at(problem, Points(point), problem.first[-1]).log_weight  # type: ignore[type-var]
-        return np.where(np.isfinite(found), found, -np.finfo(float).max)
-
-    if not k:
-        return Peak(centre, float(density(centre[None])[0]))
     pairs = [(i, j) for i in range(k) for j in range(i)]
     offsets = np.vstack([np.zeros(k), np.eye(k), -np.eye(k), *[(np.eye(k)[i] + np.eye(k)[j])[None] for i, j in pairs]])
-    at, step, best = centre, 0.5 * width, -np.inf
-    hessian = -np.diag(1 / width**2)
+    at, best, highest = start, start, -np.inf
+    hessian = -np.linalg.inv(prior)
     for _ in range(ROUNDS):
         tried = np.clip(at + step * offsets, centre - LOST, centre + LOST)
         value = density(tried)
+        if value[0] < highest:
+            at, step = best, 0.25 * step
+            continue
+        top = int(np.argmax(value))
+        best, highest = tried[top], float(value[top])
         up, down = value[1 : k + 1], value[k + 1 : 2 * k + 1]
         slope, curve = (up - down) / 2, up + down - 2 * value[0]
         scaled = np.diag(curve)
         for own, (i, j) in zip(value[2 * k + 1 :], pairs, strict=True):
             scaled[i, j] = scaled[j, i] = own - up[i] - up[j] + value[0]
         size, axes = np.linalg.eigh(-scaled)
-        top = int(np.argmax(value))
-        best = max(best, float(value[top]))
         if size[0] <= FLATTEST * np.max(np.abs(value[0]), initial=1.0):
-            # no summit here: on from the best of these points, in steps that are larger
-            at, step = tried[top], (1.5 if top else 0.5) * step
+            at, step = best, (1.5 if top else 0.5) * step
             continue
         move = axes @ ((axes.T @ slope) / size)
-        long = float(np.abs(move).max())
-        hessian = scaled / np.outer(step, step)
         spread = step * np.sqrt(np.diag(axes @ np.diag(1 / size) @ axes.T))
-        at = np.clip(at + step * move * min(1.0, 4.0 / max(long, 1e-300)), centre - LOST, centre + LOST)
+        hessian = scaled / np.outer(step, step)
         near = np.all(np.abs(step * move) <= SETTLED * spread) and np.all(np.abs(np.log(step / spread)) < np.log(4.0))
-        step = np.clip(spread, 0.05 * step, 4.0 * step)
+        move *= min(1.0, (4.0 if top else 1.0) / max(float(np.abs(move).max()), 1e-300))
+        at = np.clip(at + step * move, centre - LOST, centre + LOST)
         if near:
-            best = max(best, float(value[0] + 0.5 * slope @ move))
+            best, highest = at, float(value[0] + 0.5 * slope @ move)
             break
+        step = np.clip(spread, 0.05 * step, 4.0 * step)
     sign, logdet = np.linalg.slogdet(-hessian)
     wide = -logdet if sign > 0 else 0.0
-    return Peak(at, best + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]))
+    return Peak(best, highest + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]), highest)
 
 
 def known_at(
