@@ -7,6 +7,7 @@ import pytest
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Oscillator
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
+from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.observability import (
     balanced_units,
     least_gauges,
@@ -14,7 +15,9 @@ from strainsight.augmentation.observability import (
     observability,
     undetectable_directions,
     undetectable_in_words,
+    unseen_along,
 )
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
 
 AMPLITUDE = {"tip": 40.0, "side": 7.0}
 
@@ -180,3 +183,47 @@ def test_what_a_smooth_load_leaves_to_be_detected(chain_of, theta):
                 assert relative.max() < 1e-12 * np.abs(V / modes.scale[:, None]).max()
             counts.append(least_gauges(modes))
         assert counts == [counts[0], counts[0], counts[0] - 1]
+
+
+def along(chain_of, theta, quantity, inputs=(), parameters=("E",), still=False, channels=1):
+    """Columns of a system along 400 instants of a motion under two tones, or of one at rest under a constant load."""
+    model = chain_of()
+    n, unknowns = model.size, Unknowns(inputs, parameters, AMPLITUDE, theta)
+    t = 1e-3 * np.arange(400)
+    tones = np.ones_like(t) if still else np.sin(2 * np.pi * 12.5 * t) + np.sin(2 * np.pi * 32.5 * t)
+    rng = np.random.default_rng(0)
+    x = np.outer(tones, rng.normal(size=2 * n)) * np.repeat([1.0, 0.0 if still else 1.0], n)
+    u = np.outer(tones, [30.0, 9.0])
+    F = linearise(model, unknowns, theta, x, u)
+    H = measurement_rows(rng.normal(size=(channels, n)), np.full(channels, quantity), F)
+    at, loads = F.shape[-1] - len(parameters), 2 * n + np.arange(len(inputs))
+    motion = slice(2 * n)
+    found = unseen_along(
+        F[0, motion, motion], F[0, motion, loads].T, H[0, :, motion], H[0][:, loads], F[:, motion, at:], H[:, :, at:], 1e-3
+    )
+    frozen = undetectable_directions(F[7], H[7])
+    return frozen, *found
+
+
+def test_an_accelerometer_tells_a_modulus_along_a_motion_and_at_no_instant(chain_of, theta):
+    frozen, _, hidden = along(chain_of, theta, ACCELERATION)
+    assert frozen.shape[1] == 1
+    assert hidden.shape[1] == 0
+    _, _, hidden = along(chain_of, theta, ACCELERATION, still=True)
+    np.testing.assert_array_equal(hidden, [[1.0]])
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3])
+def test_a_modulus_beside_a_free_load_takes_a_channel_more_than_loads(chain_of, theta, channels):
+    _, loads, hidden = along(chain_of, theta, STRAIN, ("tip", "side"), channels=channels)
+    assert hidden.shape[1] == (channels < 3)
+    assert np.all(loads > 0)
+
+
+def test_of_parameters_that_act_alike_their_difference_is_hidden(chain_of, theta):
+    model = chain_of()
+    F = -np.eye(2 * model.size)
+    driven = np.random.default_rng(1).normal(size=(64, len(F), 1)) * [1.0, -2.0]
+    nothing = np.zeros((len(F), 0)), np.eye(len(F)), np.zeros((len(F), 0))
+    _, hidden = unseen_along(F, *nothing, driven, np.zeros_like(driven), 0.1)
+    np.testing.assert_allclose(hidden / hidden[1], [[2.0], [1.0]], rtol=1e-6)

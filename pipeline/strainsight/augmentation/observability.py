@@ -18,6 +18,10 @@ SAME = 1e-7
 """Eigenvalues closer than SAME ‖F*‖ are one: those of a Jordan block scatter by the root of the rounding."""
 RANK = 1e-10
 """A direction is undetectable where the gauges answer to it less than RANK times as much as to its parts."""
+UNSEEN = 1e-8
+"""The same along a run, of readings that were transformed and projected across what loads read;"""
+MOST_LINES = 200
+"""and the lines of its spectrum in which this is looked at, the strongest."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,42 @@ def undetectable_directions(F: np.ndarray, H: np.ndarray, modes: MarginalModes |
         v = V @ (np.where(answers, per_length, 1.0)[:, None] * null)
         lost += [v.real, v.imag] if value.imag else [v.real]
     return np.hstack(lost)
+
+
+def unseen_along(
+    F: np.ndarray, B: np.ndarray, H: np.ndarray, D: np.ndarray, driven: np.ndarray, read: np.ndarray, h: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of the parameters that no reading along a run shows, whatever unknown loads do: parameters (k, d), and the loads
+    (u, d) that make up for them; d = 0 where all parameters show.
+
+        y(ω) = H (iω − F)⁻¹ f(ω) + r(ω),     loads read the span of H (iω − F)⁻¹ B + D
+
+    At one instant a parameter acts as a constant load does, which no accelerometer feels; along the run it acts with the
+    frequencies of the motion. y is projected across what loads read, line by line; unseen is what leaves less than UNSEEN of its parts.
+    F (n, n) [1/s] of the motion; B (n, u), D (m, u): loads; H (m, n); driven f (s, n, k), read r (s, m, k): columns of F* and H*
+    of the parameters at s instants h [s] apart. Sizes of loads are RMS.
+    """
+    f, r = np.fft.rfft(driven, axis=0), np.fft.rfft(read, axis=0)
+    omega, k = 2 * np.pi * np.fft.rfftfreq(len(driven), h), driven.shape[-1]
+    scale = balanced_units(F)
+    size = np.linalg.norm(f / scale[:, None], axis=(1, 2)) + np.linalg.norm(r, axis=(1, 2))
+    whole, across, made_up = np.zeros(k), [np.zeros((k, k))], [np.zeros((B.shape[1], k))]
+    for i in np.argsort(-size, kind="stable")[:MOST_LINES]:
+        lhs = (1j * omega[i] * np.eye(len(F)) - F) / scale[:, None] * scale
+        if not omega[i] and np.linalg.cond(lhs) > 1 / RANK:
+            continue  # a free structure has no static answer
+        answer = np.linalg.solve(lhs, np.hstack([f[i], B]) / scale[:, None])
+        y, by_loads = np.split(H * scale @ answer + np.hstack([r[i], D]), [k], axis=1)
+        made_up.append(np.linalg.pinv(by_loads, rcond=RANK) @ y)
+        left = y - by_loads @ made_up[-1]
+        across += [left.real, left.imag]
+        parts = np.abs(H * scale) @ np.abs(answer[:, :k]) + np.abs(r[i])
+        whole += np.sum(parts**2, axis=0)
+    per_length = np.divide(1.0, np.sqrt(whole), out=np.ones(k), where=whole > 0)
+    _, sigma, Yt = np.linalg.svd(np.vstack(across) * per_length, full_matrices=False)
+    parameters = per_length[:, None] * Yt[sigma <= UNSEEN].T
+    parameters /= np.abs(parameters).max(axis=0, initial=1e-300)
+    return np.linalg.norm(np.array(made_up) @ parameters, axis=0) / len(driven), parameters
 
 
 def least_gauges(modes: MarginalModes) -> int:

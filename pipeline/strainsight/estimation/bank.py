@@ -206,7 +206,7 @@ def _passed_through(problem: BankProblem) -> tuple[LinearStanding[Any], int, lis
 
 def _first_of_settled(problem: BankProblem) -> Lattice | None:
     """A lattice that resolves resonances, where the motion has settled: a few samples then choose between amplitudes, which may
-    be the same on both sides of a resonance. Otherwise a posterior narrows as the record grows, and a lattice follows it: None."""
+    be the same on both sides of a resonance. Otherwise None: a posterior narrows as the record grows, and a lattice follows."""
     own = problem.records[0]
     if own.settled is None or not problem.model.unknowns.parameters:
         return None

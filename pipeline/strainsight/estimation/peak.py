@@ -63,9 +63,9 @@ def peak_of(
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
 
-    p(y | p) by a filter at p, tolerances integrated out. A scan of the prior, as fine as resonances are wide, then Newton's method
-    from the best of it, on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A lattice follows a
-    posterior to wherever a wrong record drives it; this gives up.
+    p(y | p) by a filter at p, tolerances integrated out. A scan of the prior, as fine as resonances are wide, then Newton's
+    method from the best of it, on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A lattice
+    follows a posterior to wherever a wrong record drives it; this gives up.
     """
     return peak_of_records([bank_record(model, known, measurement, nuisances, settled)], mean, covariance, biased)
 
@@ -86,13 +86,12 @@ def peak_of_records(
         value = float(density(centre[None])[0])
         return Peak(centre, value, value)
     lattice = scan_lattice(centre, prior, resonance_widths(records), RADIUS)
+    starts = _scanned(lattice, density, last)
     peaks: list[Peak] = []
-    for start, value in _scanned(lattice, density, last):
-        # a peak stands as far above its grid point as that of the first, or a few times as far
-        if peaks and value + RISE * (peaks[0].density - first) + DEPTH < max(own.density for own in peaks):
-            continue
-        first = first if peaks else value
-        peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
+    for start, value in starts:
+        # a peak stands as far above its grid point as the first one, or a few times as far
+        if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(own.density for own in peaks):
+            peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
     return max(peaks, key=lambda own: own.evidence)
 
 
@@ -113,9 +112,7 @@ def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.nd
     return [(lattice.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
 
 
-def _refined(
-    density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
-) -> Peak:
+def _refined(density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray) -> Peak:
     """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and
     none leaves a stencil that brackets the summit."""
     k = len(centre)

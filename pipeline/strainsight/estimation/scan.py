@@ -49,7 +49,8 @@ def scan_lattice(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, ra
     k, std = len(mean), np.sqrt(np.diag(covariance))
     share = np.minimum(1.0, width / (PER_WIDTH * std))
     if k > GRID:
-        count = (radius / np.maximum(share, 2 * k * radius / MOST_SCANNED)).astype(int)
+        share = np.minimum(1.0, np.maximum(share, 2 * k * radius / MOST_SCANNED))
+        count = (radius / share).astype(int)
         lines = [np.outer(np.arange(-n, n + 1), unit) for n, unit in zip(count, np.eye(k, dtype=int), strict=True)]
         return Lattice(mean, np.diag(share * std), np.unique(np.concatenate(lines), axis=0))
     while (whole := float(np.prod(2 * radius / share + 1))) > MOST_SCANNED and np.any(share < 1.0):

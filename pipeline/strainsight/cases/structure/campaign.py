@@ -12,6 +12,7 @@ from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
+from strainsight.cases.structure.compared import excluded_in_words
 from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.diagnosed import Judgement, judgement_of
@@ -41,6 +42,7 @@ from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_a
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.estimation.model import physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.tuning import Tuning
@@ -151,8 +153,11 @@ def campaign_of(
 
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
     contradicted = _contradicted(records, judgements)
-    untold = untold or out_of_range_in_words(config, each, found)
-    withheld = (f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else "") or untold
+    ends = physical(each[0].model, found[0].smoothed.mean[-1, 0], found[0].smoothed.std[-1, 0])
+    excluded = excluded_in_words(ends, found[0].compared, each[0].settled is not None, "estimate.start")
+    untold = _reasons(untold, out_of_range_in_words(config, each, found), excluded)
+    distrust = f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else ""
+    withheld = _reasons(distrust, untold)
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)
     using.progress("field", HELD if settings.hold_out else LATER)
@@ -231,6 +236,12 @@ def _filterings(
         model = on_average(tolerances, model, test.channels)
         each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
     return each, tuning
+
+
+def _reasons(*words: str) -> str:
+    """Why there is no σ, all of it; empty where there is one."""
+    first, *others = [*filter(None, words), ""]
+    return "; ".join([first, *(own.removeprefix("σ is withheld: ") for own in others if own)])
 
 
 def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:

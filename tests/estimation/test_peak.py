@@ -1,0 +1,126 @@
+"""The most likely value of a stiffness against the likelihood of the textbook's motion at every value."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_filters import bank_record
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.peak import peak_of
+from strainsight.estimation.scan import MOST_SCANNED, resonance_widths, scan_lattice
+from strainsight.estimation.settled import Settled
+
+from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, continuous, driven_chain
+
+STD = 0.3
+VALUES = np.linspace(-1.2, 1.2, 2001)
+"""Of p, which lie closer than a fifth of the narrowest σ below."""
+NO_OFFSETS = np.zeros(0, dtype=int)
+AMPLITUDE = 3.0
+
+
+def steps_of(p):
+    """Transition of [q, q̇] and what a force that is constant within a step adds."""
+    F, column = continuous({"k1": REFERENCE["k1"] * np.exp(p), "k2": REFERENCE["k2"]})
+    whole = expm(np.block([[F[:4, :4], column[:4, None]], [np.zeros((1, 5))]]) * H)
+    return whole[:4, :4], whole[:4, 4]
+
+
+def settled_readings(p, phase, steps):
+    """Under AMPLITUDE sin(phase · j), for all time (steps, 2)."""
+    A, b = steps_of(p)
+    z = np.exp(1j * phase)
+    X = np.linalg.solve(z * np.eye(4) - A, -1j * AMPLITUDE * b)
+    return (X[:, None] * z ** np.arange(1, steps + 1)).real.T[:, :2] @ ROWS.T
+
+
+def readings_from_rest(p, force):
+    A, b = steps_of(p)
+    x = [np.zeros(4)]
+    for load in force:
+        x.append(A @ x[-1] + b * load)
+    return np.array(x[1:])[:, :2] @ ROWS.T
+
+
+def log_density(readings, y, noise):
+    """Of VALUES, but for a constant."""
+    off = np.array([np.sum((readings(p) - y) ** 2) for p in VALUES])
+    return -0.5 * (off / noise**2 + (VALUES / STD) ** 2)
+
+
+def model_of(noise):
+    model = driven_chain(noise, ("k1",))
+    return replace(model, Q=0 * model.Q)
+
+
+def prior(motion):
+    return np.diag([motion**2] * 4 + [STD**2])
+
+
+def held(force):
+    return np.pad(force[:, None, None], [(0, 0), (0, 2), (0, 0)])
+
+
+@pytest.mark.parametrize(("truth", "noise"), [(0.45, 1e-3), (-0.55, 1e-3), (0.7, 5e-3)])
+def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise):
+    force = AMPLITUDE * np.sin(0.7 * np.arange(150))
+    y = readings_from_rest(truth, force) + noise * np.random.default_rng(1).standard_normal((150, 2))
+    density = log_density(lambda p: readings_from_rest(p, force), y, noise)
+    model = model_of(noise)
+    peak = peak_of(model, np.zeros(5), prior(1e-9), held(force), y, no_nuisances(model), NO_OFFSETS, None)
+    weight = np.exp(density - density.max())
+    std = np.sqrt(np.cov(VALUES, aweights=weight))
+    assert peak.point[0] == pytest.approx(VALUES[np.argmax(density)], abs=0.3 * std)
+    constant = -150 * np.log(2 * np.pi * noise**2) - 0.5 * np.log(2 * np.pi * STD**2)
+    integral = density.max() + np.log(weight.sum() * (VALUES[1] - VALUES[0])) + constant
+    assert peak.evidence == pytest.approx(integral, abs=0.1)
+
+
+@pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), (0.35, -0.3, 1e-3), (0.7, 0.5, 2e-2)])
+def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
+    """The last of these has two peaks, of half of the probability each."""
+    y = settled_readings(truth, phase, 40) + noise * np.random.default_rng(3).standard_normal((40, 2))
+    density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
+    weight = np.exp(density - density.max())
+    weight /= weight.sum()
+    model = model_of(noise)
+    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
+    known = held(AMPLITUDE * np.sin(phase * np.arange(40)))
+    bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
+    mean, covariance = bank.posterior
+    expected = weight @ VALUES
+    std = np.sqrt(weight @ (VALUES - expected) ** 2)
+    assert mean[0] == pytest.approx(expected, abs=0.05 * std)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(std, rel=0.05)
+    assert bank.weight[bank.point[:, 0] < 0].sum() == pytest.approx(weight[VALUES < 0].sum(), abs=0.03)
+
+
+def test_widths_of_resonances_are_those_of_finite_differences():
+    def frequencies(name, p):
+        values = REFERENCE | {name: REFERENCE[name] * np.exp(p)}
+        return np.sqrt(np.linalg.eigvalsh(sum(values[own] * STIFFNESS[own] for own in values)))
+
+    model = driven_chain()
+    record = bank_record(model, np.zeros((1000, 3, 1)), np.zeros((1000, 2)), no_nuisances(model), None)
+    omega = frequencies("k1", 0.0)
+    for name, width in zip(("k1", "k2"), resonance_widths([record]), strict=True):
+        moved = (frequencies(name, 1e-5) - frequencies(name, -1e-5)) / 2e-5
+        assert width == pytest.approx(np.min(2 * RATIO * omega / np.abs(moved)), rel=1e-6)
+    short = replace(record, data=replace(record.data, known=record.data.known[:10]))
+    np.testing.assert_array_less(resonance_widths([record]), resonance_widths([short]))
+
+
+@pytest.mark.parametrize("parameters", [1, 2, 3, 5])
+def test_a_scan_covers_the_prior_with_a_bounded_number_of_points(parameters):
+    rng = np.random.default_rng(parameters)
+    root = np.eye(parameters) + 0.1 * rng.normal(size=(parameters, parameters))
+    covariance = 0.04 * root @ root.T
+    lattice = scan_lattice(np.zeros(parameters), covariance, np.full(parameters, 0.02), 3.5)
+    assert 30 < len(lattice.node) <= 1.3 * MOST_SCANNED
+    far = np.sqrt(np.max(np.sum(lattice.point * np.linalg.solve(covariance, lattice.point.T).T, axis=1)))
+    assert 2.5 < far < 4.5
