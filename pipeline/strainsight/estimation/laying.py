@@ -119,7 +119,7 @@ def next_lattice(bank: Bank[S], now: S) -> S:
         other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
         now = _laid(bank, mean, covariance, now.step, other)
         if share == 1.0:
-            return _sharpened(bank, now, mean, covariance, other)
+            return _sharpened(bank, now, other)
     raise NumericalError(
         f"the posterior of the parameters is too uneven for {MOST_LAID} lattices one finer than the other",
         remedy="state a larger noise of the gauges, or a smaller initial standard deviation of the parameters",
@@ -145,14 +145,18 @@ def _spread(
     return mean, plain, least(plain)
 
 
-def _sharpened(bank: Bank[S], now: S, mean: np.ndarray, covariance: np.ndarray, other: np.ndarray) -> S:
+def _sharpened(bank: Bank[S], now: S, other: np.ndarray) -> S:
     """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
-    while True:
+    for _ in range(MOST_LAID):
         narrow = now.cover.width(now.log_weight).min(initial=np.inf) * bank.spacing**2
         if narrow >= FRESH:
             return now
-        covariance = narrow / (2 * SHARP) * covariance
+        frame = now.cover.frame / now.cover.spacing
+        covariance = narrow / (2 * SHARP) * frame @ frame.T
+        # far from the middle of a lattice that has moved on the way, or that is much too coarse
+        middle = now.cover.centre if narrow >= COLLAPSED else now.cover.point[int(np.argmax(now.log_weight))]
         try:
-            now = _laid(bank, mean, covariance, now.step, other, MOST_FINE)
+            now = _laid(bank, middle, covariance, now.step, other, MOST_FINE)
         except _TooMany:
-            return replace(now, cover=replace(now.cover, sharp=min(SHARP, 0.5 * narrow)))
+            break
+    return replace(now, cover=replace(now.cover, sharp=min(SHARP, 0.5 * narrow)))

@@ -80,7 +80,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=29,
+    version=30,
     reads=(
         "damping",
         *(
