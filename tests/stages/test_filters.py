@@ -9,6 +9,7 @@ import yaml
 from strainsight import api
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure import compared
+from strainsight.cases.structure.excluded import excluded, excluded_in_words
 from strainsight.cases.structure.problem import exactly_damped, filter_model, problem_of
 from strainsight.errors import NumericalError
 from strainsight.gauges.candidates import ACCELERATION
@@ -166,23 +167,16 @@ def test_what_disagrees_is_reported_in_words_and_stands_in_the_table():
     assert rows["E"][2] == "diverged"
 
 
-def test_two_estimates_that_exclude_each_other_have_no_sigma():
+def test_two_estimates_that_exclude_each_other_are_named():
     """13 % apart at 0.2 % each; 5σ of both together is what they may differ by."""
 
-    def words(value, settled=True):
-        beside = Compared(
-            filter=("bank", "sigma-point", "extended"),
-            estimate={"E": np.array([1.8e11, np.nan, np.nan])},
-            std={"E": np.array([3.6e8, np.nan, np.nan])},
-            ratio={},
-        )
-        return compared.excluded_in_words({"E": (value, 0.002 * value)}, beside, settled, "estimate.start")
+    def words(value):
+        return excluded({"E": (value, 0.002 * value)}, {"E": (1.8e11, 3.6e8)})
 
-    assert "E is 2.04e+11 ± 0.2 %, and 1.8e+11 ± 0.2 % without tolerances and with an unknown start" in words(2.04e11)
-    assert words(2.04e11).endswith("check estimate.start")
-    assert words(2.04e11, settled=False).endswith("check the tolerances and the noise of the channels")
+    assert words(2.04e11) == "E is 2.04e+11 ± 0.2 % or 1.8e+11 ± 0.2 %"
     apart = 5 * np.hypot(0.002, 0.002)
     assert words(1.8e11 * np.exp(1.01 * apart))
     assert not words(1.8e11 * np.exp(0.99 * apart))
     assert not words(np.nan)
-    assert not compared.excluded_in_words({"E": (2.0e11, 1e8)}, None, True, "estimate.start")
+    assert excluded_in_words(words(2.04e11), True, "estimate.start").endswith("check estimate.start")
+    assert not excluded_in_words("", True, "estimate.start")

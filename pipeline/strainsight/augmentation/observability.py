@@ -179,7 +179,8 @@ def unseen_along(
         y(ω) = H (iω − F)⁻¹ f(ω) + r(ω),     loads read the span of H (iω − F)⁻¹ B + D
 
     At one instant a parameter acts as a constant load does, which no accelerometer feels; along the run it acts with the
-    frequencies of the motion. y is projected across what loads read, line by line; unseen is what leaves less than UNSEEN of its parts.
+    frequencies of the motion. y is projected across what loads read, line by line; unseen is what leaves less than UNSEEN of
+    its parts.
     F (n, n) [1/s] of the motion; B (n, u), D (m, u): loads; H (m, n); driven f (s, n, k), read r (s, m, k): columns of F* and H*
     of the parameters at s instants h [s] apart. Sizes of loads are RMS.
     """

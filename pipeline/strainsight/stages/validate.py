@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.cases.filters_compared import comparison_table
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
-from strainsight.cases.structure.compared import excluded_in_words
+from strainsight.cases.structure.excluded import by_bank, excluded, excluded_in_words
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.out_of_range import validated_out_of_range, without_sigma
@@ -15,6 +15,7 @@ from strainsight.cases.structure.sweeps import sweep_table
 from strainsight.cases.structure.validation import validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
@@ -47,8 +48,9 @@ def run(context: Context[PlacementConfig]) -> Output:
     numbers = validation_numbers(found, config.validation.truth.model)
     values = {name: own.estimate for name, own in found.accuracy.items()}
     ends = {name: (own.smoothed[name][-1], own.smoothed_std[name][-1]) for name in own.smoothed}
-    excluded = excluded_in_words(ends, own.compared, found.trial.settled is not None, "train.settle")
-    beyond = validated_out_of_range(config, found.trial.problem, values) or excluded
+    apart = excluded(ends, by_bank(own.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    beyond = validated_out_of_range(config, found.trial.problem, values)
+    beyond = beyond or excluded_in_words(apart, found.trial.settled is not None, "train.settle")
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
     numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own and not beyond}
     doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}

@@ -12,11 +12,11 @@ from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
-from strainsight.cases.structure.compared import excluded_in_words
 from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.detectable import undetectable
 from strainsight.cases.structure.diagnosed import Judgement, judgement_of
 from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
+from strainsight.cases.structure.excluded import excluded_by_comparison
 from strainsight.cases.structure.filtered_test import (
     Filtered,
     Filtering,
@@ -42,7 +42,6 @@ from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_a
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
-from strainsight.estimation.model import physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.tuning import Tuning
@@ -153,8 +152,7 @@ def campaign_of(
 
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
     contradicted = _contradicted(records, judgements)
-    ends = physical(each[0].model, found[0].smoothed.mean[-1, 0], found[0].smoothed.std[-1, 0])
-    excluded = excluded_in_words(ends, found[0].compared, each[0].settled is not None, "estimate.start")
+    excluded, note = excluded_by_comparison(config.tolerances, each[0], found[0])
     untold = _reasons(untold, out_of_range_in_words(config, each, found), excluded)
     distrust = f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else ""
     withheld = _reasons(distrust, untold)
@@ -168,6 +166,7 @@ def campaign_of(
 
     damage, damage_words = drawn_damage(config, settings, skin, each, found, withheld, otherwise, using)
     not_held = not_held_in_words(config, reduced, training)
+    bare = (*bare, note) if note else bare
     common = Common(withheld, settings.accept, hidden, bare, tuning, not_held, virtual, damage_words)
     single, said = len(records) == 1, {}
     for i, (own, given) in enumerate(zip(records, each, strict=True)):

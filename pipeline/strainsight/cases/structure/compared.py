@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -62,31 +62,6 @@ def compared(
         std={name: values[name][1] for name in names},
         ratio=ratio,
     )
-
-
-EXCLUDED = 5.0
-"""Of the σ of both together: two estimates of one record that are farther apart exclude each other."""
-
-
-def excluded_in_words(
-    found: Mapping[str, tuple[float, float]], beside: Compared | None, settled: bool, key: str
-) -> str:
-    """That there is no σ as the bank without tolerances, and without a settled start, excludes the estimate; empty where it does
-    not. At most one of the two can be right, and the samples do not say which.
-
-    found: parameter → value and σ [SI]; settled: whether the start is; key: of the config, that says so.
-    """
-    words = []
-    for name, others in ({} if beside is None else beside.estimate).items():
-        assert beside is not None
-        (value, std), other, other_std = found[name], others[0], beside.std[name][0]
-        if abs(np.log(value / other)) > EXCLUDED * np.hypot(std / value, other_std / other):
-            by = [f"{a:.4g} ± {100 * s / a:.2g} %" for a, s in ((value, std), (other, other_std))]
-            words.append(f"{name} is {by[0]}, and {by[1]} without tolerances{' and with an unknown start' * settled}")
-    if not words:
-        return ""
-    remedy = f"check {key}" if settled else "check the tolerances and the noise of the channels"
-    return f"σ is withheld: two estimates exclude each other: {'; '.join(words)}: {remedy}"
 
 
 def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:

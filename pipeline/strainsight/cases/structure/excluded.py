@@ -1,0 +1,63 @@
+"""Estimates of one record that exclude each other: at most one of the two can be right, and neither has a σ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.cases.structure.filtered_test import Filtered, Filtering, banks_of
+from strainsight.config.tolerances import NONE, StatedTolerances, tolerances_of
+from strainsight.estimation.model import physical
+from strainsight.records.estimated import Compared
+
+EXCLUDED = 5.0
+"""Of the σ of both together: two estimates that are farther apart exclude each other."""
+Values = Mapping[str, tuple[float, float]]
+"""Parameter → value and σ [SI]."""
+
+
+def excluded_by_comparison(tolerances: StatedTolerances, given: Filtering, found: Filtered) -> tuple[str, str]:
+    """Why there is no σ, and a note, each empty where there is nothing to say.
+
+    The bank beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate stands against
+    it, unless the start is settled and a bank with the same tolerances and an unknown start excludes the estimate, too.
+    """
+    ends = physical(given.model, found.smoothed.mean[-1, 0], found.smoothed.std[-1, 0])
+    words = excluded(ends, by_bank(found.compared))
+    if not words or tolerances_of(tolerances) == NONE:
+        return excluded_in_words(words, given.settled is not None, "estimate.start"), ""
+    if given.settled is not None:
+        run = banks_of([replace(given, settled=None)])[0].run
+        moving = physical(given.model, run.mean[-1, 0], run.std[-1, 0])
+        if otherwise := excluded(ends, {name: moving[name] for name in given.model.unknowns.parameters}):
+            return excluded_in_words(otherwise, True, "estimate.start"), ""
+    return "", f"the comparison takes tolerances for exact, which this record excludes: {words}, with and without them"
+
+
+def excluded(found: Values, other: Values) -> str:
+    """Which parameters two estimates give values that exclude each other, in words; empty where none."""
+    words = []
+    for name, (b, t) in other.items():
+        a, s = found[name]
+        if abs(np.log(a / b)) > EXCLUDED * np.hypot(s / a, t / b):
+            words.append(f"{name} is {a:.4g} ± {100 * s / a:.2g} % or {b:.4g} ± {100 * t / b:.2g} %")
+    return "; ".join(words)
+
+
+def by_bank(beside: Compared | None) -> dict[str, tuple[float, float]]:
+    """By the bank of a comparison; empty where nothing was compared."""
+    if beside is None:
+        return {}
+    return {name: (float(value[0]), float(beside.std[name][0])) for name, value in beside.estimate.items()}
+
+
+def excluded_in_words(words: str, settled: bool, key: str) -> str:
+    """That there is no σ, by the words of `excluded`; settled: whether the start of the estimate is, as `key` says."""
+    if not words:
+        return ""
+    remedy = (
+        f"with a settled and with an unknown start: check {key}" if settled else "by two searches: report this record"
+    )
+    return f"σ is withheld: two estimates exclude each other: {words}, {remedy}"
