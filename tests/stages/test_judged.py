@@ -11,9 +11,10 @@ import pytest
 from strainsight.cases.structure import filtered_test
 from strainsight.cases.structure.diagnosed import judgement_of
 from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
-from strainsight.cases.structure.measured import _where_known
+from strainsight.cases.structure.known_loads import common_part
 from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate, RecordOfTest
+from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
@@ -80,14 +81,20 @@ def test_a_late_channel_is_named_with_the_delay_that_puts_it_right(second, key):
     assert found.named == f"G2 is 4 samples (0.08 s) late: set estimate.channels.1.delay: {key}"
 
 
-def test_the_record_is_cut_where_a_known_load_that_was_moved_has_no_sample():
-    values = np.array([[1.0, np.nan], [2.0, np.nan], [np.nan, 3.0], [4.0, 5.0], [6.0, 7.0]])
-    given = Signals(0.1 * np.arange(5), values, ("g", "F"), ("strain", "force"), ())
-    found = _where_known(given, [1])
-    np.testing.assert_array_equal(found.values, values[2:])
-    np.testing.assert_array_equal(found.time, given.time[2:])
-    assert found.notes == ("2 samples were cut off, where a known load that was moved in time has none",)
-    assert _where_known(given, []) is given
+def test_record_ends_where_known_loads_have_no_samples():
+    values = np.array([[1.0, np.nan], [2.0, np.nan], [np.nan, 3.0], [4.0, 5.0], [6.0, 7.0], [8.0, np.nan]])
+    given = Signals(0.1 * np.arange(6), values, ("g", "F"), ("strain", "force"), ())
+    for moved in (True, False):
+        found = common_part(given, 1, [moved], "moving")
+        np.testing.assert_array_equal(found.values, values[2:5])
+        np.testing.assert_array_equal(found.time, given.time[2:5])
+        assert found.notes == ("3 samples were cut off at the ends, where a known load has none",)
+    with pytest.raises(ConfigError, match=r"the first 0\.2 s are cut off"):
+        common_part(given, 1, [False], "rest")
+    assert common_part(given, 2, [], "rest") is given
+    far = replace(given, time=0.1 * np.arange(40), values=np.vstack([values[2:5], np.full((37, 2), np.nan)]))
+    assert common_part(far, 1, [False], "rest") is far
+    assert len(common_part(far, 1, [True], "rest").time) == 3
 
 
 @pytest.mark.parametrize(
@@ -123,9 +130,7 @@ def test_a_record_without_channels_of_its_own_has_to_copy_them():
     shared = settings()
     pair = tuple(RecordOfTest(name=name, file=f"{name}.csv") for name in ("low", "mid"))
     several = shared.model_copy(update={"file": None, "records": pair})
-    own = several.model_copy(
-        update={"records": (pair[0], pair[1].model_copy(update={"channels": shared.channels}))}
-    )
+    own = several.model_copy(update={"records": (pair[0], pair[1].model_copy(update={"channels": shared.channels}))})
     key = "G2 fits with sign −1: check the wiring, or set estimate.records.1.channels.1.sign: -1"
     copy = " (state estimate.records.1.channels, a copy of estimate.channels, for what this record alone needs)"
     assert judged(record, records_of(several)[1]).named == key + copy

@@ -60,7 +60,8 @@ class Channel(Section):
     )
     override: bool = Field(
         False,
-        description="true: the unit in the file is wrong, or readings are meant that look like a wrong unit, being so small.",
+        description="true: the unit in the file is wrong, or readings are meant that look like a wrong unit, being so small, or "
+        "like the last value of a slower channel, repeated.",
     )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
@@ -203,7 +204,9 @@ class Estimate(RecordedFile):
     )
     date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
     time_step: TimeStep | None = Field(
-        None, description="Time step of the filter [s], a whole part of the sampling interval; null: that interval."
+        None,
+        description="Time step of the filter [s], a whole part of the sampling interval; null: that interval, or a half or a third of it "
+        "for known loads that are fast.",
     )
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
         description="Channels of gauges, an entry each: {gauge: G1, channel: NAME, unit: um/m}, as in docs/estimation.md."

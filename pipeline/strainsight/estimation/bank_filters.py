@@ -32,6 +32,8 @@ MOVED = 0.05
 """Of ln c of a mode: half its square is what a slope in it leaves out, a thousandth of the damping."""
 FARTHEST = 4.0
 """Of ν, in σ: beyond it samples contradict the model."""
+ABSURD, UNLIKELY = 3.0, 20.0
+"""Of the logarithm of a parameter over its guess, and of the same over its σ before the samples: no measurements of the part."""
 TURNS, NOTICED = 8, 0.1
 """Most ν about which readings are taken to be linear, one after the other; and the change of their log-likelihood below
 which it is nothing to them."""
@@ -307,9 +309,14 @@ def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:
-    """Raises NumericalError where parameters (k,) are further from the guess than anyone may be mistaken."""
-    if np.abs(point - problem.prior[0]).max() > LOST:
+    """Raises NumericalError where a parameter (k,) is further from its guess than anyone may be mistaken: by a factor of
+    exp(LOST), or of exp(ABSURD) and by UNLIKELY σ of what it is known to before the samples."""
+    centre, prior = problem.prior
+    off = np.abs(point - centre)
+    lost = (off > LOST) | ((off > ABSURD) & (off > UNLIKELY * np.sqrt(np.diag(prior))))
+    if lost.any():
+        worst = int(np.argmax(np.where(lost, off, 0.0)))
         raise NumericalError(
-            f"the measurements ask for parameters that differ from the guess by more than a factor of {np.exp(LOST):.0f}",
+            f"the measurements ask for {np.exp(point[worst]):.3g} times the guess of {problem.model.unknowns.parameters[worst]}",
             remedy="check which channel is which gauge, their units and signs, and the loads",
         )

@@ -1,4 +1,5 @@
-"""Which fault of a channel explains a record that contradicts its model: the evidence of every fault, by the bank."""
+"""Which fault of a channel or of a known load explains measurements that are inconsistent with the model: the evidence of every
+fault, by the bank."""
 
 from __future__ import annotations
 
@@ -26,6 +27,7 @@ from strainsight.estimation.faults import (
     roughly,
     undone,
 )
+from strainsight.estimation.load_faults import Innovations, KnownLoads, innovations_of, tried_of_loads
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import known_at, peak_of
 from strainsight.estimation.settled import Settled
@@ -44,6 +46,8 @@ PAIRS = 5
 """Channels of which all pairs are tried as swapped."""
 FAINT, QUIET = 0.2, 2.0
 """Share of what the others foresee of a channel, and multiple of its noise, up to which it may be dead."""
+FEWEST = 3
+"""Channels that speak of a fault of a load, from which no fault of a channel, or of two, explains the same."""
 IMPOSSIBLE = -1e200
 """ln evidence below which a record is beyond what numbers can hold."""
 STRETCHED = 4.5
@@ -59,7 +63,8 @@ class Suspect:
     model, without drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; samples
     (T/every, m), NaN where missing; nuisances; biased (b,): channels with an unknown offset; settled: as of `filter_bank`.
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
-    degrees → model and nuisances with it turned.
+    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to;
+    None: each is one.
     """
 
     model: FilterModel
@@ -72,6 +77,12 @@ class Suspect:
     settled: Settled | None
     turned_rows: np.ndarray
     turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
+    load: np.ndarray | None = None
+
+    @property
+    def loads(self) -> KnownLoads:
+        load = np.arange(self.known.shape[-1]) if self.load is None else self.load
+        return KnownLoads(self.known, load, self.settled, self.samples)
 
     @property
     def noise(self) -> np.ndarray:
@@ -82,7 +93,8 @@ class Suspect:
 @dataclass(frozen=True)
 class Diagnosis:
     """as_it_is: the record without a fault; check: every channel against what all others foresee of it; without (m,): ratio
-    of innovations to their claim of the record without that channel; tried: every fault that was looked at closely; named: the
+    of innovations to their claim of the record without that channel, none (0,) where a load is to blame, and check is one step
+    ahead, by all channels; tried: every fault that was looked at closely; named: the
     one that explains the record, None where none or several do; candidates: all that do, best first."""
 
     as_it_is: Explained
@@ -112,7 +124,12 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
     """
     # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
     model, nuisances, unit = suspect.model, replace(suspect.nuisances, learned=True), 0.0
-    samples, change = (suspect.samples, 0.0) if fault is None else undone(fault, suspect.samples)
+    loads, samples, change = suspect.loads, suspect.samples, 0.0
+    if fault is not None and fault.of_load:
+        loads = loads.without(fault, model)
+        samples = loads.samples
+    elif fault is not None:
+        samples, change = undone(fault, samples)
     if fault is not None and fault.kind == "angle":
         model, nuisances = suspect.turned(fault.channel, fault.amount)
         nuisances = replace(nuisances, learned=True)
@@ -124,15 +141,13 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
     if fault is not None and fault.kind == "dead":
         change += dead_density(suspect.samples[:, fault.channel], suspect.noise[fault.channel])
         missing[fault.channel] = 0
-    mean, covariance, known = suspect.mean, suspect.covariance, suspect.known
+    mean, covariance, known, settled = suspect.mean, suspect.covariance, loads.held, loads.settled
     try:
-        peak = peak_of(model, mean, covariance, known, samples, nuisances, suspect.biased, suspect.settled)
+        peak = peak_of(model, mean, covariance, known, samples, nuisances, suspect.biased, settled)
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
         there, mean, covariance = known_at(model, peak.point, mean, covariance)
-        bank = filter_bank(
-            there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=suspect.settled
-        )
+        bank = filter_bank(there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=settled)
     except NumericalError:
         return Explained(fault, -np.inf, np.inf), None
     evidence = peak.evidence + change + float(kept.sum(axis=0) @ np.log(suspect.noise))
@@ -198,30 +213,45 @@ def examined(
     """
     as_it_is, bank = explained(suspect, None)
     if bank is not None and not suspected(as_it_is, bank):
-        every = suspect.model.every
-        sampled = slice(every - 1, None, every)
-        foreseen = suspect.samples - bank.run.innovation[sampled, 0]
-        whitened = bank.run.whitened[sampled, 0]
-        residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
-        check = replace(channel_check(suspect.samples, foreseen, np.ones_like(foreseen)), residual=residual)
-        return Finding(False, as_it_is, check, None)
-    found = diagnosed(suspect, progress=progress)
+        return Finding(False, as_it_is, _check_ahead(suspect, bank), None)
+    found = diagnosed(suspect, progress, (as_it_is, bank))
     beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
     return Finding(bool(found.candidates) or beyond, as_it_is, found.check, found)
+
+
+def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
+    """Every channel by all of them, one step ahead."""
+    every = suspect.model.every
+    sampled = slice(every - 1, None, every)
+    foreseen = suspect.samples - bank.run.innovation[sampled, 0]
+    whitened = bank.run.whitened[sampled, 0]
+    residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
+    return replace(channel_check(suspect.samples, foreseen, np.ones_like(foreseen)), residual=residual)
 
 
 def diagnosed(
     suspect: Suspect,
     progress: Callable[[float], None] = lambda share: None,
+    first: tuple[Explained, BankRun | None] | None = None,
 ) -> Diagnosis:
-    """Try every fault of a channel on a record.
+    """Try every fault of a known load and of a channel on a record; first: what it is without a fault.
 
+    Faults of loads are ranked by filters that take everything else for exact (`load_faults`), and the best are weighed with all
+    tolerances (`explained`). One that makes the record believable, and that FEWEST channels speak of, explains it: no fault of
+    a channel does what it does to all of them.
     A channel is wrong alone only if the record without it is believable: its faults are ranked by what the other channels
-    foresee of it (`roughly`), and the best are weighed with all tolerances (`explained`), with swaps of those channels that are
+    foresee of it (`roughly`), and the best are weighed likewise, with swaps of those channels that are
     best left out. None is named or a candidate where there are no more channels than unknown loads.
     """
     m = suspect.samples.shape[1]
-    as_it_is, _ = explained(suspect, None)
+    as_it_is, bank = explained(suspect, None) if first is None else first
+    tried, innovations = [], None
+    if m > len(suspect.model.unknowns.inputs):
+        tried, innovations = _loads_tried(suspect)
+    named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)
+    if bank is not None and innovations is not None and _of_loads_alone(innovations, candidates):
+        check = _check_ahead(suspect, bank)
+        return Diagnosis(as_it_is, check, np.zeros(0), tuple(tried), named, candidates)
     left_out = []
     for j in range(m):
         left_out.append(_left_out(suspect, j))
@@ -234,22 +264,44 @@ def diagnosed(
     )
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
-    if m <= len(suspect.model.unknowns.inputs) or m == 1:
-        # without a channel more than unknown loads any reading is some load's: only what is stated of loads speaks against it
+    if m <= len(suspect.model.unknowns.inputs):
+        # any reading is some load's: only what is stated of loads speaks against it
         return Diagnosis(as_it_is, check, without, (), None, ())
-    wanted = _worth_it(suspect, left_out, alone if len(alone) else order[:2])
+    if m == 1:
+        # nothing else says whether it is the channel or the load
+        wanted = [_of_channel(one.fault) for one in candidates if one.fault is not None and one.fault.kind != "swapped"]
+    else:
+        wanted = _worth_it(suspect, left_out, alone if len(alone) else order[:2])
     worst = sorted(int(j) for j in order[:PAIRS])
     wanted += [Fault("swapped", i, j) for a, i in enumerate(worst) for j in worst[a + 1 :] if _alike(suspect, i, j)]
-    tried = []
     for k, fault in enumerate(wanted):
         tried.append(explained(suspect, fault)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
-    for j in {fault.channel for fault in wanted if fault.kind == "late"}:
-        tried += _later(
-            suspect, [own for own in tried if own.fault and own.fault.kind == "late" and own.fault.channel == j]
-        )
+    tried += _later_of_all(suspect, wanted, tried)
     named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)
     return Diagnosis(as_it_is, check, without, tuple(tried), named, candidates)
+
+
+def _loads_tried(suspect: Suspect) -> tuple[list[Explained], Innovations | None]:
+    """Faults of known loads that are worth a closer look, and what they were ranked by; none without known loads."""
+    if not suspect.known.shape[-1]:
+        return [], None
+    innovations = innovations_of(suspect.model, suspect.mean, suspect.covariance, suspect.loads, suspect.biased)
+    wanted = tried_of_loads(innovations)
+    tried = [explained(suspect, fault)[0] for fault in wanted]
+    return tried + _later_of_all(suspect, wanted, tried), innovations
+
+
+def _of_loads_alone(innovations: Innovations, candidates: Sequence[Explained]) -> bool:
+    """Whether no fault of channels can explain what a fault of a load does."""
+    faults = [one.fault for one in candidates if one.fault is not None]
+    return bool(faults) and all(innovations.speaking(fault) >= FEWEST for fault in faults)
+
+
+def _of_channel(fault: Fault) -> Fault:
+    """The fault of the only channel that looks the same as one of a load."""
+    amount = {"scale": 1 / fault.amount if fault.amount else 0.0, "late": -fault.amount}.get(fault.kind, 0.0)
+    return Fault(fault.kind, 0, amount)
 
 
 @dataclass(frozen=True)
@@ -292,17 +344,25 @@ def _worth_it(suspect: Suspect, left_out: Sequence[LeftOut], channels: np.ndarra
     return list(dict.fromkeys(wanted))
 
 
+def _later_of_all(suspect: Suspect, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
+    """Delays beyond those that were tried of each channel or load, as long as the last one is the best."""
+    more = []
+    for family in dict.fromkeys(fault.family for fault in wanted if fault.kind == "late"):
+        more += _later(suspect, [own for own in tried if own.fault and own.fault.family == family])
+    return more
+
+
 def _later(suspect: Suspect, tried: Sequence[Explained]) -> list[Explained]:
-    """Delays of one channel beyond those that were tried, as long as the last one is the best."""
+    """Delays of one channel or load beyond those that were tried, as long as the last one is the best."""
     known = {own.fault.amount: own for own in tried if own.fault is not None}
-    j = next(own.fault.channel for own in tried if own.fault is not None)
+    first = next(own.fault for own in tried if own.fault is not None)
     more: list[Explained] = []
     while len(more) < MOST_LATE:
         best = max(known, key=lambda n: known[n].evidence)
         beside = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
         if not beside or not np.isfinite(known[best].evidence):
             break
-        known[beside[0]] = explained(suspect, Fault("late", j, beside[0]))[0]
+        known[beside[0]] = explained(suspect, replace(first, amount=beside[0]))[0]
         more.append(known[beside[0]])
     return more
 

@@ -1,4 +1,5 @@
-"""What may be wrong with one channel of a record, or with two that were mistaken for each other, and how it is undone."""
+"""What may be wrong with one channel of a record or one known load, or with two that were mistaken for each other, and how it is
+undone."""
 
 from __future__ import annotations
 
@@ -15,6 +16,8 @@ Kind = Literal["sign", "scale", "swapped", "offset", "drift", "late", "angle", "
 
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
+LOAD_SCALES = (*SCALES, *(f**sense for f in (4.4482216, 9.80665, 4448.2216, 9806.65) for sense in (1, -1)))
+"""Factors on a known load: also pounds, kilograms, thousands of both."""
 TURN = 15.0
 """Degrees between two angles by which a gauge is tried as turned: what lies between is near enough for the tolerance of one."""
 ANGLES = (*(sense * TURN * k for k in range(1, 6) for sense in (1, -1)), 90.0)
@@ -30,22 +33,29 @@ channel may be clipped."""
 
 @dataclass(frozen=True)
 class Fault:
-    """kind of what is wrong with a channel; amount: factor on it (scale), number of the other channel (swapped), samples that it
-    is late by (late), degrees (angle), else 0."""
+    """kind of what is wrong with a channel, or with a known load; amount: factor on it (scale), number of the other channel or
+    load (swapped), samples that it is late by (late), degrees (angle), else 0; of_load: `channel` is the number of a known
+    load."""
 
     kind: Kind
     channel: int
     amount: float = 0.0
+    of_load: bool = False
 
     @property
-    def family(self) -> tuple[str, int, float]:
+    def family(self) -> tuple[str, int, float, bool]:
         """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
-        return self.kind, self.channel, 0.0 if self.kind in ("late", "angle") else abs(self.amount)
+        return self.kind, self.channel, 0.0 if self.kind in ("late", "angle") else abs(self.amount), self.of_load
+
+    @property
+    def wrong(self) -> tuple[int, ...]:
+        """All channels, or all loads, that are wrong."""
+        return (self.channel, int(self.amount)) if self.kind == "swapped" else (self.channel,)
 
     @property
     def channels(self) -> tuple[int, ...]:
-        """All that are wrong."""
-        return (self.channel, int(self.amount)) if self.kind == "swapped" else (self.channel,)
+        """All channels that are wrong."""
+        return () if self.of_load else self.wrong
 
 
 def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
@@ -177,7 +187,7 @@ def chosen(
     least = min((own.ratio for own in well), default=np.inf)
     limit = min(believable, (1 + SLACK) * max(1.0, least))
     well = sorted((own for own in well if own.ratio <= limit), key=lambda own: -own.evidence)
-    families: dict[tuple[str, int, float], Explained] = {}
+    families: dict[tuple[str, int, float, bool], Explained] = {}
     for own in well:
         assert own.fault is not None
         if well[0].evidence - own.evidence < apart:

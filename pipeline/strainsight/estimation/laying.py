@@ -67,6 +67,7 @@ def _laid(
     Where the largest density stays at its edge the posterior lies elsewhere: it is laid about that point, three times as wide.
     other (q, k): points of other peaks, which it is to hold as well.
     """
+    bank.refuse_lost(mean)
     most = min(bank.most, most or bank.most)
     radius = np.sqrt(2 * bank.depth)
     lattice = lattice_about(mean, covariance, bank.spacing, radius)

@@ -11,6 +11,7 @@ from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import to_step, uniform_clock
 from strainsight.measurements.delay import shifted
+from strainsight.measurements.held import release
 from strainsight.measurements.records import Recording
 
 STRETCH = 20
@@ -54,6 +55,9 @@ def assemble(
             )
         with blame(name):
             calibrated, done = calibrate(recording, name, stated)
+            if not stated.override:
+                calibrated, more = release(name, calibrated, written.step)
+                notes.extend(more)
         missing = np.isnan(calibrated)
         if missing.any():
             notes.append(f"{name}: {np.count_nonzero(missing)} of {len(calibrated)} samples are missing")

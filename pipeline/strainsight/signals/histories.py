@@ -207,7 +207,13 @@ def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: 
     """
     # Products, not running sums: step k meets step k + 1 to the last bit.
     t = start + 0.5 * h * np.arange(2 * steps + 1)
-    u = np.stack([evaluate(signal, t) for signal in signals], axis=-1) if signals else np.zeros((len(t), 0))
+    return quadratic_hold(
+        np.stack([evaluate(signal, t) for signal in signals], axis=-1) if signals else np.zeros((len(t), 0))
+    )
+
+
+def quadratic_hold(u: np.ndarray) -> np.ndarray:
+    """Hold coefficients (steps, 3, n_u) through u (2 steps + 1, n_u) at the ends and the middle of every step."""
     left, middle, right = u[:-1:2], u[1::2], u[2::2]
     return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right], axis=1)
 

@@ -24,6 +24,7 @@ REMEDY = {
     "load direction": "loads aligned more exactly, or their components across among the unknowns",
     "load point": "loads put on more exactly",
     "load gain": "load cells calibrated more exactly",
+    "load between samples": "known loads recorded at a higher rate",
     "damping": "damping measured mode by mode",
     "stiffness": "a stiffness known more exactly, or a modulus among the unknowns",
 }

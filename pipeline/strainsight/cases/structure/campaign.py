@@ -30,7 +30,7 @@ from strainsight.cases.structure.forecast import CHECKED, FILTERED, HELD, LATER,
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
-from strainsight.cases.structure.out_of_range import out_of_range_in_words
+from strainsight.cases.structure.out_of_range import beyond_ranges, out_of_range_in_words
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
@@ -153,9 +153,11 @@ def campaign_of(
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
     contradicted = _contradicted(records, judgements)
     excluded, note = excluded_by_comparison(config.tolerances, each[0], found[0])
-    untold = _reasons(untold, out_of_range_in_words(config, each, found), excluded)
-    distrust = f"σ is not to be trusted: {contradicted}" if contradicted and not settings.accept else ""
-    withheld = _reasons(distrust, untold)
+    beyond = beyond_ranges(config, each, found)
+    untold = withheld = _reasons(untold, out_of_range_in_words(beyond), excluded)
+    if contradicted and not settings.accept:
+        # the range is not to blame, and nothing to widen
+        withheld = _reasons(f"σ is not to be trusted: {contradicted}", *beyond.values())
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, untold, using)
     using.progress("field", HELD if settings.hold_out else LATER)
@@ -276,10 +278,11 @@ def _found(
         return (filtered(each[0], compare and not withheld, wanted, progress),)
     except (NumericalError, np.linalg.LinAlgError) as error:
         if contradicted:
+            why = error.what if isinstance(error, NumericalError) else error
             raise ContradictionError(
-                f"no filter can follow this record: {contradicted.removesuffix(f', {ACCEPT}')}",
-                key="estimate.channels",
-                remedy="correct the channel, and estimate again",
+                f"no filter can follow this record, {why}: {contradicted.removesuffix(f', {ACCEPT}')}",
+                key="estimate",
+                remedy="correct what is named, and estimate again",
             ) from error
         if len(each) == 1:
             raise

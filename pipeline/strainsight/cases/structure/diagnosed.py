@@ -1,4 +1,5 @@
-"""Whether a record agrees with the model; which fault of a channel explains one that does not, and the key that undoes it."""
+"""Whether measurements are consistent with the model; which fault of a channel or a known load explains those that are not, and
+the key that undoes it."""
 
 from __future__ import annotations
 
@@ -11,9 +12,9 @@ from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
-from strainsight.config.estimate import DelayInSeconds, GaugeChannel
+from strainsight.config.estimate import Channel, DelayInSeconds, GaugeChannel
 from strainsight.estimation.fault_search import Suspect, examined
-from strainsight.estimation.faults import ChannelCheck, Explained, at_limit
+from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
 from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.records.estimated import ChannelsChecked
 from strainsight.rom.model import modal_basis
@@ -53,33 +54,36 @@ def judgement_of(
         return Judgement(True, "", "", _checked(found.check, False))
     if not found.contradicts:
         # what explains it a little better than no fault is chance, and no explanation
-        return Judgement(True, "", "", _checked(found.check, True))
-    named = "" if diagnosis.named is None else fault_in_words(diagnosis.named, label, entries, suspect, section)
-    candidates = tuple(fault_in_words(one, label, entries, suspect, section) for one in diagnosis.candidates)
+        return Judgement(True, "", "", _checked(found.check, bool(len(diagnosis.without))))
+
+    def in_words(one: Explained) -> str:
+        if one.fault is not None and one.fault.of_load:
+            return load_fault_in_words(one.fault, problem.known, own, test.h * test.every)
+        copied = "" if section == "estimate" or own.channels.startswith(section) else _copied(section, own.channels)
+        return f"{fault_in_words(one, label, entries, suspect, section)}{copied}"
+
+    named = "" if diagnosis.named is None else in_words(diagnosis.named)
+    candidates = tuple(in_words(one) for one in diagnosis.candidates)
     best = [diagnosis.best_of(j) for j in range(len(label))]
     checked = _checked(
         found.check,
-        True,
+        bool(len(diagnosis.without)),
         tuple("" if one is None else fault_in_words(one, label, entries, suspect, section) for one in best),
         np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
         candidates,
     )
-    own_list = ""
-    if section != "estimate" and not own.channels.startswith(section):
-        own_list = f" (state {section}.channels, a copy of {own.channels}, for what this record alone needs)"
     if named:
-        named += own_list
         words = f"the record contradicts the model: {named}, {ACCEPT}"
     elif candidates:
         words = (
             "the record contradicts the model, and which of these explains it stays open: "
-            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}{own_list}; {ACCEPT}"
+            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; {ACCEPT}"
         )
     else:
         size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
         words = (
-            f"the record contradicts the model: innovations are {size}, and no single fault of a channel explains it: check "
-            f"{own.channels}, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
+            f"the record contradicts the model: innovations are {size}, and no single fault of a channel or a known "
+            f"load explains it: check {own.channels}, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
         )
     return Judgement(False, named, words, checked)
 
@@ -119,9 +123,8 @@ def fault_in_words(
         return f"{name} fits with a drift of {_size(found, suspect)} in {seconds:.3g} s: set {key}.drift"
     if fault.kind == "late":
         n = int(fault.amount)
-        seconds = abs(n) * suspect.model.h * suspect.model.every
-        late = "late" if n > 0 else "early"
-        return f"{name} is {abs(n)} samples ({seconds:.3g} s) {late}: set {key}.delay: {_delay_in_words(entry, n, seconds)}"
+        dt = suspect.model.h * suspect.model.every
+        return f"{_late_in_words(name, n, dt)}: set {key}.delay: {_delay_in_words(entry, n, abs(n) * dt)}"
     if fault.kind == "angle":
         turn = f"{abs(fault.amount):g}°"
         return f"{name} fits turned by {turn}: check its direction, and {key}.gauge and {key}.grid"
@@ -131,7 +134,39 @@ def fault_in_words(
     return f"{name} is clipped, in {count} samples at least: mark them as missing, or leave {key} out"
 
 
-def _delay_in_words(entry: GaugeChannel, n: int, seconds: float) -> str:
+def load_fault_in_words(fault: Fault, known: Sequence[str], own: RecordSettings, dt: float) -> str:
+    """A fault of a known load with the key that undoes it; dt [s] between samples."""
+    name = known[fault.channel]
+    entry, inputs = own.settings.inputs[name], f"{own.section}.inputs"
+    key = f"{inputs}.{name}"
+    copied = "" if own.section == "estimate" or own.inputs.startswith(own.section) else _copied(own.section, own.inputs)
+    if fault.kind == "sign":
+        words = f"{name} fits with sign −1: check its direction (loads.{name}), or set {key}.sign: {-entry.sign}"
+    elif fault.kind == "scale":
+        words = (
+            f"{name} reads {fault.amount:g} times what fits: check {key}.unit (now {entry.unit}), or set {key}.scale: "
+            f"{entry.scale / fault.amount:.9g}"
+        )
+    elif fault.kind == "swapped":
+        other = known[int(fault.amount)]
+        words = f"{name} and {other} fit swapped: exchange {key}.channel and {inputs}.{other}.channel"
+    else:
+        n = int(fault.amount)
+        words = f"{_late_in_words(name, n, dt)}: set {key}.delay: {_delay_in_words(entry, n, abs(n) * dt)}"
+        if n < 0 and own.settings.start == "rest":
+            words += " and estimate.start: moving"
+    return f"{words}{copied}"
+
+
+def _copied(section: str, key: str) -> str:
+    return f" (state {section}.{key.split('.')[-1]}, a copy of {key}, for what this record alone needs)"
+
+
+def _late_in_words(name: str, n: int, dt: float) -> str:
+    return f"{name} is {abs(n)} sample{'s' * (abs(n) > 1)} ({abs(n) * dt:.3g} s) {'late' if n > 0 else 'early'}"
+
+
+def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     """A delay by n samples more than the config has, in the unit that it has."""
     if isinstance(entry.delay, DelayInSeconds):
         return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"

@@ -168,7 +168,7 @@ def _estimated(
         whitened=run.whitened[sampled, 0],
         bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
-        known=dict(zip(model.known_inputs, known_instants(test.known).T, strict=True)),
+        known=dict(zip(given.problem.known, known_instants(test.known).T, strict=False)),
         source=source,
         notes=notes,
         posterior={},

@@ -12,6 +12,7 @@ from strainsight.cases.structure.filtering import by_moments
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.nuisances import RENEWED, Tolerated, nuisances_of
 from strainsight.cases.structure.problem import Problem, filter_model
+from strainsight.cases.structure.tolerated_loads import with_interpolation_errors
 from strainsight.cases.structure.variance import Shares, budget_of
 from strainsight.config.estimate import Estimate
 from strainsight.errors import blame
@@ -109,6 +110,7 @@ def model_of(
     # A stated σ is that of a sample of the file.
     stated = test.std * np.sqrt(test.h * test.every / problem.h)
     model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
+    model = with_interpolation_errors(model)
     if settings.loads_as_stated:
         model = replace(model, free_loads=False)
     if not settings.tune.parts:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.cases.recorded_channels import signals_of
+from strainsight.cases.structure.known_loads import common_part, hold_known_loads, steps_a_sample
 from strainsight.cases.structure.problem import Problem, settled_at
 from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.cases.structure.start import tones_in
@@ -18,13 +19,10 @@ from strainsight.estimation.settled import Settled
 from strainsight.measurements.assemble import Signals
 from strainsight.measurements.bridges import SUM
 from strainsight.measurements.units import SI
-from strainsight.rom.oscillator import HOLD
 from strainsight.signals.histories import tones_of
 
 MISSED = 0.05
 """RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
-LONGEST_GAP = 10
-"""Samples of a known load that may be missing in a row; they are put on a straight line."""
 LARGEST_STRAIN = 0.1
 """[m/m] Foil gauges end at a few per cent."""
 LEAST_STRAIN = 1e-8
@@ -35,7 +33,8 @@ QUANTITY = ("strain", "acceleration", "displacement")
 @dataclass(frozen=True)
 class Measured:
     """time (T + 1,) [s] of the samples, the first of which starts the filter; h [s] of the filter, a sample every `every`-th
-    step; known (T·every, HOLD, n_known) [N]; values (T, m) of the samples after the first [strain, m/s² or m], NaN where
+    step; known (T·every, HOLD, 2 n_known) [N] loads and, behind them,
+    their interpolation errors (`hold_known_loads`); values (T, m) of the samples after the first [strain, m/s² or m], NaN where
     missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where the config's own holds; bias (m,)
     σ of an unknown offset, 0 for none; notes: sentences."""
 
@@ -87,30 +86,24 @@ def measured_of(
     check_quantities(
         wanted, signals, [QUANTITY[int(problem.channels.quantity[c])] for c in channels], problem.known, units
     )
-    delayed = [i for i, entry in enumerate(wanted.values()) if i >= len(channels) and entry.delay is not None]
-    whole, signals = signals, _where_known(signals, delayed)
-    if settings.start == "rest" and signals.time[0] > whole.time[0]:
-        raise ConfigError(
-            f"the first {signals.time[0] - whole.time[0]:g} s are cut off, where a known load that was moved has no sample, and "
-            "what is left does not begin at rest",
-            key="estimate.start",
-            remedy="take moving",
-        )
+    m = len(channels)
+    moved = [entry.delay is not None for entry in list(wanted.values())[m:]]
+    signals = common_part(signals, m, moved, settings.start)
+    loads = signals.values[:, m:]
     dt = float(signals.time[1] - signals.time[0])
-    every = 1 if settings.time_step is None else round(dt / settings.time_step)
+    every = steps_a_sample(loads) if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
         raise ConfigError(
             f"{settings.time_step:g} s is no whole part of the sampling interval, {dt:.9g} s",
             key="estimate.time_step",
             remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
         )
-    m = len(channels)
-    loads, notes = _without_gaps(signals, problem.known, m, own.inputs)
+    known, notes = hold_known_loads(signals, loads, problem.known, own.inputs, every)
     return Measured(
         time=signals.time,
         h=dt / every,
         every=every,
-        known=_held(loads, every),
+        known=known,
         values=signals.values[1:, :m],
         channels=channels,
         labels=tuple(_label(entry) for entry in settings.channels),
@@ -140,7 +133,7 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
             f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
         )
     held, missed = tones_in(test.known, test.h, tones.frequency)
-    for name, own in zip(problem.known, missed, strict=True):
+    for name, own in zip(problem.known, missed, strict=False):
         if own > MISSED:
             raise refused(
                 f"{100 * own:.0f} % of the record of '{name}' is not of the frequencies that the config states"
@@ -226,50 +219,3 @@ def check_quantities(
                 key=f"{key}.unit",
                 remedy="check the unit, and which gauge or load the channel is",
             )
-
-
-def _where_known(signals: Signals, delayed: Sequence[int]) -> Signals:
-    """The record from the first to the last instant at which all known loads that were moved in time have a sample."""
-    if not delayed:
-        return signals
-    there = np.flatnonzero(np.isfinite(signals.values[:, delayed]).all(axis=1))
-    if len(there) < 2:
-        return signals
-    part, lost = slice(there[0], there[-1] + 1), len(signals.time) - int(there[-1] + 1 - there[0])
-    if not lost:
-        return signals
-    note = f"{lost} samples were cut off, where a known load that was moved in time has none"
-    return replace(signals, time=signals.time[part], values=signals.values[part], notes=(*signals.notes, note))
-
-
-def _without_gaps(signals: Signals, known: Sequence[str], first: int, key: str) -> tuple[np.ndarray, list[str]]:
-    """Known loads (T + 1, n_known), short gaps put on straight lines, and what was done."""
-    loads, notes = signals.values[:, first:].copy(), []
-    index = np.arange(len(loads))
-    for i, name in enumerate(known):
-        missing = np.isnan(loads[:, i])
-        if not missing.any():
-            continue
-        there = np.flatnonzero(~missing)
-        longest = int(np.diff(there).max(initial=1)) - 1 if len(there) > 1 else len(loads)
-        at_ends = missing[0] or missing[-1]
-        if longest > LONGEST_GAP or at_ends:
-            where = signals.time[np.argmax(missing)]
-            raise ConfigError(
-                f"the known load '{name}' lacks {missing.sum()} samples, "
-                + ("at an end of the record" if at_ends else f"{longest} in a row, the first at {where:g} s"),
-                key=f"{key}.{name}",
-                remedy="cut the record, or estimate this load",
-            )
-        loads[missing, i] = np.interp(index[missing], there, loads[there, i])
-        notes.append(f"{name}: {missing.sum()} missing samples were put on straight lines")
-    return loads, notes
-
-
-def _held(loads: np.ndarray, every: int) -> np.ndarray:
-    """Hold coefficients (T·every, HOLD, n) of loads sampled (T + 1, n), straight between samples."""
-    slope = np.diff(loads, axis=0) / every
-    start = loads[:-1, None] + slope[:, None] * np.arange(every)[None, :, None]
-    held = np.zeros((len(slope) * every, HOLD, loads.shape[1]))
-    held[:, 0], held[:, 1] = start.reshape(held[:, 0].shape), np.repeat(slope, every, axis=0)
-    return held

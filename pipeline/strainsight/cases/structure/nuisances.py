@@ -9,7 +9,14 @@ import numpy as np
 
 from strainsight.cases.structure.drawn import installation_std, modulus_estimated
 from strainsight.cases.structure.thick_rows import thickness_of_guess
-from strainsight.cases.structure.tolerated_loads import ToleratedLoads, acting, of_loads, stacked, tolerated_loads
+from strainsight.cases.structure.tolerated_loads import (
+    ToleratedLoads,
+    acting,
+    inputs_changed,
+    of_loads,
+    stacked,
+    tolerated_loads,
+)
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.estimation.conditional import (
@@ -243,7 +250,7 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
         own.learned,
         own.discrepancy,
         stacked(shape, model.model.input_shape.shape),
-        own.loads.load[errors],
+        inputs_changed(own.loads, model)[errors],
         behind,
         stacked(B, (m, len(errors))),
     )

@@ -16,13 +16,18 @@ from strainsight.estimation.model import physical
 from strainsight.records.validated import Validated
 
 
-def out_of_range_in_words(config: PlacementConfig, each: Sequence[Filtering], found: Sequence[Filtered]) -> str:
-    """That there is no σ as a parameter came out beyond `parameters.*.range`, empty where none did."""
+def beyond_ranges(config: PlacementConfig, each: Sequence[Filtering], found: Sequence[Filtered]) -> dict[str, str]:
+    """Parameter → a sentence, of those that came out beyond `parameters.*.range`."""
     beyond: dict[str, str] = {}
     for given, own in zip(each, found, strict=True):
         values = physical(given.model, own.smoothed.mean[:, 0], own.smoothed.std[:, 0])
         last = {name: float(values[name][0][-1]) for name in given.problem.unknowns.parameters}
         beyond |= _beyond(config, given.problem, last)
+    return beyond
+
+
+def out_of_range_in_words(beyond: Mapping[str, str]) -> str:
+    """That there is no σ as these parameters came out beyond their ranges, empty where none did."""
     return withheld_beyond(
         beyond,
         f"widen {_keys(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated",

@@ -102,6 +102,7 @@ def suspect_of(
         settled=given.settled,
         turned_rows=wide,
         turned=with_turned,
+        load=np.tile(np.arange(len(given.problem.known)), 2),
     )
 
 

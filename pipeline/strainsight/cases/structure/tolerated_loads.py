@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from strainsight.gauges.candidates import ACCELERATION
 from strainsight.records.reduced import Reduced
 
 LOAD_GAIN = "load gain"
+BETWEEN = "load between samples"
+"""The interpolation error of a recorded load; in a filter of a test it is a known input of its own, without a shape."""
 MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
 """What the misalignments of a load are, in a budget."""
 
@@ -55,6 +57,11 @@ def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quant
             ways.append((0.0, 0))
             shape.append(own.load_gain * model.input_shape[:, i])
             read.append(np.zeros(len(missed)))
+        source.append(BETWEEN)
+        load.append(i)
+        ways.append((0.0, 0))
+        shape.append(model.input_shape[:, i])
+        read.append(np.zeros(len(missed)))
     return ToleratedLoads(
         tuple(source),
         np.array(load, dtype=int),
@@ -65,12 +72,43 @@ def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quant
     )
 
 
-def acting(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
-    """Which of them (f′,) a filter has: only a known load has a gain."""
+def interpolation_error(name: str) -> str:
+    """The input of a filter that is the interpolation error of a known load."""
+    return f"{name}, {BETWEEN}"
+
+
+def with_interpolation_errors(model: FilterModel) -> FilterModel:
+    """With an input more behind the known loads for each, on which no motion and no reading depends but by a constant ν."""
+    own, errors = model.model, tuple(interpolation_error(name) for name in model.known_inputs)
+
+    def wider(shape: np.ndarray) -> np.ndarray:
+        return np.pad(shape, [(0, 0), (0, len(errors))])
+
+    reduced = replace(
+        own,
+        inputs=(*own.inputs, *errors),
+        input_shape=wider(own.input_shape),
+        input_slope={name: wider(slope) for name, slope in own.input_slope.items()},
+    )
+    return replace(model, model=reduced, known_inputs=(*model.known_inputs, *errors))
+
+
+def inputs_changed(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+    """The input (f,) of a filter that each of them changes, −1 where it has none."""
     named, known = model.model.inputs, set(model.known_inputs)
     used = known | set(model.unknowns.inputs)
+
+    def changed(source: str, i: int) -> int:
+        name = interpolation_error(named[i]) if source == BETWEEN else named[i]
+        return named.index(name) if name in (known if source == LOAD_GAIN else used) else -1
+
     pairs = zip(own.source, own.load.tolist(), strict=True)
-    return np.flatnonzero([named[i] in (known if source == LOAD_GAIN else used) for source, i in pairs])
+    return np.array([changed(source, i) for source, i in pairs], dtype=int)
+
+
+def acting(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+    """Which of them (f′,) a filter has: only a known load has a gain, only a recorded one an interpolation error."""
+    return np.flatnonzero(inputs_changed(own, model) >= 0)
 
 
 def field_beyond(own: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
@@ -90,8 +128,9 @@ def of_loads(
     D: list[np.ndarray] = []
     E: list[np.ndarray] = []
     shape: list[np.ndarray] = []
-    for each in acting(own, model).tolist():
-        i = int(own.load[each])
+    for each, i in enumerate(inputs_changed(own, model).tolist()):
+        if i < 0:
+            continue
         change = np.zeros(model.model.input_shape.shape)
         change[:, i] = own.shape[each]
         direct = np.zeros((len(at), len(named)))

@@ -1,0 +1,182 @@
+"""Faults of known loads: what undoes one, and which are worth a closer look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from strainsight.estimation.bank_filters import BankProblem, bank_record, filtered_at, on, passed
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.faults import LOAD_SCALES, MOST_LATE, Fault
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import KEPT
+from strainsight.estimation.peak import Points
+from strainsight.estimation.settled import Settled
+
+PLACES = (-1.0, -0.5, 0.5, 1.0)
+"""Values of every parameter, in its σ before the samples, at which faults are ranked, beside its first estimate."""
+CLOSELY = 3
+"""Faults of loads that are looked at with all tolerances."""
+SEVERAL = 100.0
+"""½Σz² of what a fault changes of the innovations of a channel, from which that channel speaks of it."""
+
+
+@dataclass(frozen=True)
+class KnownLoads:
+    """What a record has of its known loads. held (T, HOLD, p) [N]; load (p,): which load a column belongs to; settled: as of
+    `filter_bank`; samples (T/every, m), NaN where missing."""
+
+    held: np.ndarray
+    load: np.ndarray
+    settled: Settled | None
+    samples: np.ndarray
+
+    @property
+    def count(self) -> int:
+        return len(np.unique(self.load))
+
+    def without(self, fault: Fault, model: FilterModel) -> KnownLoads:
+        """As they would be without a fault of one, or of two that were exchanged.
+
+        Loads that were written n samples late are moved to their own time. They have none at one end of the record: there they
+        are taken to stay as they are, and samples are left out.
+        """
+        held, samples, W = self.held.copy(), self.samples, self.settled
+        tones = np.zeros((0, *held.shape[1:]), dtype=complex) if W is None else W.held.copy()
+        own = self.load == fault.channel
+        if fault.kind == "swapped":
+            other = self.load == int(fault.amount)
+            for each in (held, tones):
+                each[..., own], each[..., other] = each[..., other], each[..., own]
+        elif fault.kind == "late":
+            n, steps = int(fault.amount), int(fault.amount) * model.every
+            held[..., own] = _moved(held[..., own], steps)
+            samples = samples.copy()
+            samples[slice(len(samples) - n, None) if n > 0 else slice(0, -n)] = np.nan
+            if W is not None:
+                tones[..., own] *= np.exp(1j * W.frequency * model.h * steps)[:, None, None]
+        else:
+            factor = -1.0 if fault.kind == "sign" else 1 / fault.amount
+            held[..., own] *= factor
+            tones[..., own] *= factor
+        return replace(self, held=held, samples=samples, settled=None if W is None else replace(W, held=tones))
+
+
+def _moved(held: np.ndarray, steps: int) -> np.ndarray:
+    """Hold coefficients (T, HOLD, p) from so many steps later, constant beyond the record."""
+    moved = np.zeros_like(held)
+    if steps > 0:
+        moved[:-steps] = held[steps:]
+        moved[-steps:, 0] = held[-1].sum(axis=0)
+    else:
+        moved[-steps:] = held[:steps]
+        moved[:-steps, 0] = held[0, 0]
+    return moved
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Of linear filters at B points of the parameters, with everything else exact, over their σ: (B, T, m) of a record without
+    its known loads; by_load[i][j]: what load i adds that acts as load j; log_prior (B,): of the points, with that of σ."""
+
+    unloaded: np.ndarray
+    by_load: list[list[np.ndarray]]
+    log_prior: np.ndarray
+
+    def under(self, fault: Fault | None) -> np.ndarray:
+        """(B, T, m) under a fault of a load, or none."""
+        loads = range(len(self.by_load))
+        acting = [self.by_load[i][i] for i in loads]
+        if fault is not None:
+            i = fault.channel
+            if fault.kind == "swapped":
+                j = int(fault.amount)
+                acting[i], acting[j] = self.by_load[j][i], self.by_load[i][j]
+            elif fault.kind == "late":
+                n = int(fault.amount)
+                moved = np.zeros_like(acting[i])
+                if n > 0:
+                    moved[:, :-n] = acting[i][:, n:]
+                else:
+                    moved[:, -n:] = acting[i][:, :n]
+                acting[i] = moved
+            else:
+                acting[i] = -acting[i] if fault.kind == "sign" else acting[i] / fault.amount
+        return self.unloaded + np.sum(acting, axis=0)
+
+    def density(self, fault: Fault | None) -> float:
+        """ln of the density of the record, but for a constant, at the best of the points."""
+        return float(np.max(self.log_prior - 0.5 * np.sum(self.under(fault) ** 2, axis=(1, 2))))
+
+    def speaking(self, fault: Fault) -> int:
+        """How many channels a fault of a load matters to by SEVERAL, at all points."""
+        change = 0.5 * np.sum((self.under(fault) - self.under(None)) ** 2, axis=1)
+        return int(np.sum(change.min(axis=0) > SEVERAL))
+
+
+def innovations_of(
+    model: FilterModel, mean: np.ndarray, covariance: np.ndarray, known: KnownLoads, biased: np.ndarray
+) -> Innovations:
+    """A filter for each load; arguments as of `filter_bank`."""
+    k = len(model.unknowns.parameters)
+    sigma = np.sqrt(np.diag(covariance))[model.parameter_states]
+    point = mean[model.parameter_states] + sigma * np.vstack([np.zeros((1, k)), *(x * np.eye(k) for x in PLACES)])
+    silent, nothing = 0 * known.held, np.where(np.isnan(known.samples), np.nan, 0.0)
+    unloaded, size = _whitened(model, mean, covariance, silent, known.samples, biased, point)
+    by_load = []
+    for i in range(known.count):
+        own = []
+        for j in range(known.count):
+            held = silent.copy()
+            held[..., known.load == j] = known.held[..., known.load == i]
+            own.append(_whitened(model, 0 * mean, covariance, held, nothing, biased, point)[0])
+        by_load.append(own)
+    return Innovations(unloaded, by_load, size)
+
+
+def _whitened(
+    model: FilterModel,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    held: np.ndarray,
+    samples: np.ndarray,
+    biased: np.ndarray,
+    point: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Innovations (B, T, m) over their σ, zero where no sample is, and ln of the density of the points and of that σ (B,)."""
+    record = bank_record(model, held, samples, no_nuisances(model), None)
+    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0)
+    now, parts = filtered_at(problem, Points(point), 0), []  # type: ignore[type-var]
+    while now.step < record.steps:
+        ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
+        passage = passed(problem, now, ahead, keep=True)
+        parts.append((passage.own.expected, passage.own.S))
+        now = on(now, passage, ahead)
+    sampled = slice(model.every - 1, None, model.every)
+    expected, S = (np.concatenate(each, axis=1)[:, sampled] for each in zip(*parts, strict=True))
+    e = samples - expected
+    there = np.isfinite(e)
+    S = np.where(there[..., :, None] & there[..., None, :], S, np.eye(S.shape[-1]))
+    L = np.linalg.cholesky(S)
+    z = np.linalg.solve(L, np.where(there, e, 0.0)[..., None])[..., 0]
+    return z, problem.log_prior(point) - np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2))
+
+
+def tried_of_loads(innovations: Innovations) -> list[Fault]:
+    """Faults of loads that make the record likelier, the best first: CLOSELY of them, and delays next to one of them."""
+    count, T = len(innovations.by_load), innovations.unloaded.shape[1]
+    most = min(MOST_LATE, T // 4)
+    faults = [Fault("swapped", i, j, of_load=True) for i, j in combinations(range(count), 2)]
+    for i in range(count):
+        faults += [Fault("sign", i, of_load=True), *(Fault("scale", i, s, of_load=True) for s in LOAD_SCALES)]
+        late = [Fault("late", i, n, of_load=True) for n in range(-most, most + 1) if n]
+        faults += sorted(late, key=innovations.density)[-1:]
+    as_it_is = innovations.density(None)
+    ranked = sorted(((innovations.density(fault), k) for k, fault in enumerate(faults)), reverse=True)
+    wanted = [faults[k] for density, k in ranked if density > as_it_is][:CLOSELY]
+    for fault in list(wanted):
+        if fault.kind == "late":
+            wanted += [replace(fault, amount=fault.amount + k) for k in (-1, 1) if fault.amount + k]
+    return wanted
