@@ -205,8 +205,8 @@ class Estimate(RecordedFile):
     date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
     time_step: TimeStep | None = Field(
         None,
-        description="Time step of the filter [s], a whole part of the sampling interval; null: that interval, or a half or a third of it "
-        "for known loads that are fast.",
+        description="Time step of the filter [s], a whole part of the sampling interval; null: that interval, or a half or a "
+        "third of it for known loads that are fast.",
     )
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] = Field(
         description="Channels of gauges, an entry each: {gauge: G1, channel: NAME, unit: um/m}, as in docs/estimation.md."
