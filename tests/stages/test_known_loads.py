@@ -86,24 +86,12 @@ def test_a_long_gap_is_refused(project):
     assert "the known load 'tip' lacks 20 samples, 20 in a row, the first at 0.05 s" in said
 
 
-@pytest.mark.parametrize(
-    ("change", "says", "remedy"),
-    [
-        (lambda u: -u, "set estimate.inputs.tip.sign: -1", ["estimate.inputs.tip.sign=-1"]),
-        (lambda u: u / 1e3, "set estimate.inputs.tip.scale: 1000", ["estimate.inputs.tip.scale=1000"]),
-        (
-            lambda u: np.concatenate([u[:1] * np.ones(2), u[:-2]]),
-            "tip is 2 samples (0.001 s) late: set estimate.inputs.tip.delay: {samples: 2}",
-            ["estimate.inputs.tip.delay={samples: 2}"],
-        ),
-    ],
-)
-def test_what_is_printed_undoes_the_fault_of_a_load(project, change, says, remedy):
-    file = with_load(project, "wrong", change)
+def test_what_is_printed_undoes_a_reversed_load(project):
+    file = with_load(project, "wrong", lambda u: -u)
     code, said = found_of(project, file)
     assert code == 3
-    assert says in said
-    code, said = found_of(project, file, *remedy)
+    assert "set estimate.inputs.tip.sign: -1" in said
+    code, said = found_of(project, file, "estimate.inputs.tip.sign=-1")
     assert code == 0, said
     assert right(project)
 
