@@ -3,6 +3,7 @@
 Every record has a truth `rich` of its own (installation of the gauges, gains, loads and damping drawn from the tolerances), other
 noise, and one fault of one channel drawn from the list, or none. A table says how many were named rightly, were among several
 candidates, were named wrongly, were seen without a name, and were not seen. Numbers do not depend on the machine.
+`--rest SECONDS`: nothing moves for so long before the loads begin, from rest; gauges are as wrong then as later.
 `--seed N`: records 1000 N + 1 and on, of which truth, noise, channel and size are drawn anew. Thresholds were chosen by the
 records of seed 0; those of others say how far they hold where they were not.
 """
@@ -29,8 +30,9 @@ from strainsight.cases.structure.problem import filter_model, problem_of, sample
 from strainsight.cases.structure.suspected import Turning, suspect_of, turning_of
 from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.fault_search import Finding, Suspect, examined
+from strainsight.estimation.fault_search import Finding, Suspect
 from strainsight.estimation.faults import Fault
+from strainsight.estimation.record_check import check_record
 from strainsight.gauges.installation import Installation
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
@@ -81,7 +83,7 @@ pair that is most."""
 @dataclass(frozen=True)
 class Study:
     """A case with its layout; reading: realisation, channel and degrees that its gauge is turned by → (T + 1, m) without
-    noise."""
+    noise; rest: samples before the loads begin, in which nothing moves."""
 
     config: PlacementConfig
     mesh: Mesh
@@ -91,6 +93,7 @@ class Study:
     trial: Trial
     turning: Turning
     reading: Callable[[int, int, float], np.ndarray]
+    rest: int = 0
 
     @property
     def noise(self) -> np.ndarray:
@@ -98,8 +101,10 @@ class Study:
         return sample_std(self.trial.problem, self.trial.chosen, self.trial.h)
 
 
-def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study:
+def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: float = 0.0) -> Study:
     file, settings = CASES[name]
+    # a motion that is periodic from the first instant on has no rest before it
+    more = (*more, "train.settle=none") if rest else more
     stated = [f"gauges.noise_std={{relative_to_strongest: {noise}}}", "validate.truth.model=rich", *settings, *more]
     case = api.load(ROOT / "configs" / file, stated)
     mesh = api.mesh(case)
@@ -127,14 +132,17 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = ()) -> Study
             return again(realisation)
 
     turning = turning_of(mesh, reduced, training, trial.chosen)
-    return Study(case.config, mesh, reduced, training, tolerances, trial, turning, reading)
+    count = round(rest / trial.h)
+    return Study(case.config, mesh, reduced, training, tolerances, trial, turning, reading, count)
 
 
 def suspect(study: Study, samples: np.ndarray) -> Suspect:
     trial = study.trial
     model, m = filter_model(trial.problem, trial.chosen, trial.h), len(trial.chosen)
     none = np.full(m, np.nan), np.zeros(m), ()
-    test = Measured(trial.time, trial.h, 1, trial.known, samples, trial.chosen, ("",) * m, *none)
+    known = np.concatenate([np.zeros((study.rest, *trial.known.shape[1:])), trial.known])
+    time = trial.h * np.arange(len(samples) + 1)
+    test = Measured(time, trial.h, 1, known, samples, trial.chosen, ("",) * m, *none)
     given = Filtering(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
     return suspect_of(study.config, study.mesh, study.reduced, study.training, given, study.turning)
 
@@ -142,6 +150,7 @@ def suspect(study: Study, samples: np.ndarray) -> Suspect:
 def record(study: Study, realisation: int, channel: int = 0, degrees: float = 0.0) -> np.ndarray:
     """Samples (T, m) of a sound record, or of one with a gauge turned."""
     reading = study.reading(realisation, channel, degrees)[1:]
+    reading = np.concatenate([np.zeros((study.rest, reading.shape[1])), reading])
     return reading + sample_noise(7, realisation, *reading.shape) * study.noise
 
 
@@ -153,7 +162,7 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
         angle = float(what[:-1])
         return record(study, realisation, j, angle), Fault("angle", j, angle)
     y = record(study, realisation)
-    rms, T, way = float(np.sqrt(np.mean(y[:, j] ** 2))), len(y), float(rng.choice([-1.0, 1.0]))
+    rms, T, way = float(np.sqrt(np.mean(y[study.rest :, j] ** 2))), len(y), float(rng.choice([-1.0, 1.0]))
     if what == "sign":
         y[:, j] *= -1
         return y, Fault("sign", j)
@@ -176,7 +185,10 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
         return y, Fault("late", j, n)
     if what == "swapped":
         pairs = [(i, k) for i in range(m) for k in range(i + 1, m)]
-        apart = np.array([np.sqrt(np.mean((y[:, i] - y[:, k]) ** 2) / np.mean(y[:, i] ** 2)) for i, k in pairs])
+        moving = y[study.rest :]
+        apart = np.array(
+            [np.sqrt(np.mean((moving[:, i] - moving[:, k]) ** 2) / np.mean(moving[:, i] ** 2)) for i, k in pairs]
+        )
         unlike = np.flatnonzero(apart >= min(UNLIKE, apart.max()))
         i, k = pairs[unlike[int(rng.integers(len(unlike)))]]
         y[:, [i, k]] = y[:, [k, i]]
@@ -209,25 +221,29 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("records", type=int, nargs="?", default=len(FAULTS))
     parser.add_argument("cases", nargs="*", default=STUDIED, choices=[*CASES, STUDIED])
     parser.add_argument("--seed", type=int, default=0, help="0: the records by which thresholds were chosen")
+    parser.add_argument("--rest", type=float, default=0.0, help="seconds in which nothing moves before the loads begin")
+    parser.add_argument("--sound", type=int, help="sound records of a case; as many as records with faults")
     given = parser.parse_args(words)
+    count = given.records if given.sound is None else given.sound
     first = 1000 * given.seed
     print("| case | fault | named | outcome |\n|---|---|---|---|")
     for name in given.cases:
-        study, counts = study_of(name), Counter[str]()
+        study, counts = study_of(name, rest=given.rest), Counter[str]()
         discrepancy = study.tolerances.discrepancy
         for r in range(given.records):
             samples, fault = with_fault(study, FAULTS[r % len(FAULTS)], first + r + 1)
-            found = examined(suspect(study, samples), discrepancy)
+            found = check_record(suspect(study, samples), discrepancy).finding
             named = None if found.diagnosis is None else found.diagnosis.named
             said = outcome(found, fault)
             counts[said] += 1
             print(f"| {name} | {fault} | {named and named.fault} | {said} |", flush=True)
         sound = Counter(
-            outcome(examined(suspect(study, record(study, first + 100 + r)), discrepancy), None)
-            for r in range(given.records)
+            outcome(check_record(suspect(study, record(study, first + 100 + r)), discrepancy).finding, None)
+            for r in range(count)
         )
         print(
-            f"\n{name}: {given.records} faults: {dict(counts)}; {given.records} sound records: {dict(sound)}\n", flush=True
+            f"\n{name}: {given.records} faults: {dict(counts)}; {count} sound records: {dict(sound)}\n",
+            flush=True,
         )
 
 

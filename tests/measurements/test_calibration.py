@@ -115,6 +115,19 @@ def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
     assert "a: no sample at all, so nothing was zeroed" in notes
 
 
+def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
+    """Ends of a span belong to it; an absurd number there is no error."""
+    values = np.full(1000, 5.0)
+    values[[100, 200, 201]] = 1e31, 700.0, -900.0
+    spans = ((0.1, 0.1), (0.1995, 0.2015))
+    own, notes = calibrated(values, ChannelSettings("um/m", zero=(0.0, 1.0), missing=spans))
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(own)), [100, 200, 201])
+    np.testing.assert_allclose(own[np.isfinite(own)], 0.0, atol=1e-20)
+    assert "a: 3 samples were marked as missing" in notes
+    with pytest.raises(UserError, match=r"no sample from 2 to 3 s, the record runs from 0 to 0\.999 s"):
+        calibrated(values, ChannelSettings("um/m", missing=((2.0, 3.0),)))
+
+
 def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
     ones = np.ones(1000)
     with pytest.raises(UserError, match=r"no sample from 2 to 3 s, the record runs from 0 to 0.999 s"):

@@ -19,7 +19,7 @@ from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
 
-from ..estimation.chain import forces, loaded_chain, start
+from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect
 
 STEPS = 80
@@ -44,7 +44,8 @@ def records(which):
 
 def judged(record, own=None, **second):
     own = own or records_of(settings(**second))[0]
-    return judgement_of(own, SimpleNamespace(labels=NAMES), None, record, 0.0, lambda share: None)
+    test = SimpleNamespace(labels=NAMES, time=H * np.arange(len(record.samples) + 1))
+    return judgement_of(own, test, None, record, 0.0, lambda share: None)
 
 
 def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch):

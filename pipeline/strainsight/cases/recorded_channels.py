@@ -14,9 +14,6 @@ from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.delay import NO_DELAY, Delay
 from strainsight.measurements.reader import read_recording
 
-ACCEPT = "or accept it with --accept (estimate.accept: true)"
-"""The last remedy of a record that contradicts the model."""
-
 
 def signals_of(
     settings: RecordedFile, section: str, path: Path, wanted: Mapping[str, Channel], step: float | None = None
@@ -78,6 +75,7 @@ def _calibration(entry: Channel) -> ChannelSettings:
         sign=entry.sign,
         override=entry.override,
         delay=_delay(entry.delay),
+        missing=entry.missing,
     )
 
 

@@ -73,6 +73,10 @@ class Channel(Section):
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
         None, description="[from, to] [s]: the mean of the readings there is subtracted."
     )
+    missing: tuple[tuple[float, float], ...] = Field(
+        (),
+        description="[[from, to], …] [s]: samples between these times of the file count as missing, as spikes have to.",
+    )
     delay: Delay | None = Field(
         None,
         description="What the channel is written late by, {samples: n} or {seconds: s}: it is put at its own time. null: none.",

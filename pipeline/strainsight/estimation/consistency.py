@@ -11,7 +11,8 @@ from strainsight.estimation.verdict import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUT
 
 PROCESS, NOISE = "process_noise", "noise_std"
 """Q and R by the keys of a config."""
-EITHER = f"{NOISE} or {PROCESS}"
+CHECK = f"check channels, known loads and the model, and compare {NOISE} with the scatter of readings at rest"
+"""What may be wrong where innovations are too large: more noise would hide it."""
 
 
 @dataclass(frozen=True)
@@ -88,15 +89,13 @@ def verdict(whitened: np.ndarray) -> Verdict:
     alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     if large:
         said = f"the innovations are {ratio:.1f} times larger than the noise you stated"
-        advice = f"raise {PROCESS if alike else NOISE if opposed else EITHER}"
+        advice = CHECK
     elif small:
         said = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
-        advice = f"lower {NOISE if alike else PROCESS if opposed else EITHER}"
+        advice = f"lower {NOISE if alike else PROCESS if opposed else f'{NOISE} or {PROCESS}'}"
     else:
         said = "the innovations are as large as the noise you stated"
-        advice = (
-            f"raise {PROCESS} and lower {NOISE}" if alike else f"lower {PROCESS} and raise {NOISE}" if opposed else ""
-        )
+        advice = CHECK if alike or opposed else ""
     if alike:
         said += f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
     elif opposed:

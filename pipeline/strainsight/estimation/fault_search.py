@@ -24,6 +24,8 @@ from strainsight.estimation.faults import (
     chosen,
     dead_density,
     delay,
+    faults_for_a_time,
+    of_any_size,
     roughly,
     undone,
 )
@@ -63,8 +65,9 @@ class Suspect:
     model, without drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; samples
     (T/every, m), NaN where missing; nuisances; biased (b,): channels with an unknown offset; settled: as of `filter_bank`.
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
-    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to;
-    None: each is one.
+    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to,
+    None: each is one. moving (n*, n*): the covariance where nothing is known of the motion, None: the same. begin: samples of
+    the record before these; span: the first sample that moves, and the one behind the last.
     """
 
     model: FilterModel
@@ -78,6 +81,9 @@ class Suspect:
     turned_rows: np.ndarray
     turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
     load: np.ndarray | None = None
+    moving: np.ndarray | None = None
+    begin: int = 0
+    span: tuple[int, int] | None = None
 
     @property
     def loads(self) -> KnownLoads:
@@ -135,9 +141,11 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
         nuisances = replace(nuisances, learned=True)
     if fault is not None and fault.kind in ("offset", "drift"):
         unit = BROAD * float(np.sqrt(np.nanmean(samples[:, fault.channel] ** 2)))
-        nuisances = _with_zero(nuisances, fault, unit, suspect.known.shape[-1])
+        nuisances = _with_zero(nuisances, fault, unit, suspect)
     kept = np.isfinite(samples)
     missing = np.isfinite(suspect.samples).sum(axis=0) - kept.sum(axis=0)
+    if fault is not None:
+        change += of_any_size(fault, suspect.samples, suspect.noise)
     if fault is not None and fault.kind == "dead":
         change += dead_density(suspect.samples[:, fault.channel], suspect.noise[fault.channel])
         missing[fault.channel] = 0
@@ -156,14 +164,20 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
     if unit:
         nu, left = bank.nuisances
         amount, std = unit * float(nu[-1]), unit * float(np.sqrt(left[-1, -1]))
-    return Explained(fault, evidence, ratio_of(bank), amount, std), bank
+    return Explained(fault, evidence, ratio_of(bank, _steps(suspect)), amount, std, tuple(peak.point)), bank
 
 
-def ratio_of(bank: BankRun) -> float:
-    """Innovations over their claim, RMS; NaN where nothing was measured."""
-    whitened = bank.run.whitened
-    there = np.isfinite(whitened)
-    return float(np.sqrt(np.sum(whitened[there] ** 2) / there.sum())) if there.any() else np.nan
+def _steps(suspect: Suspect) -> slice:
+    """The steps in which the structure moves."""
+    every = suspect.model.every
+    return slice(None) if suspect.span is None else slice(suspect.span[0] * every, suspect.span[1] * every)
+
+
+def ratio_of(bank: BankRun, part: slice = slice(None)) -> float:
+    """Innovations over their claim, RMS, of all steps or of a part of them, the larger; NaN where nothing was measured."""
+    squares = bank.run.whitened**2
+    found = [np.sqrt(np.mean(own[np.isfinite(own)])) for own in (squares, squares[part]) if np.isfinite(own).any()]
+    return float(max(found)) if found else np.nan
 
 
 def missed_of(bank: BankRun | None) -> float:
@@ -204,14 +218,18 @@ class Finding:
 
 
 def examined(
-    suspect: Suspect, discrepancy: float = 0.0, progress: Callable[[float], None] = lambda share: None
+    suspect: Suspect,
+    discrepancy: float = 0.0,
+    progress: Callable[[float], None] = lambda share: None,
+    first: tuple[Explained, BankRun | None] | None = None,
 ) -> Finding:
-    """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`.
+    """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`; first: the record
+    without a fault, where that is known already.
 
     It does where one fault or several explain it far better than none (`faults.chosen`), and where its innovations are
     BELIEVABLE times as large as claimed and larger than `discrepancy`, the share of a reading that may be missed.
     """
-    as_it_is, bank = explained(suspect, None)
+    as_it_is, bank = first or explained(suspect, None)
     if bank is not None and not suspected(as_it_is, bank):
         return Finding(False, as_it_is, _check_ahead(suspect, bank), None)
     found = diagnosed(suspect, progress, (as_it_is, bank))
@@ -220,13 +238,13 @@ def examined(
 
 
 def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
-    """Every channel by all of them, one step ahead."""
-    every = suspect.model.every
+    """Every channel against its prediction one step ahead, where it moves."""
+    every, span = suspect.model.every, slice(*suspect.span or (None,))
     sampled = slice(every - 1, None, every)
-    foreseen = suspect.samples - bank.run.innovation[sampled, 0]
-    whitened = bank.run.whitened[sampled, 0]
+    samples, whitened = suspect.samples[span], bank.run.whitened[sampled, 0][span]
+    foreseen = samples - bank.run.innovation[sampled, 0][span]
     residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
-    return replace(channel_check(suspect.samples, foreseen, np.ones_like(foreseen)), residual=residual)
+    return replace(channel_check(samples, foreseen, np.ones_like(foreseen)), residual=residual)
 
 
 def diagnosed(
@@ -252,16 +270,8 @@ def diagnosed(
     if bank is not None and innovations is not None and _of_loads_alone(innovations, candidates):
         check = _check_ahead(suspect, bank)
         return Diagnosis(as_it_is, check, np.zeros(0), tuple(tried), named, candidates)
-    left_out = []
-    for j in range(m):
-        left_out.append(_left_out(suspect, j))
-        progress(0.4 * (j + 1) / m)
-    without = np.array([own.ratio for own in left_out])
-    check = channel_check(
-        suspect.samples,
-        np.column_stack([own.predicted for own in left_out]),
-        np.column_stack([np.hypot(own.std, suspect.noise[j]) for j, own in enumerate(left_out)]),
-    )
+    left_out = _each_left_out(suspect, lambda share: progress(0.4 * share))
+    check, without = _by_others(suspect, left_out)
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
     if m <= len(suspect.model.unknowns.inputs):
@@ -302,6 +312,29 @@ def _of_channel(fault: Fault) -> Fault:
     """The fault of the only channel that looks the same as one of a load."""
     amount = {"scale": 1 / fault.amount if fault.amount else 0.0, "late": -fault.amount}.get(fault.kind, 0.0)
     return Fault(fault.kind, 0, amount)
+
+
+def checked_by_others(suspect: Suspect, progress: Callable[[float], None]) -> tuple[ChannelCheck, np.ndarray]:
+    """Every channel against what all others foresee of it, and the ratio (m,) of innovations of the record without it."""
+    return _by_others(suspect, _each_left_out(suspect, progress))
+
+
+def _each_left_out(suspect: Suspect, progress: Callable[[float], None]) -> list[LeftOut]:
+    left_out = []
+    for j in range(suspect.samples.shape[1]):
+        left_out.append(_left_out(suspect, j))
+        progress((j + 1) / suspect.samples.shape[1])
+    return left_out
+
+
+def _by_others(suspect: Suspect, left_out: Sequence[LeftOut]) -> tuple[ChannelCheck, np.ndarray]:
+    span = slice(*suspect.span or (None,))
+    check = channel_check(
+        suspect.samples[span],
+        np.column_stack([own.predicted for own in left_out])[span],
+        np.column_stack([np.hypot(own.std, suspect.noise[j]) for j, own in enumerate(left_out)])[span],
+    )
+    return check, np.array([own.ratio for own in left_out])
 
 
 @dataclass(frozen=True)
@@ -375,12 +408,16 @@ def _ranked(suspect: Suspect, own: LeftOut, j: int) -> list[tuple[float, Fault]]
     late = delay(y, own.predicted, own.std, noise)
     faults += [] if late is None else [replace(late, channel=j)]
     faults += [Fault("clipped", j)] if at_limit(y).any() else []
+    faults += [
+        replace(fault, channel=j, spans=tuple((j, *span[1:]) for span in fault.spans))
+        for fault in faults_for_a_time(y, own.predicted, own.std, noise)
+    ]
     if np.nanstd(y) <= max(FAINT * np.sqrt(np.mean(own.predicted**2)), QUIET * noise):
         faults.append(Fault("dead", j))
     found = []
     for fault in faults:
-        alone = replace(fault, channel=0)
-        found.append((own.evidence + roughly(alone, y, own.predicted, own.std, noise), fault))
+        alone = replace(fault, channel=0, spans=tuple((0, *span[1:]) for span in fault.spans))
+        found.append((own.evidence + roughly(alone, y, own.predicted, own.std, noise, suspect.begin), fault))
     turns = [
         (
             own.evidence + roughly(Fault("angle", 0, angle), y, own.turned[:, k], own.std, noise),
@@ -399,15 +436,15 @@ def _alike(suspect: Suspect, i: int, j: int) -> bool:
     return quantity is None or bool(quantity[i] == quantity[j])
 
 
-def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, known: int) -> Nuisances:
-    """One constant more: the offset of a channel, or its drift by the end of the record."""
+def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, suspect: Suspect) -> Nuisances:
+    """One constant more: the offset of a channel, or its drift since the beginning of the record by the end of these samples."""
     (_, m, n), width = nuisances.D.shape, nuisances.E.shape[-1]
     row, drifts = np.zeros((1, m)), fault.kind == "drift"
-    E = np.pad(nuisances.E, [(0, 1), (0, 0), (0, int(drifts and width == known))])
+    E = np.pad(nuisances.E, [(0, 1), (0, 0), (0, int(drifts and width == suspect.known.shape[-1]))])
+    before = suspect.begin / (suspect.begin + len(suspect.samples)) if drifts else 1.0
+    row[0, fault.channel] = unit * before
     if drifts:
-        E[-1, fault.channel, -1] = unit
-    else:
-        row[0, fault.channel] = unit
+        E[-1, fault.channel, -1] = unit * (1 - before)
     return replace(
         nuisances,
         source=(*nuisances.source, fault.kind),

@@ -4,7 +4,7 @@ undone."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,9 @@ import numpy as np
 from strainsight.estimation.verdict import SLACK
 from strainsight.measurements.delay import shifted
 
-Kind = Literal["sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped"]
+Kind = Literal[
+    "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"
+]
 
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
@@ -31,25 +33,50 @@ RUN, CLIPPED = 3, 0.005
 channel may be clipped."""
 
 
+PRICE = 25.0
+"""Of ln evidence, for what is wrong for a time: both its ends, and its size, are those that fit best."""
+STEP, DROP = 5.0, 20.0
+"""Of ½z², z a residual over its σ, that is taken off at every sample; and the fall of the sum of what is left that ends a part of
+a record that does not fit."""
+
+GRID = 200
+"""Instants of a record between which a shift is sought at first."""
+MOST_PARTS, LONGEST_PART = 20, 0.2
+"""Parts of a record in which a channel may read what it likes, and the share of it that they may be."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """kind of what is wrong with a channel, or with a known load; amount: factor on it (scale), number of the other channel or
-    load (swapped), samples that it is late by (late), degrees (angle), else 0; of_load: `channel` is the number of a known
-    load."""
+    load (swapped), samples that it is late by (late), degrees (angle), what its zero shifts by (shift) [unit], else 0; of_load:
+    `channel` is the number of a known load; spans: channel, first sample and the one behind the last of what is wrong for a time
+    (spikes, stuck, shift)."""
 
     kind: Kind
     channel: int
     amount: float = 0.0
     of_load: bool = False
+    spans: tuple[tuple[int, int, int], ...] = ()
+
+    def later(self, samples: int) -> Fault:
+        """The same in a record that begins so many samples earlier."""
+        return replace(self, spans=tuple((j, first + samples, behind + samples) for j, first, behind in self.spans))
 
     @property
     def family(self) -> tuple[str, int, float, bool]:
         """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
-        return self.kind, self.channel, 0.0 if self.kind in ("late", "angle") else abs(self.amount), self.of_load
+        return (
+            self.kind,
+            self.channel,
+            0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount),
+            self.of_load,
+        )
 
     @property
     def wrong(self) -> tuple[int, ...]:
         """All channels, or all loads, that are wrong."""
+        if self.spans:
+            return tuple(sorted({channel for channel, _, _ in self.spans}))
         return (self.channel, int(self.amount)) if self.kind == "swapped" else (self.channel,)
 
     @property
@@ -79,7 +106,93 @@ def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
         own[:, j] = np.nan
     elif fault.kind == "clipped":
         own[at_limit(samples[:, j]), j] = np.nan
-    return own, 0.0
+    for channel, first, behind in fault.spans:
+        own[first:behind, channel] = samples[first:behind, channel] - fault.amount if fault.kind == "shift" else np.nan
+    return own, -PRICE * len(fault.spans)
+
+
+def of_any_size(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> float:
+    """ln of the density of samples (T, m) that are left out as readings of any kind, less that of as many of noise σ (m,): they
+    are as wide as they are large."""
+    change = 0.0
+    for channel, first, behind in fault.spans if fault.kind == "spikes" else ():
+        part = samples[first:behind, channel]
+        part = part[np.isfinite(part)]
+        wide = float(np.sqrt(np.mean(part**2))) / noise[channel] if len(part) else 1.0
+        change -= len(part) * float(np.log(max(1.0, wide)))
+    return change
+
+
+def misfits(z: np.ndarray) -> list[tuple[int, int]]:
+    """Parts of a record, first sample and the one behind the last, in which residuals over their σ z (T,) are too large: those
+    over which the sum of ½z² − STEP grows by DROP at least, up to where it is largest. NaN count for nothing."""
+    score = np.where(np.isfinite(z), 0.5 * np.nan_to_num(z) ** 2 - STEP, 0.0)
+    parts: list[tuple[int, int]] = []
+    total, most, first, best = 0.0, 0.0, 0, 0
+    for k, own in enumerate([*score.tolist(), -np.inf]):
+        total += own
+        if total > most:
+            most, best = total, k
+        elif total <= 0 or total < most - DROP:
+            if most >= DROP:
+                parts.append((first, best + 1))
+            total, most, first = 0.0, 0.0, k + 1
+    return parts
+
+
+def faults_for_a_time(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> list[Fault]:
+    """Where samples (T,) do not fit ŷ ± σ (T,) for a time: a zero that shifts, a channel that stands still, and readings of
+    any kind."""
+    wide, T = np.hypot(std, noise), len(samples)
+    residual = samples - predicted
+    parts, faults = misfits(residual / wide), []
+    first, behind, size = _step_in(residual, wide)
+    if behind - first > RUN and (first >= RUN or T - behind >= RUN):
+        faults.append(Fault("shift", 0, size, ((0, first, behind),)))
+    still = _longest_still(samples)
+    if still is not None and any(still[0] < behind and first < still[1] for first, behind in parts):
+        faults.append(Fault("stuck", 0, 0.0, ((0, *still),)))
+    if parts and len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * T:
+        faults.append(Fault("spikes", 0, 0.0, tuple((0, *part) for part in parts)))
+    return faults
+
+
+def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
+    """Between which samples a constant explains most of residuals (T,) with σ (T,): the first, the one behind the last, and it.
+
+    Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; ends are sought on a grid, then beside it.
+    """
+    there = np.isfinite(residual)
+    weight = np.where(there, 1 / std**2, 0.0)
+    sums, weights = (
+        np.concatenate([[0.0], np.cumsum(own)]) for own in (weight * np.where(there, residual, 0.0), weight)
+    )
+
+    def best(begins: np.ndarray, ends: np.ndarray) -> tuple[int, int]:
+        total, over = ends_less(sums, begins, ends), ends_less(weights, begins, ends)
+        gain = np.where((ends > begins[:, None]) & (over > 0), total**2 / np.where(over > 0, over, 1.0), 0.0)
+        i, k = np.unravel_index(int(np.argmax(gain)), gain.shape)
+        return int(begins[i]), int(ends[k])
+
+    T = len(residual)
+    step = max(1, T // GRID)
+    grid = np.append(np.arange(0, T, step), T)
+    near = (np.arange(max(0, at - step), min(T, at + step) + 1) for at in best(grid, grid))
+    first, behind = best(*near)
+    return first, behind, float((sums[behind] - sums[first]) / max(weights[behind] - weights[first], 1e-300))
+
+
+def ends_less(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Differences (begins, ends) of values at some ends and those at some beginnings."""
+    return np.asarray(values[ends] - values[begins][:, None])
+
+
+def _longest_still(values: np.ndarray) -> tuple[int, int] | None:
+    """The longest row of more than RUN equal samples of some (T,) that are not all equal."""
+    edges = np.flatnonzero(np.concatenate([[True], np.diff(values) != 0, [True]]))
+    longest = int(np.argmax(np.diff(edges)))
+    first, behind = int(edges[longest]), int(edges[longest + 1])
+    return (first, behind) if RUN < behind - first < len(values) else None
 
 
 def at_limit(values: np.ndarray) -> np.ndarray:
@@ -124,21 +237,25 @@ def channel_check(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) 
     return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together)
 
 
-def roughly(fault: Fault, samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> float:
+def roughly(
+    fault: Fault, samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float, begin: int = 0
+) -> float:
     """ln of the density of a channel's samples y (T,) under a fault of it, by what all others foresee, ŷ ± σ (T,), sample by
     sample; offsets and drifts as they fit best. noise: σ of a sample, the unit. Of a turned gauge ŷ is that of its turned row.
 
-    What the σ of different samples have in common is passed over: a number to choose by what is looked at closely.
+    begin: samples of the record before these. What the σ of different samples have in common is passed over: a number to choose
+    by what is looked at closely.
     """
     y, change = undone(fault, samples[:, None])
     own, wide = y[:, 0], np.hypot(std, noise)
+    change += of_any_size(fault, samples[:, None], np.array([noise]))
     if fault.kind == "dead":
         return dead_density(samples, noise)
     there = np.isfinite(own) & np.isfinite(predicted)
     missing = int(np.isfinite(samples).sum() - there.sum())
     residual, wide = (own - predicted)[there], wide[there]
     if fault.kind in ("offset", "drift"):
-        shape = np.ones(len(samples)) if fault.kind == "offset" else np.arange(1, len(samples) + 1) / len(samples)
+        shape = np.ones(len(samples)) if fault.kind == "offset" else begin + np.arange(1.0, len(samples) + 1)
         shape = shape[there] / wide
         residual = residual - shape * wide * (shape @ (residual / wide)) / max(float(shape @ shape), 1e-300)
     fit = -0.5 * np.sum((residual / wide) ** 2 + np.log(2 * np.pi * (wide / noise) ** 2))
@@ -165,13 +282,15 @@ def delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: fl
 @dataclass(frozen=True)
 class Explained:
     """A record under one fault: evidence, ln of the density of all its samples in units of their noise; ratio of innovations to
-    their claim, RMS; amount: the fault's own, or the offset, or the drift by the end of the record as found [unit], with σ."""
+    their claim, RMS; amount: the fault's own, or the offset, or the drift by the end of the record as found [unit], with σ;
+    point: the most likely parameters."""
 
     fault: Fault | None
     evidence: float
     ratio: float
     amount: float = 0.0
     std: float = 0.0
+    point: tuple[float, ...] = ()
 
 
 def chosen(

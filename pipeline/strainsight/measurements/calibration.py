@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class ChannelSettings:
     sign       1 or −1, before the bridge formula: a bridge wired the other way round gives −r
     override   the unit in the file is wrong: take `unit`
     delay      that it is written late by
+    missing    (from, to) [s] on the file's clock, each: samples that are none
     """
 
     unit: str
@@ -44,6 +45,7 @@ class ChannelSettings:
     sign: int = 1
     override: bool = False
     delay: Delay = NO_DELAY
+    missing: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         quantity = required_unit(self.unit).quantity
@@ -72,6 +74,12 @@ class ChannelSettings:
                 f"a zeroing window from {self.zero[0]:g} to {self.zero[1]:g} s", remedy="give its start and its end"
             )
 
+        for first, last in self.missing:
+            if not (np.isfinite([first, last]).all() and first <= last):
+                raise UserError(
+                    f"samples are missing from {first:g} to {last:g} s", remedy="give start and end of each span"
+                )
+
     @property
     def quantity(self) -> str:
         """What the calibrated channel is: strain, acceleration, displacement, force, moment or pressure."""
@@ -91,8 +99,9 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
     factor = required_unit(settings.unit).factor
     notes = list(_check_unit(recording, name, settings))
     values = np.array(recording.channels[name], dtype=float)
+    notes.extend(_mark_missing(recording, name, settings, values))
     _check_size(recording, name, settings, values)
-    check_marks(recording, name, settings.unit)
+    check_marks(replace(recording, channels={name: values}), name, settings.unit)
     if settings.offset:
         values -= settings.offset
         notes.append(f"{name}: {settings.offset:g} {settings.unit} were subtracted")
@@ -117,6 +126,23 @@ def calibrate(recording: Recording, name: str, settings: ChannelSettings) -> tup
         notes.append(f"{name}: times {settings.scale:g}")
     notes.extend(_large(name, settings, values))
     return values, tuple(notes)
+
+
+def _mark_missing(recording: Recording, name: str, settings: ChannelSettings, values: np.ndarray) -> tuple[str, ...]:
+    """Set samples in the spans that settings name to NaN, in place. Raises UserError for a span without a sample."""
+    marked = np.zeros(len(values), dtype=bool)
+    for first, last in settings.missing:
+        within = (recording.time >= first) & (recording.time <= last)
+        if not within.any():
+            raise UserError(
+                f"no sample from {first:g} to {last:g} s, the record runs from {recording.time[0]:g} to "
+                f"{recording.time[-1]:g} s",
+                where=recording.source,
+                remedy="take times of the file in `missing`, in seconds",
+            )
+        marked |= within
+    values[marked] = np.nan
+    return (f"{name}: {marked.sum()} samples were marked as missing",) if marked.any() else ()
 
 
 def _check_unit(recording: Recording, name: str, settings: ChannelSettings) -> tuple[str, ...]:

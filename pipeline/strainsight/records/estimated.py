@@ -47,6 +47,8 @@ class ChannelsChecked:
     by_others: bool = dataset(
         "/by_others", "1", "", "whether a channel is predicted by all others alone, where faults were looked for"
     )
+    begin: float = dataset("/begin", "s", "", "time of the first sample that the numbers of channels hold for")
+    end: float = dataset("/end", "s", "", "time of the last one")
     measured: np.ndarray = dataset("/measured", "unit of the channel", "/gauge/label", "RMS of every channel")
     predicted: np.ndarray = dataset("/predicted", "unit of the channel", "/gauge/label", "RMS of its prediction")
     residual: np.ndarray = dataset("/residual", "1", "/gauge/label", "RMS of their difference over its claimed σ")

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
@@ -141,8 +140,7 @@ def campaign_of(
         raise ContradictionError(
             apart,
             key="estimate.records",
-            remedy="leave out what is of another part or of gauges that were bonded anew, correct its known loads and units, "
-            f"{ACCEPT}",
+            remedy="leave out what is of another part or of gauges that were bonded anew, or correct its known loads and units",
         )
     using.progress("filter", FILTERED)
     untold = "" if settings.loads_as_stated else withheld_in_words(problem)
@@ -280,7 +278,7 @@ def _found(
         if contradicted:
             why = error.what if isinstance(error, NumericalError) else error
             raise ContradictionError(
-                f"no filter can follow this record, {why}: {contradicted.removesuffix(f', {ACCEPT}')}",
+                f"no filter can follow this record, {why}: {contradicted}",
                 key="estimate",
                 remedy="correct what is named, and estimate again",
             ) from error

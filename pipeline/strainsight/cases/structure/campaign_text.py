@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
@@ -89,7 +88,7 @@ def campaign_message(found: Campaign) -> str:
     numbers, first, names = campaign_numbers(found), _first(found), ", ".join(found.records)
     parts = [found.withheld] if found.withheld else []
     if found.accepted and not numbers["trusted"]:
-        wrong = {of: own.judgement.words.removesuffix(f", {ACCEPT}") for of, own in found.records.items()}
+        wrong = {of: own.judgement.words for of, own in found.records.items()}
         each = "; ".join(f"{of}: {words}" for of, words in wrong.items() if words)
         parts.append(f"accepted: {_apart(found) or each}")
     parts.append(

@@ -4,23 +4,25 @@ the key that undoes it."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.cases.recorded_channels import ACCEPT
+from strainsight.cases.recorded_channels import delay_in_seconds
 from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
-from strainsight.config.estimate import Channel, DelayInSeconds, GaugeChannel
-from strainsight.estimation.fault_search import Suspect, examined
+from strainsight.config.estimate import Channel, DelayInSeconds
+from strainsight.estimation.fault_search import Suspect
 from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
+from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.gauges.candidates import STRAIN, UNITS
+from strainsight.measurements.units import required_unit
 from strainsight.records.estimated import ChannelsChecked
 from strainsight.rom.model import modal_basis
 
-LONGEST = 4000
-"""Samples of a record, from its beginning, by which channels are checked."""
+MOST_TIMES = 20
+"""Spans of a fault that are named one by one."""
 OTHER_STEP = 100.0
 """Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
 
@@ -46,46 +48,52 @@ def judgement_of(
     discrepancy: float,
     progress: Callable[[float], None],
 ) -> Judgement:
-    """Of a record and the bank that judges it, as `examined` does; discrepancy: share of a reading that may be missed."""
-    found = examined(_beginning(suspect), discrepancy, progress)
-    diagnosis, as_it_is = found.diagnosis, found.as_it_is
-    label, entries, section = test.labels, own.settings.channels, own.section
+    """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
+    found = check_record(suspect, discrepancy, progress)
+    finding, diagnosis = found.finding, found.finding.diagnosis
     if diagnosis is None:
-        return Judgement(True, "", "", _checked(found.check, False))
-    if not found.contradicts:
+        return Judgement(True, "", "", _checked(found, test, False))
+    if not finding.contradicts:
         # what explains it a little better than no fault is chance, and no explanation
-        return Judgement(True, "", "", _checked(found.check, bool(len(diagnosis.without))))
-
-    def in_words(one: Explained) -> str:
-        if one.fault is not None and one.fault.of_load:
-            return load_fault_in_words(one.fault, problem.known, own, test.h * test.every)
-        copied = "" if section == "estimate" or own.channels.startswith(section) else _copied(section, own.channels)
-        return f"{fault_in_words(one, label, entries, suspect, section)}{copied}"
-
-    named = "" if diagnosis.named is None else in_words(diagnosis.named)
-    candidates = tuple(in_words(one) for one in diagnosis.candidates)
-    best = [diagnosis.best_of(j) for j in range(len(label))]
+        return Judgement(True, "", "", _checked(found, test, bool(len(diagnosis.without))))
+    words = FaultInWords(own, test, found.stretch, problem.known)
+    named = "" if diagnosis.named is None else f"{words.fault(diagnosis.named)}: {words.remedy(diagnosis.named)}"
+    # which of several it is has to be checked on the structure: the key of another one would hide it
+    candidates = (named,) if named else tuple(words.fault(one) for one in diagnosis.candidates)
+    best = [diagnosis.best_of(j) for j in range(len(test.labels))]
     checked = _checked(
-        found.check,
+        found,
+        test,
         bool(len(diagnosis.without)),
-        tuple("" if one is None else fault_in_words(one, label, entries, suspect, section) for one in best),
-        np.array([0.0 if one is None else _finite(one.evidence - as_it_is.evidence) for one in best]),
+        tuple("" if one is None else words.fault(one) for one in best),
+        np.array([0.0 if one is None else _finite(one.evidence - finding.as_it_is.evidence) for one in best]),
         candidates,
     )
     if named:
-        words = f"the record contradicts the model: {named}, {ACCEPT}"
-    elif candidates:
-        words = (
-            "the record contradicts the model, and which of these explains it stays open: "
-            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; {ACCEPT}"
-        )
-    else:
-        size = f"{as_it_is.ratio:.3g} times as large as claimed" if np.isfinite(as_it_is.ratio) else "beyond all bounds"
-        words = (
-            f"the record contradicts the model: innovations are {size}, and no single fault of a channel or a known "
-            f"load explains it: check {own.channels}, loads and the model{_step_in_words(problem, test)}, {ACCEPT}"
-        )
-    return Judgement(False, named, words, checked)
+        return Judgement(False, named, f"the record contradicts the model: {named}", checked)
+    if candidates:
+        listed = f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}"
+        text = f"which of these explains it stays open: {listed}; check on the structure which of them it is ({own.channels})"
+        return Judgement(False, "", f"the record contradicts the model, and {text}", checked)
+    ratio = finding.as_it_is.ratio
+    size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
+    text = (
+        f"the record contradicts the model: innovations are {size}{_worst_in_words(found, test)}, and no single fault of a "
+        f"channel or a known load explains it: check {own.channels}, loads and the model{_step_in_words(problem, test)}"
+    )
+    return Judgement(False, "", text, checked)
+
+
+def _worst_in_words(found: RecordCheck, test: Measured) -> str:
+    sample, channel, size = found.worst
+    if not size > 0:
+        return ""
+    return f", the largest {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
+
+
+def _time_of(test: Measured, sample: int) -> float:
+    """Of a sample behind the first [s]."""
+    return float(test.time[1 + sample])
 
 
 def clock_in_words(test: Measured, step: float) -> str:
@@ -96,74 +104,146 @@ def clock_in_words(test: Measured, step: float) -> str:
     return f"the record has a sample every {dt:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
 
 
-def fault_in_words(
-    found: Explained,
-    label: Sequence[str],
-    entries: Sequence[GaugeChannel],
-    suspect: Suspect,
-    section: str = "estimate",
-) -> str:
-    """A fault with the key of the config, below `section`, that undoes it."""
-    fault = found.fault
-    assert fault is not None
-    j = fault.channel
-    name, key, entry = label[j], f"{section}.channels.{j}", entries[j]
-    if fault.kind == "sign":
-        return f"{name} fits with sign −1: check the wiring, or set {key}.sign: {-entry.sign}"
-    if fault.kind == "scale":
-        check = "bridge and gauge factor" if 0.1 < fault.amount < 10 else f"{key}.unit (now {entry.unit})"
-        return f"{name} reads {fault.amount:g} times what fits: check {check}, or set {key}.scale: {entry.scale / fault.amount:g}"
-    if fault.kind == "swapped":
-        other = int(fault.amount)
-        return f"{name} and {label[other]} fit swapped: exchange {key}.channel and {section}.channels.{other}.channel"
-    if fault.kind == "offset":
-        return f"{name} fits with an offset of {_size(found, suspect)}: set {key}.zero or {key}.offset, or {key}.bias"
-    if fault.kind == "drift":
-        seconds = min(len(suspect.samples), LONGEST) * suspect.model.h * suspect.model.every
-        return f"{name} fits with a drift of {_size(found, suspect)} in {seconds:.3g} s: set {key}.drift"
-    if fault.kind == "late":
-        n = int(fault.amount)
-        dt = suspect.model.h * suspect.model.every
-        return f"{_late_in_words(name, n, dt)}: set {key}.delay: {_delay_in_words(entry, n, abs(n) * dt)}"
-    if fault.kind == "angle":
-        turn = f"{abs(fault.amount):g}°"
-        return f"{name} fits turned by {turn}: check its direction, and {key}.gauge and {key}.grid"
-    if fault.kind == "dead":
-        return f"{name} reads noise alone, it is dead: leave {key} out"
-    count = int(at_limit(suspect.samples[:, j]).sum())
-    return f"{name} is clipped, in {count} samples at least: mark them as missing, or leave {key} out"
+@dataclass(frozen=True)
+class FaultInWords:
+    """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that they were found in."""
 
+    own: RecordSettings
+    test: Measured
+    stretch: Suspect
+    known: Sequence[str] = ()
 
-def load_fault_in_words(fault: Fault, known: Sequence[str], own: RecordSettings, dt: float) -> str:
-    """A fault of a known load with the key that undoes it; dt [s] between samples."""
-    name = known[fault.channel]
-    entry, inputs = own.settings.inputs[name], f"{own.section}.inputs"
-    key = f"{inputs}.{name}"
-    copied = "" if own.section == "estimate" or own.inputs.startswith(own.section) else _copied(own.section, own.inputs)
-    if fault.kind == "sign":
-        words = f"{name} fits with sign −1: check its direction (loads.{name}), or set {key}.sign: {-entry.sign}"
-    elif fault.kind == "scale":
-        words = (
-            f"{name} reads {fault.amount:g} times what fits: check {key}.unit (now {entry.unit}), or set {key}.scale: "
-            f"{entry.scale / fault.amount:.9g}"
+    def fault(self, found: Explained) -> str:
+        """What is wrong."""
+        fault = found.fault
+        assert fault is not None
+        names = self.known if fault.of_load else self.test.labels
+        name = names[fault.channel]
+        if fault.kind == "sign":
+            return f"{name} fits with sign −1"
+        if fault.kind == "scale":
+            return f"{name} reads {fault.amount:g} times what fits"
+        if fault.kind == "swapped":
+            return f"{name} and {names[int(fault.amount)]} fit swapped"
+        if fault.kind == "offset":
+            return f"{name} fits with an offset of {self._size(fault, found.amount, found.std)}"
+        if fault.kind == "drift":
+            return f"{name} fits with a drift of {self._size(fault, found.amount, found.std)} in {self._drifted:.3g} s"
+        if fault.kind == "late":
+            n = int(fault.amount)
+            samples = f"{abs(n)} sample{'s' * (abs(n) > 1)}"
+            return f"{name} is {samples} ({abs(n) * self._step:.3g} s) {'late' if n > 0 else 'early'}"
+        if fault.kind == "angle":
+            return f"{name} fits turned by {abs(fault.amount):g}°"
+        if fault.kind == "dead":
+            return f"{name} reads noise alone, it is dead"
+        if fault.kind == "clipped":
+            return (
+                f"{name} is clipped, in {int(at_limit(self.stretch.samples[:, fault.channel]).sum())} samples at least"
+            )
+        if fault.kind == "spikes":
+            return f"samples fit no motion: {'; '.join(self._spikes(fault, channel) for channel in fault.channels)}"
+        return self._for_a_time(fault)
+
+    def remedy(self, found: Explained) -> str:
+        """What to check, and the key that undoes it."""
+        fault = found.fault
+        assert fault is not None
+        section, stated = self.own.section, self.own.inputs if fault.of_load else self.own.channels
+        words = self._remedy(fault, found)
+        if section == "estimate" or stated.startswith(section):
+            return words
+        return (
+            f"{words} (state {section}.{stated.split('.')[-1]}, a copy of {stated}, for what this record alone needs)"
         )
-    elif fault.kind == "swapped":
-        other = known[int(fault.amount)]
-        words = f"{name} and {other} fit swapped: exchange {key}.channel and {inputs}.{other}.channel"
-    else:
-        n = int(fault.amount)
-        words = f"{_late_in_words(name, n, dt)}: set {key}.delay: {_delay_in_words(entry, n, abs(n) * dt)}"
-        if n < 0 and own.settings.start == "rest":
-            words += " and estimate.start: moving"
-    return f"{words}{copied}"
 
+    def _remedy(self, fault: Fault, found: Explained) -> str:
+        entry, key = self._entry(fault, fault.channel)
+        raw = 1 / (entry.sign * entry.scale * required_unit(entry.unit).factor)
+        if fault.kind == "sign":
+            what = f"its direction (loads.{self.known[fault.channel]})" if fault.of_load else "the wiring"
+            return f"check {what}, or set {key}.sign: {-entry.sign}"
+        if fault.kind == "scale":
+            gauge = 0.1 < fault.amount < 10 and not fault.of_load
+            check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
+            return f"check {check}, or set {key}.scale: {entry.scale / fault.amount:.9g}"
+        if fault.kind == "swapped":
+            return f"exchange {key}.channel and {self._entry(fault, int(fault.amount))[1]}.channel"
+        if fault.kind == "offset":
+            value = "" if entry.bridge is not None else f": {entry.offset + found.amount * raw:.6g}"
+            return f"set {key}.offset{value}, or {key}.zero or {key}.bias"
+        if fault.kind == "drift":
+            value = "" if entry.bridge is not None else f": {entry.drift + found.amount * raw / self._drifted:.6g}"
+            return f"set {key}.drift{value}"
+        if fault.kind == "late":
+            n = int(fault.amount)
+            moving = " and estimate.start: moving" * (fault.of_load and n < 0 and self.own.settings.start == "rest")
+            return f"set {key}.delay: {_delay_in_words(entry, n, abs(n) * self._step)}{moving}"
+        if fault.kind == "angle":
+            return f"check its direction, and {key}.gauge and {key}.grid"
+        if fault.kind == "dead":
+            return f"leave {key} out"
+        if fault.kind == "clipped":
+            return f"set {key}.missing to where it is, or leave {key} out"
+        return "set " + " and ".join(self._missing(fault, channel) for channel in fault.channels)
 
-def _copied(section: str, key: str) -> str:
-    return f" (state {section}.{key.split('.')[-1]}, a copy of {key}, for what this record alone needs)"
+    def _entry(self, fault: Fault, number: int) -> tuple[Channel, str]:
+        """What the config states of a channel or a known load, and its key."""
+        if fault.of_load:
+            name = self.known[number]
+            return self.own.settings.inputs[name], f"{self.own.section}.inputs.{name}"
+        return self.own.settings.channels[number], f"{self.own.section}.channels.{number}"
 
+    @property
+    def _step(self) -> float:
+        """Between samples [s]."""
+        return self.stretch.model.h * self.stretch.model.every
 
-def _late_in_words(name: str, n: int, dt: float) -> str:
-    return f"{name} is {abs(n)} sample{'s' * (abs(n) > 1)} ({abs(n) * dt:.3g} s) {'late' if n > 0 else 'early'}"
+    @property
+    def _drifted(self) -> float:
+        """From the beginning of the record to the end of the stretch [s]."""
+        return (self.stretch.begin + len(self.stretch.samples)) * self._step
+
+    def _size(self, fault: Fault, amount: float, std: float | None = None) -> str:
+        quantity = self.stretch.model.quantity
+        kind = STRAIN if quantity is None else int(quantity[fault.channel])
+        factor, unit = (1e6, "µm/m") if kind == STRAIN else (1.0, UNITS[kind])
+        return f"{factor * amount:.3g} {'' if std is None else f'± {factor * std:.2g} '}{unit}"
+
+    def _for_a_time(self, fault: Fault) -> str:
+        """From when on a channel is wrong, and how."""
+        ((channel, first, behind),), name = fault.spans, self.test.labels[fault.channel]
+        ends = self.stretch.begin + behind >= len(self.test.time) - 1
+        since = f"from {self._time(first)} s on" if ends else f"from {self._time(first)} to {self._time(behind - 1)} s"
+        if fault.kind == "shift":
+            return f"{name} {since}: its zero shifts by {self._size(fault, fault.amount)}"
+        return f"{name} is stuck at {self._size(fault, float(self.stretch.samples[first, channel]))} {since}"
+
+    def _spikes(self, fault: Fault, channel: int) -> str:
+        spans = [span[1:] for span in fault.spans if span[0] == channel]
+        times = [self._time(a) if b - a == 1 else f"{self._time(a)} to {self._time(b - 1)}" for a, b in spans]
+        if (more := len(times) - MOST_TIMES) > 0:
+            return f"{self.test.labels[channel]} at {', '.join(times[:MOST_TIMES])} s and at {more} other times"
+        last = times.pop()
+        return f"{self.test.labels[channel]} at {', '.join(times) + ' and ' if times else ''}{last} s"
+
+    def _time(self, sample: int) -> str:
+        """Of a sample of the stretch, to the digits of the step between samples."""
+        return f"{_time_of(self.test, self.stretch.begin + sample):.{max(0, int(np.ceil(-np.log10(self._step))))}f}"
+
+    def _missing(self, fault: Fault, channel: int) -> str:
+        """The key that leaves out what is wrong for a time, half a sample beyond its ends, on the clock of the file."""
+        entry, key = self._entry(fault, channel)
+        late = delay_in_seconds(entry.delay, self._step)
+        spans = [list(span) for span in entry.missing]
+        for at, first, behind in fault.spans:
+            if at == channel:
+                ends = self.stretch.begin + first, self.stretch.begin + behind - 1
+                times = (_time_of(self.test, k) + late for k in ends)
+                spans.append(
+                    [float(f"{t + 0.5 * way * self._step:.9g}") for t, way in zip(times, (-1, 1), strict=True)]
+                )
+        return f"{key}.missing: {spans}"
 
 
 def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
@@ -171,14 +251,6 @@ def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     if isinstance(entry.delay, DelayInSeconds):
         return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
-
-
-def _size(found: Explained, suspect: Suspect) -> str:
-    assert found.fault is not None
-    quantity = suspect.model.quantity
-    kind = STRAIN if quantity is None else int(quantity[found.fault.channel])
-    factor, unit = (1e6, "µm/m") if kind == STRAIN else (1.0, UNITS[kind])
-    return f"{factor * found.amount:.3g} ± {factor * found.std:.2g} {unit}"
 
 
 def _step_in_words(problem: Problem, test: Measured) -> str:
@@ -189,20 +261,21 @@ def _step_in_words(problem: Problem, test: Measured) -> str:
     return f" (its step is {dt:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
 
 
-def _beginning(suspect: Suspect) -> Suspect:
-    return replace(suspect, samples=suspect.samples[:LONGEST], known=suspect.known[: LONGEST * suspect.model.every])
-
-
 def _checked(
-    check: ChannelCheck,
+    found: RecordCheck,
+    test: Measured,
     by_others: bool,
     fault: tuple[str, ...] = (),
     gain: np.ndarray | None = None,
     candidate: tuple[str, ...] = (),
 ) -> ChannelsChecked:
+    check: ChannelCheck = found.finding.check
     m = len(check.measured)
+    first, behind = found.part
     return ChannelsChecked(
         by_others=by_others,
+        begin=_time_of(test, first),
+        end=_time_of(test, behind - 1),
         measured=check.measured,
         predicted=check.predicted,
         residual=check.residual,

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.augmentation.unknowns import Unknowns
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.diagnosed import Judgement, clock_in_words
 from strainsight.cases.structure.filtered_test import (
@@ -184,7 +183,7 @@ def _words(
     problem, test = given.problem, given.test
     rests = withheld or rests_on_loads_in_words(problem)
     if not withheld and not judgement.trusted:
-        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words.removesuffix(f', {ACCEPT}')}"
+        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words}"
     others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
     if withheld and config.filter.compare:
         others = "filter.compare: other filters are not compared where σ is withheld"

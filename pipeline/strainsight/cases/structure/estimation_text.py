@@ -16,7 +16,6 @@ from strainsight.cases.hold_out import (
     size_in_words,
 )
 from strainsight.cases.layout.budget import budget_tables
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
@@ -60,7 +59,7 @@ def estimation_message(found: Estimation) -> str:
     numbers, units = estimation_numbers(found), found.units
     parts = [found.withheld] if found.withheld else []
     if found.accepted and not found.judgement.trusted:
-        parts.append(f"accepted: {found.judgement.words.removesuffix(f', {ACCEPT}')}")
+        parts.append(f"accepted: {found.judgement.words}")
     parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {found.estimated.source.file}")
     for name in found.unknowns.names:
         what = " RMS" if name in found.unknowns.inputs else ""
@@ -124,7 +123,12 @@ def channel_table(own: Estimated, units: Sequence[str]) -> Table:
         columns = (*columns, "what explains the record best")
         rows = [(*row, text or "nothing") for row, text in zip(rows, check.fault, strict=True)]
     by = "by all other channels" if check.by_others else "one step ahead, by all channels"
-    return Table(f"channels, predicted {by}", columns, tuple(rows))
+    part = (
+        ""
+        if check.end - check.begin >= 0.99 * float(own.gauge.time[-1] - own.gauge.time[0])
+        else (f", from {check.begin:.4g} to {check.end:.4g} s")
+    )
+    return Table(f"channels, predicted {by}{part}", columns, tuple(rows))
 
 
 def estimation_csv(found: Estimation) -> bytes:

@@ -25,6 +25,8 @@ MISSED = 0.05
 """RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
 LARGEST_STRAIN = 0.1
 """[m/m] Foil gauges end at a few per cent."""
+FEW = 0.01
+"""Share of samples beyond that, up to which they are spikes and no other unit."""
 LEAST_STRAIN = 1e-8
 """[m/m] A tenth of what amplifiers resolve."""
 QUANTITY = ("strain", "acceleration", "displacement")
@@ -200,6 +202,15 @@ def check_quantities(
     expected = [*sensors, *(quantity[units[name]] for name in known)]
     for i, ((key, entry), found, should) in enumerate(zip(wanted.items(), signals.quantities, expected, strict=True)):
         largest = float(np.nanmax(np.abs(signals.values[:, i]), initial=0.0))
+        beyond = np.flatnonzero(np.abs(signals.values[:, i]) > LARGEST_STRAIN)
+        if found == should == "strain" and 0 < len(beyond) <= FEW * np.isfinite(signals.values[:, i]).sum():
+            times = ", ".join(f"{t:.9g}" for t in signals.time[beyond[:10]])
+            raise ConfigError(
+                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %, in {len(beyond)} of "
+                f"{len(signals.time)} samples: at {times} s{' …' * (len(beyond) > 10)}",
+                key=f"{key}.missing",
+                remedy="mark these samples as missing, [[from, to], …]",
+            )
         if found == should == "strain" and largest > LARGEST_STRAIN:
             raise ConfigError(
                 f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %",

@@ -22,7 +22,6 @@ from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import Estimate, FromFile
 from strainsight.csv_cells import csv_bytes
@@ -83,7 +82,7 @@ def run(context: Context[BenchConfig]) -> Output:
     rows = () if own.without is None else own.without.rows
     verdicts = verdicts_of(*judged, tested)
     against = contradiction_in_words(config, contradicted(config, free, result.claims, *judged[-2:], tested))
-    words = against if not estimate.accept else against and f"accepted: {against.removesuffix(f', {ACCEPT}')}"
+    words = against if not estimate.accept else against and f"accepted: {against}"
     warnings = [
         *filter(None, (beyond, words)),
         *misfits_in_words(rows, "channels"),

@@ -9,7 +9,6 @@ import numpy as np
 from strainsight.cases.bench.inverse.numbers import smoothed_name
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.cases.hold_out import Left
-from strainsight.cases.recorded_channels import ACCEPT
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
 from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
@@ -155,7 +154,7 @@ def contradiction_in_words(config: BenchConfig, against: Sequence[str]) -> str:
     more = "" if asked(config).hold_out is not None else ", estimate.hold_out: each says which channel it is"
     return (
         f"the record contradicts the model: {', '.join(against)} {'is' if len(against) == 1 else 'are'} {CONTRADICTED}: check "
-        f"channels, units and noise of estimate.measured{more}, {ACCEPT}"
+        f"channels, units and noise of estimate.measured{more}"
     )
 
 

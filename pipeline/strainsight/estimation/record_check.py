@@ -1,0 +1,170 @@
+"""Whether a record of any length agrees with its model: faults are looked for in the stretches where its channels read most,
+innovations are looked at from its beginning to its end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.errors import NumericalError
+from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.fault_search import (
+    APART,
+    BELIEVABLE,
+    MARGIN,
+    Diagnosis,
+    Finding,
+    Suspect,
+    checked_by_others,
+    examined,
+    explained,
+    missed_of,
+    ratio_of,
+    suspected,
+)
+from strainsight.estimation.faults import Explained, chosen
+from strainsight.estimation.peak import known_at
+from strainsight.estimation.spikes import SPIKE, sizes_of, spikes_of
+from strainsight.estimation.stretches import LONGEST, loudest_stretches, moving_part_of, part_of, stretch_at
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class RecordCheck:
+    """What was found in the stretch that shows most; worst: sample of the record and channel of the largest innovation, and its
+    size over σ; part: the samples of the record that the check of channels is of, the first and the one behind the last."""
+
+    finding: Finding
+    stretch: Suspect
+    worst: tuple[int, int, float]
+    part: tuple[int, int]
+
+
+def check_record(suspect: Suspect, discrepancy: float = 0.0, progress: Progress = lambda share: None) -> RecordCheck:
+    """Check a record against its model, as `examined` does a stretch.
+
+    A record that agrees where its channels read most is filtered as a whole, with the parameters that are most likely there:
+    the innovations of any LONGEST samples contradict the model where they are BELIEVABLE times as large as claimed, and faults
+    are looked for where they are largest.
+    """
+    stretches = loudest_stretches(suspect)
+    for i, (begin, end) in enumerate(stretches):
+
+        def going(share: float, i: int = i) -> None:
+            progress((i + share) / (len(stretches) + 1))
+
+        whole = part_of(suspect, begin, end)
+        check = _check_stretch(moving_part_of(whole), whole, discrepancy, going)
+        if check.finding.contradicts:
+            break
+    all_of_it = len(check.stretch.samples) == len(suspect.samples)
+    if all_of_it or (check.finding.contradicts and not _has_spikes(check.finding)):
+        return check
+    return _check_all(suspect, check, discrepancy, progress)
+
+
+def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: Progress) -> RecordCheck:
+    """Faults are looked for in a part of a stretch; what is as good as another one there is weighed by all of it."""
+    as_it_is = explained(part, None)
+    worst = _worst_of(part, as_it_is[1])
+    if worst[2] > SPIKE and (spikes := spikes_of(part, as_it_is)) is not None:
+        fault, without, (cleaned, _) = spikes
+        named = replace(cleaned, fault=fault)
+        check, ratios = checked_by_others(without, progress)
+        diagnosis = Diagnosis(as_it_is[0], check, ratios, (named,), named, (named,))
+        return RecordCheck(Finding(True, as_it_is[0], check, diagnosis), part, worst, _moving(part))
+    finding = examined(part, discrepancy, progress, as_it_is)
+    if len(part.samples) == len(whole.samples) or finding.diagnosis is None or len(finding.diagnosis.candidates) < 2:
+        return RecordCheck(finding, part, worst, _moving(part))
+    later = part.begin - whole.begin
+    faults = [one.fault.later(later) for one in finding.diagnosis.candidates if one.fault is not None]
+    tried = [explained(whole, fault)[0] for fault in faults]
+    named, candidates = chosen(explained(whole, None)[0].evidence, tried, BELIEVABLE, MARGIN, APART)
+    if not candidates:
+        return RecordCheck(finding, part, worst, _moving(part))
+    diagnosis = replace(finding.diagnosis, named=named, candidates=candidates)
+    return RecordCheck(replace(finding, diagnosis=diagnosis), whole, worst, _moving(part))
+
+
+def _moving(part: Suspect) -> tuple[int, int]:
+    first, behind = part.span or (0, len(part.samples))
+    return part.begin + first, part.begin + behind
+
+
+def _check_all(suspect: Suspect, check: RecordCheck, discrepancy: float, progress: Progress) -> RecordCheck:
+    """All samples of a record, one stretch of which agrees with the model, or does but for spikes."""
+    named = check.finding.diagnosis.named if _has_spikes(check.finding) and check.finding.diagnosis else None
+    point = np.array((named or check.finding.as_it_is).point)
+
+    def fit(own: Suspect) -> tuple[Explained, BankRun | None]:
+        return _filtered_at(own, point)
+
+    whole = fit(suspect)
+    worst = _worst_of(suspect, whole[1])
+    if not suspected(*whole) and worst[2] <= SPIKE:
+        return check
+    if worst[2] > SPIKE and (spikes := spikes_of(suspect, whole, fit)) is not None:
+        fault, _, (cleaned, _) = spikes
+        named = replace(cleaned, fault=fault)
+        found = check.finding.check
+        diagnosis = Diagnosis(whole[0], found, np.zeros(0), (named,), named, (named,))
+        return RecordCheck(Finding(True, whole[0], found, diagnosis), suspect, worst, check.part)
+    if named is not None:
+        return check
+    begin = worst[0] if whole[1] is None else _loudest_innovations(suspect, whole[1])
+    stretch = part_of(suspect, *stretch_at(suspect, begin))
+    local = _check_stretch(stretch, stretch, discrepancy, progress)
+    if not local.finding.contradicts and not whole[0].ratio <= BELIEVABLE and missed_of(whole[1]) > discrepancy:
+        return replace(
+            check, finding=replace(local.finding, contradicts=True, as_it_is=whole[0]), worst=worst, part=local.part
+        )
+    return local
+
+
+def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:
+    """How a record fits with its parameters known: ratio of innovations over the LONGEST samples where it is largest."""
+    nuisances = replace(suspect.nuisances, learned=True)
+    model, mean, covariance = known_at(suspect.model, point, suspect.mean, suspect.covariance)
+    try:
+        bank = filter_bank(
+            model,
+            mean,
+            covariance,
+            suspect.known,
+            suspect.samples,
+            nuisances,
+            biased=suspect.biased,
+            settled=suspect.settled,
+            keep="mean",
+        )
+    except NumericalError:
+        return Explained(None, -np.inf, np.inf, point=tuple(point)), None
+    begin, every = _loudest_innovations(suspect, bank), suspect.model.every
+    ratio = ratio_of(bank, slice(begin * every, (begin + LONGEST) * every))
+    return Explained(None, float(bank.run.log_likelihood[0]), ratio, point=tuple(point)), bank
+
+
+def _loudest_innovations(suspect: Suspect, bank: BankRun) -> int:
+    """First of the LONGEST samples whose innovations are largest over their σ, the first such."""
+    every = suspect.model.every
+    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[every - 1 :: every, 0] ** 2, axis=1))])
+    length = min(LONGEST, len(whole) - 1)
+    return int(np.argmax(whole[length:] - whole[:-length]))
+
+
+def _worst_of(suspect: Suspect, bank: BankRun | None) -> tuple[int, int, float]:
+    """Sample of the record and channel of the largest innovation, and its size over σ."""
+    if bank is None:
+        return 0, 0, 0.0
+    size, each = sizes_of(suspect, bank)
+    k = int(np.argmax(size))
+    return suspect.begin + k, int(np.argmax(each[k])), float(size[k])
+
+
+def _has_spikes(finding: Finding) -> bool:
+    diagnosis = finding.diagnosis
+    named = None if diagnosis is None or diagnosis.named is None else diagnosis.named.fault
+    return named is not None and named.kind == "spikes"

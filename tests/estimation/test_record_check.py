@@ -1,0 +1,172 @@
+"""Records that are longer than the stretch in which faults are looked for: where it lies, how it begins, what is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from strainsight.estimation import record_check, stretches
+from strainsight.estimation.conditional import known_ends, no_nuisances
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.fault_search import explained
+from strainsight.estimation.faults import Fault, misfits
+from strainsight.estimation.record_check import check_record
+from strainsight.estimation.settled import Settled
+from strainsight.estimation.spikes import spikes_of
+from strainsight.estimation.stretches import loudest_stretches, moving_part_of, part_of
+
+from .chain import NOISE, H, forces, loaded_chain, start
+from .test_fault_search import FOUR, suspect
+
+REST, MOVING, SHORT = 500, 150, 400
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Four gauges on two masses that rest, and then move under a known and an unknown force."""
+    model, P = loaded_chain(), start()[:5, :5]
+    model = replace(model, H=np.hstack([FOUR, np.zeros((4, 3))]), r=np.repeat(model.r[:1], 4))
+    y = draw_truth(model, np.zeros(5), P, forces(MOVING), [3])[1][:, 0]
+    rest = NOISE * np.random.default_rng(1).standard_normal((REST, 4))
+    known = np.concatenate([0 * forces(REST), forces(MOVING)])
+    own = suspect(model, P, known, np.concatenate([rest, y]))
+    return replace(own, moving=np.diag([0.01, 0.01, 1.0, 1.0, 0.5]))
+
+
+@pytest.fixture(autouse=True)
+def short_stretches(monkeypatch):
+    monkeypatch.setattr(stretches, "LONGEST", SHORT)
+    monkeypatch.setattr(record_check, "LONGEST", SHORT)
+
+
+def changed(record, change):
+    samples = record.samples.copy()
+    change(samples)
+    return replace(record, samples=samples)
+
+
+def named(record):
+    found = check_record(record).finding
+    assert found.contradicts
+    return found.diagnosis.named.fault
+
+
+def test_a_stretch_lies_where_the_channels_read_most(record):
+    ((first, behind),) = loudest_stretches(record)
+    assert behind - first == SHORT
+    assert first <= REST
+    assert behind == REST + MOVING
+    part = moving_part_of(part_of(record, first, behind))
+    assert part.begin == pytest.approx(REST - MOVING, abs=20)
+    assert len(part.samples) == pytest.approx(2 * MOVING, abs=20)
+    spike = changed(record, lambda y: y.__setitem__((100, 0), 1e3))
+    assert loudest_stretches(spike) == ((first, behind),)
+
+
+def test_channels_that_read_at_different_times_have_a_stretch_each(record):
+    def change(y):
+        y[:] = 0.1 * y
+        y[50:60, :2] += 0.1
+        y[600:610, 2:] += 0.05
+
+    two = loudest_stretches(changed(record, change))
+    assert len(two) == 2
+    assert any(first <= 50 and behind >= 60 for first, behind in two)
+    assert any(first <= 600 and behind >= 610 for first, behind in two)
+
+
+def test_a_drift_goes_on_in_a_stretch(record):
+    """σ t/T of the whole record, at every sample of the stretch."""
+    none = no_nuisances(record.model)
+    E = np.zeros((1, 4, 2))
+    E[0, 1, -1] = 0.3
+    drifting = replace(none, source=("drift",), D=np.zeros((1, 4, 5)), E=E, offset=np.zeros((1, 4)))
+    part = part_of(replace(record, nuisances=drifting), 100, 180)
+    share = known_ends(part.known, part.nuisances)[:, -1]
+    read = part.nuisances.offset[0, 1] + part.nuisances.E[0, 1, -1] * share
+    np.testing.assert_allclose(read, 0.3 * np.arange(101, 181) / (REST + MOVING), rtol=1e-12)
+
+
+def test_a_periodic_motion_goes_on_in_a_stretch(record):
+    frequency = np.array([3.0, 7.0])
+    held = np.array([1 + 2j, 0.5j])[:, None, None] * np.ones((2, 3, 1))
+    part = part_of(replace(record, settled=Settled(frequency, held, np.ones(4))), 100, 180)
+    expected = np.exp(1j * frequency * 100 * H)[:, None, None] * held
+    np.testing.assert_allclose(part.settled.held, expected, rtol=1e-12)
+
+
+def test_a_sound_record_behind_rest_agrees(record):
+    assert not check_record(record).finding.contradicts
+
+
+@pytest.mark.parametrize(
+    "fault", [Fault("sign", 2), Fault("swapped", 0, 3), Fault("scale", 1, 2.0), Fault("offset", 1), Fault("drift", 0)]
+)
+def test_a_fault_behind_rest_is_named(record, fault):
+    """A drift is told from an offset by the rest before the motion, however short the motion is."""
+
+    def change(y):
+        j = fault.channel
+        if fault.kind == "sign":
+            y[:, j] *= -1
+        elif fault.kind == "swapped":
+            y[:, [0, 3]] = y[:, [3, 0]]
+        elif fault.kind == "scale":
+            y[:, j] *= 2
+        else:
+            size = 0.02 if fault.kind == "offset" else 0.04 * np.arange(1, len(y) + 1) / len(y)
+            y[:, j] += size
+
+    wrong = changed(record, change)
+    assert named(wrong) == fault
+    if fault.kind in ("offset", "drift"):
+        expected = {"offset": 0.02, "drift": 0.04}[fault.kind]
+        found = check_record(wrong).finding.diagnosis.named
+        assert abs(found.amount - expected) < 4 * found.std + 0.02 * expected
+
+
+def test_spikes_are_named_wherever_they_are(record):
+    def change(y):
+        y[40, 1] += 50 * NOISE
+        y[300, 3] -= 500 * NOISE
+        y[REST + 60, 0] += 200 * NOISE
+
+    fault = named(changed(record, change))
+    assert fault.kind == "spikes"
+    assert fault.spans == ((0, REST + 60, REST + 61), (1, 40, 41), (3, 300, 301))
+
+
+def test_what_is_wrong_in_the_rest_is_found(record):
+    check = check_record(changed(record, lambda y: y.__setitem__((slice(100, 200), 2), y[100:200, 2] + 15 * NOISE)))
+    assert check.finding.contradicts
+    fault = check.finding.diagnosis.named.fault
+    ((channel, first, behind),) = fault.spans
+    assert (fault.kind, channel) == ("shift", 2)
+    assert abs(first + check.stretch.begin - 100) <= 2
+    assert abs(behind + check.stretch.begin - 200) <= 2
+
+
+def test_innovations_are_looked_at_to_the_end_of_the_record(record):
+    """All channels ten times as noisy for a while, which no fault explains: where the largest is, is said."""
+    noise = 10 * NOISE * np.random.default_rng(2).standard_normal((100, 4))
+    check = check_record(changed(record, lambda y: y.__setitem__(slice(50, 150), y[50:150] + noise)))
+    assert check.finding.contradicts
+    assert check.finding.diagnosis.named is None
+    assert 50 <= check.worst[0] <= 150
+
+
+def test_parts_that_do_not_fit_end_where_they_fit_again():
+    z = np.random.default_rng(3).standard_normal(400)
+    z[100] = 1e3
+    z[200:260] += 8
+    parts = misfits(z)
+    assert parts[0] == (100, 101)
+    assert parts[1] == (pytest.approx(200, abs=1), pytest.approx(260, abs=1))
+    assert len(parts) == 2
+
+
+def test_a_wrong_channel_is_not_explained_by_spikes(record):
+    part = part_of(changed(record, lambda y: y.__setitem__((slice(None), 2), -y[:, 2])), REST - 90, REST + MOVING)
+    assert spikes_of(part, explained(part, None)) is None
