@@ -19,7 +19,7 @@ FAINT_READING = 3.0
 TAIL, FEWEST = 0.01, 20
 """Share of the energy of the readings that may lie before the moving part, and behind it; fewest samples of such a part."""
 LEAD = 0.25
-"""Share of a stretch that lies before the instant for which it was chosen."""
+"""Share of a stretch that lies before the instant for which it was chosen; of rest beside the part that moves."""
 
 
 def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
@@ -45,12 +45,13 @@ def stretch_at(suspect: Suspect, begin: int) -> tuple[int, int]:
 
 
 def moving_part_of(part: Suspect) -> Suspect:
-    """Where a stretch moves, with as much before that and half as much behind; all of it where more than half does."""
+    """Where a stretch moves, with a quarter of that before and behind it; all of it where more than half does."""
     if part.span is None:
         return part
     first, behind = part.span
-    length = behind - first
-    return part_of(part, max(0, first - length), min(len(part.samples), behind + length // 2))
+    more = int(LEAD * (behind - first))
+    begin = max(0, first - more)
+    return replace(part_of(part, begin, min(len(part.samples), behind + more)), span=(first - begin, behind - begin))
 
 
 def part_of(suspect: Suspect, begin: int, end: int) -> Suspect:
