@@ -10,7 +10,6 @@ import pytest
 from strainsight.estimation import record_check, stretches
 from strainsight.estimation.conditional import known_ends, no_nuisances
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.fault_search import explained
 from strainsight.estimation.faults import Fault, misfits
 from strainsight.estimation.record_check import check_record
 from strainsight.estimation.settled import Settled
@@ -170,4 +169,4 @@ def test_parts_that_do_not_fit_end_where_they_fit_again():
 
 def test_a_wrong_channel_is_not_explained_by_spikes(record):
     part = part_of(changed(record, lambda y: y.__setitem__((slice(None), 2), -y[:, 2])), REST - 90, REST + MOVING)
-    assert spikes_of(part, explained(part, None)) is None
+    assert spikes_of(part) is None

@@ -70,8 +70,8 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
     """Faults are looked for in a part of a stretch; what is as good as another one there is weighed by all of it."""
     as_it_is = explained(part, None)
     worst = _worst_of(part, as_it_is[1])
-    if worst[2] > SPIKE and (spikes := spikes_of(part, as_it_is)) is not None:
-        fault, without, (cleaned, _) = spikes
+    if worst[2] > SPIKE and (spikes := spikes_of(part)) is not None:
+        fault, without, cleaned = spikes
         named = replace(cleaned, fault=fault)
         check, ratios = checked_by_others(without, progress)
         diagnosis = Diagnosis(as_it_is[0], check, ratios, (named,), named, (named,))
@@ -106,8 +106,8 @@ def _check_all(suspect: Suspect, check: RecordCheck, discrepancy: float, progres
     worst = _worst_of(suspect, whole[1])
     if not suspected(*whole) and worst[2] <= SPIKE:
         return check
-    if worst[2] > SPIKE and (spikes := spikes_of(suspect, whole, fit)) is not None:
-        fault, _, (cleaned, _) = spikes
+    if worst[2] > SPIKE and (spikes := spikes_of(suspect, fit)) is not None:
+        fault, _, cleaned = spikes
         named = replace(cleaned, fault=fault)
         found = check.finding.check
         diagnosis = Diagnosis(whole[0], found, np.zeros(0), (named,), named, (named,))

@@ -23,6 +23,9 @@ many as which are no spikes."""
 SILENT = 3
 """Instants one after the other without any reading, which explain whatever comes behind them."""
 
+SUDDEN = 1e6
+"""Factor on the intensity of unknown loads, with which they may change from one sample to the next."""
+
 Fit = Callable[[Suspect], tuple[Explained, BankRun | None]]
 
 
@@ -37,17 +40,16 @@ def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
     return size, innovation / usual
 
 
-def spikes_of(
-    suspect: Suspect, first: tuple[Explained, BankRun | None], fit: Fit = lambda own: explained(own, None)
-) -> tuple[Fault, Suspect, tuple[Explained, BankRun | None]] | None:
+def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> tuple[Fault, Suspect, Explained] | None:
     """Few samples without which a record agrees with its model, the record without them, and how it fits; None where it does not
-    come to agree. first: how the record fits as it is; fit: how any does.
+    come to agree. fit: how a record does.
 
-    The first sample of every disturbance is that of the channel whose innovation is largest; what follows it is what the filter
-    made of it.
+    They are sought beside unknown loads that may change at once, which channels then show together. The first sample of every
+    disturbance is that of the channel whose innovation is largest; what follows it is what the filter made of it.
     """
     marked: list[tuple[int, int]] = []
-    samples, found = suspect.samples.copy(), first
+    free, samples = _with_sudden_loads(suspect), suspect.samples.copy()
+    found = fit(free)
     most = max(ALWAYS, int(MOST_SHARE * samples.size))
     for _ in range(ROUNDS):
         if found[1] is None:
@@ -63,15 +65,24 @@ def spikes_of(
         if len(marked) > most:
             return None
         samples[tuple(np.transpose(marked)[::-1])] = np.nan
-        found = fit(replace(suspect, samples=samples))
+        found = fit(replace(free, samples=samples))
     else:
         return None
     without = replace(suspect, samples=samples)
     silent = np.isnan(samples).all(axis=1) & np.isfinite(suspect.samples).any(axis=1)
-    if not marked or suspected(*found) or any(silent[k : k + SILENT].sum() == SILENT for k in np.flatnonzero(silent)):
+    if not marked or any(silent[k : k + SILENT].sum() == SILENT for k in np.flatnonzero(silent)):
+        return None
+    as_stated = fit(without)
+    if suspected(*as_stated):
         return None
     spans = _joined(marked)
-    return Fault("spikes", spans[0][0], 0.0, spans), without, found
+    return Fault("spikes", spans[0][0], 0.0, spans), without, as_stated[0]
+
+
+def _with_sudden_loads(suspect: Suspect) -> Suspect:
+    model, Q = suspect.model, suspect.model.Q.copy()
+    Q[..., model.input_states, model.input_states] *= SUDDEN
+    return replace(suspect, model=replace(model, Q=Q))
 
 
 def _joined(marked: list[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
