@@ -72,9 +72,9 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
     worst = _worst_of(part, as_it_is[1])
     if worst[2] > SPIKE and (spikes := spikes_of(part)) is not None:
         fault, without, cleaned = spikes
-        named = replace(cleaned, fault=fault)
+        best = replace(cleaned, fault=fault)
         check, ratios = checked_by_others(without, progress)
-        diagnosis = Diagnosis(as_it_is[0], check, ratios, (named,), named, (named,))
+        diagnosis = Diagnosis(as_it_is[0], check, ratios, (best,), best, (best,))
         return RecordCheck(Finding(True, as_it_is[0], check, diagnosis), part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
     if len(part.samples) == len(whole.samples) or finding.diagnosis is None or len(finding.diagnosis.candidates) < 2:
