@@ -73,7 +73,7 @@ class Channel(Section):
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
         None, description="[from, to] [s]: the mean of the readings there is subtracted."
     )
-    missing: tuple[tuple[float, float], ...] = Field(
+    missing: Annotated[tuple[tuple[float, float], ...], INSTANT] = Field(
         (),
         description="[[from, to], …] [s]: samples between these times of the file count as missing, as spikes have to.",
     )
