@@ -123,7 +123,8 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
     D, E, offset, B = (rng.standard_normal((d, m, *more)) for more in ((n,), (p1,), (), (f,)))
     U, W, about, damping = rng.standard_normal((f, n)), rng.standard_normal((f, p1)), rng.standard_normal(d), 2
     offset[:-1] = about[-1] = 0.0
-    models = LinearModels(plain_motion(A, G, A_nu, G_nu), Q, H, F, D, E, offset, B, U, W, about)
+    given = A, G, A_nu, G_nu
+    models = LinearModels(plain_motion(*given), Q, H, F, D, E, offset, B, U, W, about, np.zeros((2, d)), about != 0)
     x, w, end = rng.standard_normal(n), rng.standard_normal(p), rng.standard_normal(p1)
 
     def step(nu):

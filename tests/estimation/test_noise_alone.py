@@ -59,6 +59,8 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
         np.zeros((0, n)),
         np.zeros((0, 0)),
         np.zeros(d),
+        np.zeros((1, d)),
+        np.zeros(d, dtype=bool),
     )
     np.testing.assert_allclose(noise_alone(models, P0, R).sum(axis=0), expected, rtol=1e-10)
 

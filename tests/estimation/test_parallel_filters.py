@@ -32,7 +32,7 @@ def models() -> LinearModels:
     plain = plain_motion(A[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)))
     return LinearModels(
         plain, Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)),
-        np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0),
+        np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0), np.zeros((1, 0)), np.zeros(0, dtype=bool),
     )  # fmt: skip
 
 

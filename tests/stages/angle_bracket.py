@@ -18,7 +18,7 @@ NOISE, SEED = 0.01, 3
 """σ of a sample over the RMS of the strongest gauge, and the seed it is drawn from."""
 TRUE_E = 1e6 * SOFTER * GUESS
 """[Pa]"""
-EXACT = "{position: 0, angle: 0, gain: 0, transverse: 0, load_angle: 0, load_position: 0, load_gain: 0}"
+EXACT = "{position: 0, angle: 0, gain: 0, transverse: 0, load_angle: 0, load_position: 0, load_gain: 0, frequency: 0}"
 """Nothing of this record was installed wrongly; damping stays open by the default factor of 1.5."""
 LINES = {
     "tip": "signal: {type: multisine, lowest: 2.0, highest: 40.0, count: 20, amplitude: 212}, known: false, "

@@ -22,7 +22,7 @@ from strainsight.mesh.facets import exterior_facets
 from ..edges.beam import PLACEMENT_CONFIG, bricks
 from .drawn_truths import NOTHING, beam_in, trial
 
-GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, load_angle: 0, load_position: 0, gain: 0.05}"
+GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, frequency: 0, load_angle: 0, load_position: 0, gain: 0.05}"
 
 
 @pytest.fixture(scope="module")

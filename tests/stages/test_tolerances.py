@@ -21,7 +21,9 @@ from strainsight.rom.model import Damping, ReducedModel
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks
 
-EXACT = ("position", "angle", "gain", "transverse", "load_angle", "load_position", "load_gain", "discrepancy")
+EXACT = (
+    "position", "angle", "gain", "transverse", "load_angle", "load_position", "load_gain", "frequency", "discrepancy",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +166,25 @@ def test_every_mode_has_its_own_lognormal_damping(beam):
     assert all(low < np.sum(values**2) / np.log(2) ** 2 < high for values in ln)
     np.testing.assert_array_equal(ln[0], ln[1])
     assert abs(np.corrcoef(ln[0], ln[2])[0, 1]) < 0.2
+
+
+def test_all_frequencies_have_one_factor_and_every_mode_one_of_half_the_size_and_static_responses_stay(beam):
+    case, n = beam.case, 400
+    exact, own = (
+        scalars(n),
+        [model_of(case("tolerances.frequency=0.02").config, scalars(n), i) for i in (0, 0, *range(1, 30))],
+    )
+    theta = exact.reference
+    ln = [0.5 * np.log(np.diag(model.stiffness.at(theta)) / np.diag(model.mass.at(theta)) / np.arange(1.0, n + 1))
+          for model in own]  # fmt: skip
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], n - 1)
+    assert all(low < np.sum((values - values.mean()) ** 2) / 0.01**2 < high for values in ln)
+    common = np.array([values.mean() for values in ln[1:]])
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], len(common))
+    assert low < np.sum(common**2) / 0.02**2 < high
+    np.testing.assert_array_equal(ln[0], ln[1])
+    for model in own:
+        np.testing.assert_array_equal(model.stiffness.at(theta), exact.stiffness.at(theta))
 
 
 def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):

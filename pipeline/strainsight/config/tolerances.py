@@ -75,6 +75,13 @@ class Tolerances(Section):
     damping: Annotated[float, Plausible(1.0, 10.0)] = Field(
         1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
     )
+    frequency: Annotated[float, Plausible(0.0, 0.05)] = Field(
+        0.0,
+        ge=0,
+        le=0.2,
+        description="σ of the logarithm of the natural frequencies, all by one factor [-]; each that the gauges read by another "
+        "factor of half that σ. Static responses stay: the masses are uncertain.",
+    )
     model: Annotated[float, GAIN] = Field(
         0.0,
         ge=0,
@@ -116,6 +123,7 @@ NONE = Tolerances(
     load_position=0,
     load_gain=0,
     damping=1,
+    frequency=0,
     model=0,
     discrepancy=0,
     treat="consider",

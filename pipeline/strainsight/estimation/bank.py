@@ -38,6 +38,7 @@ from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
+from strainsight.estimation.peak import Points
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.scan import resonance_widths, scan_lattice
 from strainsight.estimation.settled import Settled
@@ -55,6 +56,11 @@ narrows as the record grows."""
 
 LOOK = 0.2
 """Share of the steps after which it shows whether the ν have to be looked for about which readings are linear."""
+COARSE, REACH, TRIED, MOST_TRIED = 0.05, 3.0, 0.01, 80
+"""Where resonances are looked for: share of a reading, RMS, that is believed, σ of a parameter to either side, step of its
+logarithm, and most steps."""
+AGAIN, STAY = 3, 0.2
+"""Most times that a bank beside frequencies is done once more, and the change of a parameter, in σ, below which it stays."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,8 @@ class BankEnd:
     """What the bank found at the end.
 
     point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
-    point; about (d,): the ν about which readings are linear; laid: how often the lattice was; step (k,): its steps along every
+    point, of frequencies beyond those that the centre asks for; about (d,): the ν about which readings are linear, centre (k,):
+    the parameters, as of `Nuisances`; laid: how often the lattice was; step (k,): its steps along every
     parameter, infinite of columns.
     """
 
@@ -71,6 +78,7 @@ class BankEnd:
     nu: np.ndarray
     left: np.ndarray
     about: np.ndarray
+    centre: np.ndarray | None
     laid: int
     step: np.ndarray
 
@@ -165,6 +173,7 @@ def filter_records(
     if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)
+    problem = _centred(problem)
     if (end := _end_of(replace(problem, along=False, progress=lambda share: tell(0.5 * share)))) is not None:
         again = replace(about_samples(end[0], end[1].posterior[0], end[1].nuisances[0]), along=True)
         found = _covered(replace(again, progress=lambda share: tell(0.5 + 0.5 * share)))
@@ -174,8 +183,49 @@ def filter_records(
         again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
         if again is not problem:
             found = _covered(replace(again, progress=lambda share: tell(0.55 + 0.45 * share)))
+    if again.centre is not None:
+        found = _settled(again, found, again.centre if end is None else end[1].posterior[0])
     tell(1.0)
     return found
+
+
+def _settled(problem: BankProblem, found: tuple[BankRun, ...], before: np.ndarray) -> tuple[BankRun, ...]:
+    """Again, about what was found last, until the parameters stay where they are: what a slope in a frequency leaves out at
+    first, they take for theirs. before (k,): the parameters about which the samples were asked for ν."""
+    for _ in range(AGAIN):
+        mean, covariance = found[0].posterior
+        if np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
+            break
+        again = about_samples(problem, mean, found[0].nuisances[0])
+        if again is problem:
+            break
+        problem, before, found = again, mean, _covered(replace(again, progress=None))
+    return found
+
+
+def _centred(problem: BankProblem) -> BankProblem:
+    """With frequencies about those at the most likely of parameters that are tried one after the other, each with frequencies
+    about its own: the resonances that the samples show. A lattice that narrows with the first samples may take the resonance of
+    another mode for them. Readings are believed to COARSE of their RMS, as slopes in a frequency are no better."""
+    if not problem.records[0].nuisances.frequency.any():
+        return problem
+    coarse = problem
+    if not problem.model.unknowns.inputs:
+        coarse = replace(problem, records=tuple(_coarse(one) for one in problem.records))
+    coarse, (centre, covariance) = replace(coarse, along=False), problem.prior
+    for i, std in enumerate(np.sqrt(np.diag(covariance))):
+        count = int(np.clip(2 * REACH * std / TRIED, 2, MOST_TRIED))
+        points = centre + np.linspace(-REACH * std, REACH * std, count + 1)[:, None] * np.eye(len(centre))[i]
+        found = filtered_at(coarse, Points(points), problem.first[-1]).log_weight  # type: ignore[type-var]
+        centre = points[int(np.argmax(np.where(np.isfinite(found), found, -np.inf)))]
+    return problem.with_nuisances(partial(replace, centre=centre))
+
+
+def _coarse(record: BankRecord) -> BankRecord:
+    own = record.data
+    count = np.maximum(np.isfinite(own.samples).sum(axis=0), 1)
+    least = COARSE**2 * np.nansum(own.samples**2, axis=0) / count
+    return replace(record, data=replace(own, discrepancy=np.maximum(own.discrepancy, least)))
 
 
 def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
@@ -183,13 +233,13 @@ def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
     the time. None where the first LOOK of the steps do not ask for another ν about which readings are linear, and so all of them
     hardly will."""
     now, laid, _ = _passed_through(problem)
-    return (problem, _ended(now, laid)) if now.step == problem.first[-1] else None
+    return (problem, _ended(now, laid, problem.centre)) if now.step == problem.first[-1] else None
 
 
 def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
     """A run of every record."""
     now, laid, mixtures = _passed_through(problem)
-    end = vars(_ended(now, laid))
+    end = vars(_ended(now, laid, problem.centre))
     return tuple(BankRun(**end, run=own.finished()) for own in mixtures)
 
 
@@ -260,12 +310,12 @@ def _filtered(
     return now, laid, mixtures
 
 
-def _ended(now: LinearStanding[Any], laid: int) -> BankEnd:
+def _ended(now: LinearStanding[Any], laid: int, centre: np.ndarray | None = None) -> BankEnd:
     """As the samples say it that weigh the points."""
     states = now.states
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
     about = now.models.about
-    return BankEnd(point, weight, nu + about, left, about, laid, now.cover.step)
+    return BankEnd(point, weight, nu + about, left, about, centre, laid, now.cover.step)
 
 
 def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:

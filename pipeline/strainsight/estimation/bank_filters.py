@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -109,16 +109,22 @@ class BankProblem:
         return self.mean[at], self.covariance[at, at]
 
     @property
+    def centre(self) -> np.ndarray | None:
+        """That of the frequencies, as of `Nuisances`."""
+        return self.records[0].nuisances.centre
+
+    @property
     def beside_loads(self) -> bool:
         """Whether parameters are judged beside unknown loads that are free."""
         return self.judged and self.model.beside_free_loads
 
     @property
     def bilinear(self) -> bool:
-        """Whether parameters are judged beside ν over which readings are far from linear: a damping that is not exact, or
-        anything beside unknown loads."""
+        """Whether parameters are judged beside ν over which readings are far from linear: a damping or a frequency that is not
+        exact, or anything beside unknown loads."""
         own, unknowns = self.records[0].nuisances, self.model.unknowns
-        return bool(unknowns.parameters) and (own.damping > 0 or (self.beside_loads and len(own.D) > 0))
+        of_modes = own.of_modes(self.model.model.size)
+        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(own.D) > 0))
 
     @cached_property
     def noise_alone(self) -> tuple[np.ndarray, ...]:
@@ -131,6 +137,10 @@ class BankProblem:
             noise = np.where(np.isnan(own.data.samples), np.inf, own.data.noise)
             found.append(noise_alone(judge.models, self.covariance[np.ix_(at, at)], noise, own.model.every))
         return tuple(found)
+
+    def with_nuisances(self, of: Callable[[Nuisances], Nuisances]) -> BankProblem:
+        """The same with others in every record."""
+        return replace(self, records=tuple(replace(one, nuisances=of(one.nuisances)) for one in self.records))
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -199,7 +209,7 @@ def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, F
     mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
     models, judge = linear_models(own.model, cover.point, own.nuisances, problem.biased), None
     if problem.beside_loads:
-        judge = judge_of(own.free, models, cover.point, mean, covariance, problem.biased)
+        judge = judge_of(own.free, models, cover.point, mean, covariance, problem.biased, own.nuisances)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
     start = beginning(own.model, models, mean, covariance, own.settled)
@@ -221,8 +231,8 @@ def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
 
 
 def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> BankProblem:
-    """Linear about the damping that all samples speak for, beside unknown loads about all of ν that act on motion and rows; the
-    same where that is hardly MOVED from where it is linear.
+    """Linear about the damping and the frequencies that all samples speak for, beside unknown loads about all of ν that act on
+    motion and rows; the same where that is hardly MOVED from where it is linear.
 
     point (k,), nu (d,): means of the parameters and of ν. Slopes at the mean of ν, again and again, are the way of Gauss and
     Newton to the most likely ν, here at the mean of the parameters. The normal density there is Laplace's: the parameters are off
@@ -233,9 +243,7 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     for _ in range(TURNS):
         if not moved(problem, nu):
             break
-        about = _about(problem, nu)
-        records = (replace(one, nuisances=replace(one.nuisances, about=about)) for one in problem.records)
-        problem = replace(problem, records=tuple(records))
+        problem = problem.with_nuisances(partial(replace, about=_about(problem, nu)))
         found = filtered_at(problem, here, problem.first[-1])
         if abs(found.fit[0] - fit) <= NOTICED:
             break
@@ -247,25 +255,20 @@ def moved(problem: BankProblem, nu: np.ndarray) -> bool:
     """Whether the mean of ν (d,) is MOVED from where readings are linear: by ln c in the damping, by σ in all else."""
     own, about = problem.records[0].nuisances, _about(problem, nu)
     off = np.abs(about - np.pad(own.about, (0, len(about) - len(own.about))))
-    modes = _modes(problem)
+    modes = problem.model.model.size * (own.damping > 0)
     return bool(own.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
 
 
 def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
-    """ν about which readings are to be linear: of the damping of every mode, beside unknown loads of all that acts on motion and
-    rows; in what adds to readings whatever the motion is they are linear."""
+    """ν about which readings are to be linear: of damping and frequency of every mode, beside unknown loads of all that acts on
+    motion and rows; in what adds to readings whatever the motion is they are linear."""
     about = np.clip(nu, -FARTHEST, FARTHEST)
     if not problem.beside_loads:
-        return np.asarray(about[: _modes(problem)])
+        return np.asarray(about[: problem.records[0].nuisances.of_modes(problem.model.model.size)])
     # of several records, what adds to readings of one does nothing in the others
     offset = np.any([(own.nuisances.offset != 0).any(axis=1) for own in problem.records], axis=0)
     about[len(nu) - len(offset) :][offset] = 0.0
     return np.asarray(about)
-
-
-def _modes(problem: BankProblem) -> int:
-    """How many ν are of the damping of modes; they come first."""
-    return problem.model.model.size if problem.records[0].nuisances.damping > 0 else 0
 
 
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:

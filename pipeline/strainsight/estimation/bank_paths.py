@@ -59,7 +59,7 @@ def bank_paths(
     do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
     found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
-    x, V = smoothed_at_points(found, mean, covariance, known, nuisances, biased, settled)
+    x, V = smoothed_at_points(found, mean, covariance, known, biased, settled)
     rng = np.random.default_rng(seed)
     p, nu = _constants(found, bank, count, rng)
     rng = np.random.default_rng((seed, record)) if record else rng
@@ -134,7 +134,9 @@ def _errors(
         offsets = np.zeros(0, dtype=int) if biased is None else biased
         parts = []
         for point, x0 in zip(found.points, found.start[0], strict=False):
-            core, run = kept_at(found.model, point, x0, found.start[1], known, found.samples[:, None], offsets)
+            core, run = kept_at(
+                found.model, point, x0, found.start[1], known, found.samples[:, None], offsets, found.nuisances
+            )
             parts.append(smoother_errors(core, run, each, rng, states))
         error = np.stack(parts)
     return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

@@ -18,6 +18,7 @@ from strainsight.estimation.conditional import (
     known_ends,
     linear_models,
     theta_at,
+    tuned,
 )
 from strainsight.estimation.consider_smoother import consider_smoothed, smoothed_pieces
 from strainsight.estimation.core import StepModel
@@ -64,7 +65,7 @@ def smooth_bank(
     behind = np.arange(len(mean), n)
     order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
     whole, std, kept = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
-    for at, x, P, V in _pieces(found, mean, covariance, known, nuisances, biased, settled):
+    for at, x, P, V in _pieces(found, mean, covariance, known, biased, settled):
         own, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
         wider = beyond.behind(at, x, P, V, found.corrected)
         own[:, order], spread[:, order[:, None], order] = _mixed(found, bank, *wider)
@@ -103,8 +104,8 @@ class AtPoints:
     """What a smoother at b points (b, k) of the parameters goes by.
 
     centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
-    (d, d): mean and covariance of ν that σ holds. model: with the discrepancy in its noise, and the damping from which ν is
-    counted where it is learned; models: linear at the points and
+    (d, d): mean and covariance of ν that σ holds; nuisances: linear about the frequencies about which the bank is. model: with
+    the discrepancy in its noise, and the damping from which ν is counted where it is learned; models: linear at the points and
     behind them at the centre, with start (x₀, P₀, V₀); known (T, p), known_end (T, p₁) and samples (T, m) of every step;
     considered: by gains that consider ν; beyond: what stands behind the states.
     """
@@ -114,6 +115,7 @@ class AtPoints:
     spread: np.ndarray
     nu: np.ndarray
     left: np.ndarray
+    nuisances: Nuisances
     model: FilterModel
     models: LinearModels
     start: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -154,7 +156,7 @@ def points_of(
     samples = np.full((steps, m), np.nan)
     samples[every - 1 :: every] = measurement
     centre, spread = bank.posterior
-    k, considered = len(centre), not nuisances.learned
+    k, considered, nuisances = len(centre), not nuisances.learned, replace(nuisances, centre=bank.centre)
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
     model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
@@ -163,14 +165,18 @@ def points_of(
         # what the samples say of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
     else:
-        # exact in the damping about which the bank is linear, linear about zero in the rest of ν
-        about = np.where(np.arange(len(nu)) < model.model.size * (nuisances.damping > 0), bank.about, 0.0)
+        # exact in damping and frequencies about which the bank is linear, linear about zero in the rest of ν
+        of_modes = nuisances.of_modes(model.model.size)
+        about = np.where(np.arange(len(nu)) < of_modes, bank.about, 0.0)
         model, nu = damped(model, replace(nuisances, about=about)), nu - about
+        about[: of_modes - len(nuisances.frequency)] = 0.0
+        nuisances = replace(nuisances, about=about[:of_modes])
     models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
     start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
     held = known.reshape(steps, -1), known_ends(known, nuisances)
     beyond = beyond_of(model, known, nuisances, len(offsets))
-    return AtPoints(points, centre, spread, nu, left, model, models, start, *held, samples, considered, beyond)
+    own = nuisances, model, models
+    return AtPoints(points, centre, spread, nu, left, *own, start, *held, samples, considered, beyond)
 
 
 def _pieces(
@@ -178,7 +184,6 @@ def _pieces(
     mean: np.ndarray,
     covariance: np.ndarray,
     known: np.ndarray,
-    nuisances: Nuisances,
     biased: np.ndarray | None,
     settled: Settled | None,
 ) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
@@ -191,7 +196,7 @@ def _pieces(
         return
     yield (
         slice(0, len(known) + 1),
-        *_corrected(found, found.points, mean, covariance, known, nuisances, biased, settled),
+        *_corrected(found, found.points, mean, covariance, known, biased, settled),
     )
 
 
@@ -200,7 +205,6 @@ def smoothed_at_points(
     mean: np.ndarray,
     covariance: np.ndarray,
     known: np.ndarray,
-    nuisances: Nuisances,
     biased: np.ndarray | None,
     settled: Settled | None,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -210,7 +214,7 @@ def smoothed_at_points(
         return np.concatenate([own.x[: len(found.points)], own.x[-1:]]), own.V[-1]
 
     def at(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return _corrected(found, points, mean, covariance, known, nuisances, biased, settled)
+        return _corrected(found, points, mean, covariance, known, biased, settled)
 
     x, _, V = at(found.points)
     return np.concatenate([x, at(found.centre[None])[0] if len(found.centre) else x]), V
@@ -222,13 +226,12 @@ def _corrected(
     mean: np.ndarray,
     covariance: np.ndarray,
     known: np.ndarray,
-    nuisances: Nuisances,
     biased: np.ndarray | None,
     settled: Settled | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
     centre (k,)."""
-    model, nu = found.model, found.nu
+    model, nu, nuisances = found.model, found.nu, found.nuisances
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     at = conditional_states(model, len(offsets))
     mean, covariance = mean[at], covariance[np.ix_(at, at)]
@@ -236,7 +239,7 @@ def _corrected(
 
     def at_points(values: np.ndarray) -> list[Smoothed]:
         return [
-            smoothed_at(model, point, x0, P0, known, values[:, None], offsets)
+            smoothed_at(model, point, x0, P0, known, values[:, None], offsets, nuisances)
             for point, x0 in zip(points, start, strict=True)
         ]
 
@@ -255,9 +258,11 @@ def smoothed_at(
     known: np.ndarray,
     samples: np.ndarray,
     biased: np.ndarray,
+    nuisances: Nuisances,
 ) -> Smoothed:
-    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters."""
-    core, run = kept_at(model, point, mean, covariance, known, samples, biased)
+    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters;
+    nuisances: of the frequencies."""
+    core, run = kept_at(model, point, mean, covariance, known, samples, biased, nuisances)
     return smooth(core, run, covariance=True)
 
 
@@ -269,8 +274,12 @@ def kept_at(
     known: np.ndarray,
     samples: np.ndarray,
     biased: np.ndarray,
+    nuisances: Nuisances,
 ) -> tuple[StepModel, FilterRun]:
     """The filter of `smoothed_at`, with its model."""
+    model, _ = tuned(model, nuisances, point[None])
+    if model.model.frequency_factors is not None:
+        model = replace(model, model=replace(model.model, frequency_factors=model.model.frequency_factors[0]))
     states = model.parameter_states.start
     theta = {name: float(value[0]) for name, value in theta_at(model, point[None]).items()}
     inner = replace(
@@ -317,5 +326,5 @@ def _effects(
     caused += np.einsum("dmp,tp->tdm", one.E, ends) + np.einsum("dmf,tf->tdm", one.B, beyond)
     caused += one.offset + own[1:] @ one.H[0].T
     seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
-    found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased)
+    found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased, nuisances)
     return np.swapaxes(caused, 1, 2), own, found.mean - own

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.estimation.linear import LinearModels, Motion
 from strainsight.estimation.model import FilterModel
 from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_step
-from strainsight.rom.model import first_of_equal
+from strainsight.rom.model import first_of_equal, modal_basis
 from strainsight.rom.oscillator import HOLD
 from strainsight.rom.schemes import scheme_step
 
@@ -27,7 +27,8 @@ class Nuisances:
 
     source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading; E (d, m, n_known + 1) where
     something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
-    ln c of every mode by itself; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
+    ln c of every mode by itself; frequency (k, r), what one of k of ν adds to ln ω of every mode, static responses as they are;
+    stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
     of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
     are in D and E (`on_loads`). load (f,): the input u [N] that each changes. To νⱼuⱼ is in proportion what they displace beyond
     the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a
@@ -42,6 +43,8 @@ class Nuisances:
     where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth. Beside
     unknown loads products of errors, of gauges and of loads, are not small beside what samples say of parameters
     (`about_samples`).
+    centre (k,): parameters whose natural frequencies are those about which readings are linear at all other parameters, too
+    (`tuned`); None: each has its own.
     """
 
     source: tuple[str, ...]
@@ -57,10 +60,22 @@ class Nuisances:
     behind: bool = False
     B: np.ndarray | None = None
     about: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    frequency: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    centre: np.ndarray | None = None
 
     def sources(self, modes: int) -> tuple[str, ...]:
         """What every ν stands for, those of the motion first."""
-        return ("damping",) * (modes * (self.damping > 0)) + ("stiffness",) * (self.stiffness > 0) + self.source
+        of_modes = ("damping",) * (modes * (self.damping > 0)) + ("frequency",) * len(self.frequency)
+        return of_modes + ("stiffness",) * (self.stiffness > 0) + self.source
+
+    def of_modes(self, modes: int) -> int:
+        """How many ν are of damping and frequency of modes; they come first."""
+        return modes * (self.damping > 0) + len(self.frequency)
+
+    @property
+    def exactly_tuned(self) -> Nuisances:
+        """The same where no natural frequency is off."""
+        return replace(self, frequency=0 * self.frequency)
 
 
 def no_nuisances(model: FilterModel) -> Nuisances:
@@ -138,7 +153,7 @@ def linear_models(
     biased (b,): channels with an offset of their own, b states more behind [q, q̇, ζ].
     """
     theta, B, process = theta_at(model, point), len(point), model.process
-    model = damped(model, nuisances)
+    model, shift = tuned(damped(model, nuisances), nuisances, point)
     states, m = model.parameter_states.start, model.H.shape[-2]
     modal = _with_batch(modal_step(model.model, theta, model.h, model.scheme), B)
     read = model.rows_at(theta)
@@ -155,6 +170,16 @@ def linear_models(
         np.concatenate([np.zeros((e - len(nuisances.shape), *array.shape[1:])), array])
         for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
     )
+    own = slice(nuisances.of_modes(model.model.size) - len(nuisances.frequency), nuisances.of_modes(model.model.size))
+    if model.accelerometers is not None:
+        on_states, on_known = _accelerations_by_frequency(model, nuisances, point)
+        D[own, moving], E[own, moving, : F.shape[-1]] = on_states, on_known
+    about, shifts, held = (
+        np.pad(nuisances.about, (0, len(D) - len(nuisances.about))),
+        np.zeros((B, len(D))),
+        np.zeros(len(D)),
+    )
+    shifts[:, own], held[own] = shift, nuisances.centre is not None
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
@@ -166,19 +191,21 @@ def linear_models(
         B=B_nu,
         U=rows,
         W=np.pad(fed, [(0, 0), (0, nuisances.E.shape[-1] - fed.shape[-1])]),
-        about=np.pad(nuisances.about, (0, len(D) - len(nuisances.about))),
+        about=about,
+        shift=shifts,
+        held=(held > 0) | (about != 0),
     )
-    models = _linear_about(models, model.model.size if nuisances.damping > 0 else 0)
+    models = _linear_about(models, own.stop)
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
 
 
-def _linear_about(models: LinearModels, damping: int) -> LinearModels:
-    """Linear about ν = a, of which the first, of the damping, are in the models already:
+def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
+    """Linear about ν = a, of which the first, of damping and frequency, are in the models already:
 
     A + Σₖ aₖAₖ,   H + Σₖ aₖ(Dₖ + Σⱼ aⱼBₖⱼUⱼ),   ∂H/∂νₖ = Dₖ + Σⱼ aⱼBₖⱼUⱼ, of a load j + Σₖ aₖBₖⱼUⱼ
     """
     e, f = models.moving, len(models.U)
-    a = np.where(np.arange(len(models.about)) < damping, 0.0, models.about)
+    a = np.where(np.arange(len(models.about)) < of_modes, 0.0, models.about)
     if not a.any():
         return models
     loads = slice(e - f, e)
@@ -218,6 +245,60 @@ def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
         np.array(own.factors) if own.factors else 1.0
     )
     return replace(model, model=replace(model.model, damping=own.scaled(factors.tolist())))
+
+
+def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
+    """With the natural frequencies about which the nuisances are linear at each of B values p (B, k) of the parameters, and by
+    how much (B, k′) their ν is away from `about` there.
+
+    Readings know the frequency of a resonance much better than a parameter and ν that both change it. So at every p there are the
+    frequencies of the centre, of all modes with a tolerance of their own, by the least ν:
+
+        ωⱼ(p) exp(Σₖ Fₖⱼ aₖ(p)) = ωⱼ(p̄)
+
+    where slopes at ν = 0 reach a fraction of the width of a resonance.
+    """
+    own = nuisances.frequency
+    shift, about = np.zeros((len(point), len(own))), np.pad(nuisances.about, (0, model.model.size + len(own)))
+    about = about[nuisances.of_modes(model.model.size) - len(own) :][: len(own)]
+    if not own.any() or (nuisances.centre is None and not about.any()):
+        return model, shift
+    lam, _ = modal_basis(model.model, theta_at(model, point))
+    lam = np.broadcast_to(lam, (len(point), model.model.size))
+    if nuisances.centre is not None:
+        there, _ = modal_basis(model.model, theta_at(model, nuisances.centre[None]))
+        felt = (own != 0).sum(axis=0) == (own != 0).sum(axis=0).max()
+        shift = 0.5 * np.log(there / lam)[:, felt] @ np.linalg.pinv(own[:, felt])
+    factors = np.exp(np.einsum("bk,kbj->bj", shift + about, own[:, first_of_equal(lam)]))
+    return replace(model, model=replace(model.model, frequency_factors=factors)), shift
+
+
+def _accelerations_by_frequency(
+    model: FilterModel, nuisances: Nuisances, point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What one of every ν of the frequencies adds to what accelerometers read: rows (k, m′, states), and (k, m′, n_known) on
+    known loads; at the centre, or the first of the points (B, k)."""
+    moving, here = model.accelerometers, point[:1] if nuisances.centre is None else nuisances.centre[None]
+    theta = theta_at(model, here)
+    model, _ = tuned(replace(model, model=replace(model.model, frequency_factors=None)), nuisances, here)
+    factors = np.ones((1, model.model.size)) if model.model.frequency_factors is None else model.model.frequency_factors
+    first = first_of_equal(modal_basis(model.model, theta)[0])
+    shape = np.broadcast_to(model.rows_at(theta), (1, *model.H.shape))[:, moving, : model.model.size]
+
+    def read(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        own = replace(model.model, frequency_factors=factors * np.exp(nu))
+        on_states, on_known = acceleration_rows(replace(model, model=own), theta, shape)
+        return on_states[0], on_known[0]
+
+    slopes = []
+    for each in nuisances.frequency:
+        ends = [read(step * each[first]) for step in (DIFFERENCE, -DIFFERENCE)]
+        slopes.append([(ahead - behind) / (2 * DIFFERENCE) for ahead, behind in zip(*ends, strict=True)])
+    found = [np.array(parts) for parts in zip(*slopes, strict=True)] if slopes else []
+    if not found:
+        none = np.zeros((0, shape.shape[1], 0))
+        return none, none
+    return found[0], found[1]
 
 
 def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:
@@ -266,8 +347,8 @@ def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
 
 
 def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> Motion:
-    """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in the logarithm of the
-    stiffness, and in the input shape.
+    """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
+    logarithm of the stiffness, and in the input shape.
 
     Every mode of a step is a function of its own λ and c: on the damping of mode j its row of the step alone depends, and those
     of the same frequency.
@@ -297,6 +378,12 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
         table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
         slopes += [step(table * (same == j), forces) for j in range(q)]
+    if len(nuisances.frequency):
+        # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
+        table = _slope(
+            lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, own, model.h, model.scheme)[0], (1 + s) ** 2)
+        )
+        slopes += [step(table * each[first_of_equal(lam)], forces) for each in nuisances.frequency]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
         table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
@@ -310,6 +397,11 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
     none = [(pairs[:, None][:, :0], beside[:, None][:, :0], fed[:, None][:, :0])]
     by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
     return Motion(basis, inverse, pairs, beside, fed, *by_nu)
+
+
+def _with_forces(table: np.ndarray, factor: float) -> np.ndarray:
+    """Of a table (2, 2 + HOLD, ...) under so many times the forces."""
+    return np.concatenate([table[:, :2], factor * table[:, 2:]], axis=1)
 
 
 def _slope(of: Callable[[float], np.ndarray]) -> np.ndarray:

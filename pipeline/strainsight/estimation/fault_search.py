@@ -151,7 +151,9 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
         missing[fault.channel] = 0
     mean, covariance, known, settled = suspect.mean, suspect.covariance, loads.held, loads.settled
     try:
-        peak = peak_of(model, mean, covariance, known, samples, nuisances, suspect.biased, settled)
+        # parameters explain frequencies that are off, and are no result here
+        exact = nuisances.exactly_tuned if model.unknowns.parameters else nuisances
+        peak = peak_of(model, mean, covariance, known, samples, exact, suspect.biased, settled)
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
         there, mean, covariance = known_at(model, peak.point, mean, covariance)

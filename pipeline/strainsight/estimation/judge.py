@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.augmentation.input_models import line_intensity
-from strainsight.estimation.conditional import linear_models, no_nuisances
+from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances, tuned
 from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
@@ -79,13 +79,14 @@ def judge_of(
     mean: np.ndarray,
     covariance: np.ndarray,
     biased: np.ndarray,
+    nuisances: Nuisances,
 ) -> Judge:
     """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`. mean (n,) and
-    covariance (n, n) of the states of a filter at t = 0; biased as of `linear_models`."""
+    covariance (n, n) of the states of a filter at t = 0; biased and nuisances as of `linear_models`."""
     free, states = own.model, own.model.parameter_states.start
     Q = np.pad(free.process[:states, :states], (0, len(biased)))
     models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
-    alone = linear_models(own.alone, point, no_nuisances(free), biased)
+    alone = linear_models(tuned(own.alone, nuisances, point)[0], point, no_nuisances(free), biased)
     loads = np.pad(_loads(free)[:states], (0, len(biased)))
     start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return Judge(

@@ -130,6 +130,10 @@ def plain_motion(A: np.ndarray, G: np.ndarray, A_nu: np.ndarray, G_nu: np.ndarra
     )
 
 
+BY_MODEL = ("Q", "H", "F", "shift")
+"""Arrays of `LinearModels` with a row for every model."""
+
+
 @dataclass(frozen=True)
 class LinearModels:
     """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
@@ -139,7 +143,8 @@ class LinearModels:
     covariance of a step; H (B, m, n); F (B, m, p₁) of what is known at its end, w₁ (T, p₁);
     D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
     zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
-    about (d,): ν is counted from there, so that its mean is −about; where that is not zero slopes are those there.
+    about (d,): ν is counted from there, and of every model from `shift` (B, d) beyond, so that its mean is −about − shift;
+    held (d,): whether slopes are those there.
     """
 
     motion: Motion
@@ -153,6 +158,8 @@ class LinearModels:
     U: np.ndarray
     W: np.ndarray
     about: np.ndarray
+    shift: np.ndarray
+    held: np.ndarray
 
     def __post_init__(self) -> None:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
@@ -168,6 +175,8 @@ class LinearModels:
             (self.U, (f, n)),
             (self.W, (f, p1)),
             (self.about, (d,)),
+            (self.shift, (B, d)),
+            (self.held, (d,)),
         )
 
     @property
@@ -207,7 +216,8 @@ class LinearModels:
 
     def of(self, points: slice) -> LinearModels:
         """Some of them."""
-        return replace(self, motion=self.motion.of(points), Q=self.Q[points], H=self.H[points], F=self.F[points])
+        by_model = {name: getattr(self, name)[points] for name in BY_MODEL}
+        return replace(self, motion=self.motion.of(points), **by_model)
 
     @cached_property
     def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
@@ -216,7 +226,7 @@ class LinearModels:
         Q = own.inverse @ self.Q @ np.swapaxes(own.inverse, 1, 2)
         motion = own.pairs, own.beside, own.fed, Q, own.pairs_nu, own.beside_nu, own.fed_nu, own.basis
         reading = self.H @ own.basis, self.F, self.D, self.E, self.offset, acts
-        beyond = self.B, self.U, self.W, self.about
+        beyond = self.B, self.U, self.W, self.held.astype(float)
 
         return compilable(*motion), compilable(*reading), compilable(*beyond)
 
@@ -233,7 +243,7 @@ def joined_models(parts: Sequence[LinearModels]) -> LinearModels:
         return np.concatenate([getattr(one, name) for one in of])
 
     motion = Motion(*(all_of([own.motion for own in parts], entry.name) for entry in fields(Motion)))
-    return replace(parts[0], motion=motion, **{name: all_of(parts, name) for name in ("Q", "H", "F")})
+    return replace(parts[0], motion=motion, **{name: all_of(parts, name) for name in BY_MODEL})
 
 
 def agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:

@@ -117,7 +117,7 @@ def filters_of(
         np.zeros((B, m)),
         np.zeros((B, m, m)),
         np.zeros(B, dtype=np.int64),
-        np.tile(-models.about, (B, 1)),
+        -models.about - models.shift,
         np.tile(np.eye(models.nuisances), (B, 1, 1)),
         x[:second].copy(),
         P[:second].copy(),

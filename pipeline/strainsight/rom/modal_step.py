@@ -54,12 +54,19 @@ def acceleration_map(model: ReducedModel, theta: Mapping[str, Any]) -> ModalMap:
 
 
 def modal_map(model: ReducedModel, theta: Mapping[str, Any], table: Table) -> ModalMap:
-    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and a slope of it (i, 2 + J, ..., n)."""
+    """The map that does to every mode what `table` says of its eigenvalue λ (..., n): T and a slope of it (i, 2 + J, ..., n).
+
+    A frequency factor f divides the mass of its mode by f² and leaves the stiffness, so that static responses are the same:
+    λ → f²λ, Φ → fΦ.
+    """
     lam, Phi = modal_basis(model, theta)
     dual = np.swapaxes(Phi, -1, -2) @ model.mass.at(theta)
     if model.damping.parameter:  # the modes are the same at any damping
         lam = np.broadcast_to(lam, (*np.shape(theta[model.damping.parameter]), model.size)) if lam.ndim == 1 else lam
         Phi, dual = (np.broadcast_to(own, (*lam.shape[:-1], *own.shape[-2:])) for own in (Phi, dual))
+    if model.frequency_factors is not None:
+        f = model.frequency_factors
+        lam, Phi, dual = lam * f**2, Phi * f[..., None, :], dual / f[..., :, None]
     T, dT = table(lam, "eigenvalue")
     damped = table(lam, "damping")[1] if model.damping.parameter else np.zeros(0)
     S = model.input_shape_at(theta)

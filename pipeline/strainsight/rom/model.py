@@ -68,6 +68,8 @@ class ReducedModel:
     the densities that loads on mass are proportional to, and nothing of the others:
 
         S(θ) = S + Σᵢ (θᵢ − θᵢ⁰) ∂S/∂θᵢ
+
+    frequency_factors f (..., n): of the natural frequencies in steps and accelerations (`modal_map`), None: 1.
     """
 
     mass: AffineOperator
@@ -77,6 +79,7 @@ class ReducedModel:
     reference: Mapping[str, float]
     damping: Damping
     input_slope: Mapping[str, np.ndarray] = field(default_factory=dict)
+    frequency_factors: np.ndarray | None = None
 
     def input_shape_at(self, theta: Mapping[str, Any]) -> np.ndarray:
         """S(θ) (..., n, n_u) for values of shape (...); (n, n_u) where it does not change."""

@@ -26,6 +26,7 @@ REMEDY = {
     "load gain": "load cells calibrated more exactly",
     "load between samples": "known loads recorded at a higher rate",
     "damping": "damping measured mode by mode",
+    "frequency": "natural frequencies measured, and the model corrected by them, or slow loads, which do not depend on them",
     "stiffness": "a stiffness known more exactly, or a modulus among the unknowns",
 }
 """Source of variance → what makes it smaller."""

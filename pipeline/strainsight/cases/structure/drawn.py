@@ -1,5 +1,5 @@
-"""What a rich truth draws from the tolerances: how gauges are installed, how loads act, how its modes are damped, how stiff it
-is."""
+"""What a rich truth draws from the tolerances: how gauges are installed, how loads act, damping and frequency of its modes, how
+stiff it is."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ from strainsight.fem.affine import of_stiffness
 from strainsight.gauges.candidates import Candidates
 from strainsight.gauges.installation import Installation, InstallationStd, drawn_installation
 from strainsight.mesh.properties import SECTION_FACTORS, THICKNESS
-from strainsight.rom.model import ReducedModel
+from strainsight.rom.model import ReducedModel, first_of_equal, modal_basis
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
 """Streams of the random numbers of gauges, of the model and of loads, apart from those of the noise."""
+BY_MODE = 0.5
+"""σ of the natural frequency of one mode beside the others, over that of all alike."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,8 @@ def misaligned_loads(config: PlacementConfig) -> bool:
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
-    """The model with drawn damping, ζᵢ = ζ exp(sᵢ ln f) with a normal sᵢ for every mode, and one drawn scale of the stiffness,
-    K exp(s σ).
+    """The model with drawn damping, ζᵢ = ζ exp(sᵢ ln f) with a normal sᵢ for every mode, drawn natural frequencies,
+    ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by the mass of every mode, and one drawn scale of the stiffness, K exp(s σ).
 
     A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
     modulus is estimated.
@@ -103,10 +105,16 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     rng = np.random.default_rng([config.seed, realisation, MODEL])
     scale = np.exp(own.model * rng.standard_normal())
     factors = np.exp(np.log(own.damping) * rng.standard_normal(model.size))
+    common, by_mode = rng.standard_normal(), rng.standard_normal(model.size)
     if stated is not None:
         model = replace(model, damping=model.damping.scaled(stated))
     elif own.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
+    if own.frequency > 0:
+        # the coordinates are the modes
+        same = first_of_equal(modal_basis(model, model.reference)[0])
+        f = np.exp(own.frequency * (common + BY_MODE * by_mode[same]))
+        model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
     if own.model > 0 and not modulus_estimated(config):
         model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
     return model
@@ -119,6 +127,7 @@ def varies(config: PlacementConfig) -> bool:
         (own.position > 0 and stated.gauge_offset is None)
         or (own.angle > 0 and stated.gauge_rotation is None)
         or (own.damping > 1 and stated.damping_factor is None)
+        or own.frequency > 0
         or own.gain > 0
         or own.transverse > 0
         or own.offset > 0
@@ -137,6 +146,8 @@ def in_words(config: PlacementConfig, given: bool) -> str:
         fixed.append(f"damping × {stated.damping_factor:g}")
     elif own.damping > 1:
         drawn.append(f"ln ζ of every mode ln {own.damping:g}")
+    if own.frequency > 0:
+        drawn.append(f"natural frequencies {100 * own.frequency:g} %")
     if own.model > 0 and not modulus_estimated(config):
         drawn.append(f"stiffness {100 * own.model:g} %")
     if given:

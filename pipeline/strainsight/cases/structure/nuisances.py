@@ -1,5 +1,5 @@
-"""What the filter takes as exact and is not: installation of its gauges, loads, damping, stiffness; with their σ from the
-tolerances."""
+"""What the filter takes as exact and is not: installation of its gauges, loads, damping, frequencies, stiffness; with their σ
+from the tolerances."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.structure.drawn import installation_std, modulus_estimated
+from strainsight.cases.structure.drawn import BY_MODE, installation_std, modulus_estimated
 from strainsight.cases.structure.thick_rows import thickness_of_guess
 from strainsight.cases.structure.tolerated_loads import (
     ToleratedLoads,
@@ -32,6 +32,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training, with_missed
+from strainsight.rom.model import modal_basis
 
 SOURCE = {
     "along": "position",
@@ -53,6 +54,11 @@ RENEWED = ("offset", "drift", "temperature")
 """Sources that begin anew in every record of a test: gauges are zeroed before each, at the temperature of that day."""
 
 
+SHARE, MOST = 0.999, 6
+"""Modes with a frequency tolerance of their own: as many as make up this share of what inertia adds to the readings of the
+training run, and no more."""
+
+
 @dataclass(frozen=True)
 class Zero:
     """An error that is the same in any motion: source; σ (k,) of it in each of k channels [unit of the channel]; owner (k,):
@@ -72,7 +78,7 @@ class Tolerated:
     that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
     those without a tolerance left out; beyond: the same names → (g, f) of what each error of a load, of σ, displaces beyond the
     coordinates [1/N]; mean (g, n): what they read on average beyond what they are meant to; zeros: what is off whatever the
-    motion is; loads: how they act; damping, stiffness, learned, discrepancy: of `Nuisances`.
+    motion is; loads: how they act; damping, frequency, stiffness, learned, discrepancy: of `Nuisances`.
     """
 
     channels: np.ndarray
@@ -86,6 +92,7 @@ class Tolerated:
     zeros: tuple[Zero, ...]
     loads: ToleratedLoads
     damping: float
+    frequency: np.ndarray
     stiffness: float
     learned: bool
     discrepancy: float
@@ -118,10 +125,29 @@ def tolerated(
         _zeros(std, part),
         loads,
         float(np.log(own.damping)),
+        _frequency(own.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
         0.0 if modulus_estimated(config) else own.model,
         own.treat == "estimate",
         own.discrepancy,
     )
+
+
+def _frequency(std: float, reduced: Reduced, training: Training, rows: np.ndarray) -> np.ndarray:
+    """σ (k, n) of ln ω of n modes, one of all alike and one of every mode by itself that channels with these rows (m, n) read.
+
+    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
+    """
+    n = reduced.model.size
+    if std == 0:
+        return np.zeros((0, n))
+    lam, _ = modal_basis(reduced.model, reduced.model.reference)
+    square = (rows * np.sqrt(np.mean(training.acceleration**2, axis=0)) / lam) ** 2
+    whole = square.sum(axis=1, keepdims=True)
+    share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
+    order = np.argsort(-share, kind="stable")[:MOST]
+    before = np.cumsum(share[order]) - share[order]
+    each = np.sort(order[before < SHARE * share.sum()])
+    return std * np.concatenate([np.ones((1, n)), BY_MODE * np.eye(n)[each]])
 
 
 def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
@@ -253,6 +279,7 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
         inputs_changed(own.loads, model)[errors],
         behind,
         stacked(B, (m, len(errors))),
+        frequency=own.frequency,
     )
 
 

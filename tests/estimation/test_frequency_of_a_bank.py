@@ -1,0 +1,164 @@
+"""Natural frequencies that are not exact beside the parameters of a bank, by more than a slope can say: Bayes by brute force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
+from strainsight.fem.affine import AffineOperator
+from strainsight.gauges.candidates import ACCELERATION
+
+from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, driven_chain, forces
+
+STEPS, SPREAD = 150, 0.03
+NOISE, PRIOR = 3e-4, 0.2
+FREQUENCY = SPREAD * np.array([[1.0, 1.0], [0.5, 0.0]])
+"""σ of ln ω of both modes by what they have in common, and of the first by itself."""
+TRUE = np.array([0.05, 1.6, -0.7])
+"""ln k₁ over its guess, and ν."""
+
+
+def rates(p, nu):
+    """Rate matrix (..., 4, 4) of [q, q̇] and column (..., 4) of the force, by the textbook: M q̈ + C q̇ + K q = f with a mass
+    Φ diag(exp(−2 ν F)) Φᵀ, which leaves K; p (...), nu (..., 2)."""
+    K = np.exp(p)[..., None, None] * REFERENCE["k1"] * STIFFNESS["k1"] + REFERENCE["k2"] * STIFFNESS["k2"]
+    lam, Phi = np.linalg.eigh(K)
+    f, PhiT = np.exp(nu @ FREQUENCY), np.swapaxes(Phi, -1, -2)
+    inverse = (Phi * f[..., None, :] ** 2) @ PhiT
+    A, b = np.zeros((*p.shape, 4, 4)), np.zeros((*p.shape, 4))
+    A[..., :2, 2:], A[..., 2:, :2] = np.eye(2), -inverse @ K
+    A[..., 2:, 2:] = -(Phi * (2 * RATIO * f * np.sqrt(lam))[..., None, :]) @ PhiT
+    b[..., 2:] = inverse[..., 1]
+    return A, b
+
+
+def readings(p, nu):
+    """What the chain reads (..., T, 2) from rest under its force, and [q, q̇] (..., T, 4), exact in every step."""
+    A, b = rates(p, nu)
+    F = np.zeros((*p.shape, 5, 5))
+    F[..., :4, :4], F[..., :4, 4] = A, b
+    step, x, found = expm(F * H), np.zeros((*p.shape, 4)), []
+    for force in forces(STEPS)[:, 0, 0]:
+        x = (step[..., :4, :4] @ x[..., None])[..., 0] + step[..., :4, 4] * force
+        found.append(x)
+    motion = np.stack(found, axis=-2)
+    return motion[..., :2] @ ROWS.T, motion
+
+
+@pytest.fixture(scope="module")
+def case():
+    """Model, covariance, tolerances and samples; weights of a grid over p and ν along the axes of its posterior, p with ν, and
+    the motion there."""
+    model = driven_chain(noise=NOISE, parameters=("k1",))
+    model = replace(model, Q=np.zeros_like(model.Q))
+    P = np.diag([1e-16] * 4 + [PRIOR**2])
+    y = readings(TRUE[0], TRUE[1:])[0] + NOISE * np.random.default_rng(3).standard_normal((STEPS, 2))
+    own, prior = TRUE, np.array([PRIOR, 1.0, 1.0])
+    for _ in range(3):
+        ends, middle = own + 1e-5 * np.eye(3), readings(own[0], own[1:])[0]
+        slope = (readings(ends[:, 0], ends[:, 1:])[0] - middle).reshape(3, -1) / 1e-5
+        size, axes = np.linalg.eigh(slope @ slope.T / NOISE**2 + np.diag(1 / prior**2))
+        grid = np.stack(np.meshgrid(*[s * np.linspace(-5, 5, 15) for s in size**-0.5], indexing="ij"), axis=-1)
+        point = own + grid.reshape(-1, 3) @ axes.T
+        read, motion = readings(point[:, 0], point[:, 1:])
+        density = -0.5 * np.sum((y - read) ** 2, axis=(1, 2)) / NOISE**2 - 0.5 * np.sum((point / prior) ** 2, axis=1)
+        w = np.exp(density - density.max())
+        w /= w.sum()
+        own = w @ point
+    return model, P, replace(no_nuisances(model), frequency=FREQUENCY), y, w, point, motion
+
+
+def moments(w, values):
+    mean = np.tensordot(w, values, axes=1)
+    return mean, np.sqrt(np.tensordot(w, (values - mean) ** 2, axes=1))
+
+
+def test_parameters_beside_it_are_bayes(case):
+    model, P, nuisances, y, w, point, _ = case
+    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    mean, std = moments(w, point[:, 0])
+    assert abs(found.run.mean[-1, 0, 4] - mean) < 0.1 * std
+    assert found.run.std[-1, 0, 4] == pytest.approx(std, rel=0.05)
+
+
+def test_the_motion_that_is_learned_is_too(case):
+    model, P, nuisances, y, w, _, motion = case
+    nuisances = replace(nuisances, learned=True)
+    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    own = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, found)
+    mean, std = moments(w, motion)
+    off = (own.mean[1:, 0, :4] - mean) / std.max(axis=0)
+    assert np.sqrt(np.mean(off**2)) < 0.2
+    assert np.sqrt(np.mean(own.std[1:, 0, :4] ** 2, axis=0)) == pytest.approx(np.sqrt(np.mean(std**2, axis=0)), rel=0.1)
+
+
+@pytest.mark.parametrize("about", [(0.0, 0.0), (1.2, -0.8)])
+def test_a_step_and_its_slopes_are_those_of_other_masses(about):
+    model, about = driven_chain(parameters=("k1",)), np.array(about)
+    nuisances = replace(no_nuisances(model), frequency=FREQUENCY, about=about)
+    p = np.array([0.1, -0.2])
+    own = linear_models(model, p[:, None], nuisances)
+
+    def step(nu):
+        A, b = rates(p, np.broadcast_to(nu, (2, 2)))
+        F = np.zeros((2, 5, 5))
+        F[:, :4, :4], F[:, :4, 4] = A, b
+        return expm(F * H)
+
+    whole = step(about)
+    np.testing.assert_allclose(own.A, whole[:, :4, :4], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(own.G[..., 0], whole[:, :4, 4], rtol=1e-9, atol=1e-12)
+    for k, unit in enumerate(1e-4 * np.eye(2)):
+        slope = (step(about + unit) - step(about - unit)) / 2e-4
+        np.testing.assert_allclose(own.A_nu[:, k], slope[:, :4, :4], atol=1e-6 * np.abs(slope).max())
+        np.testing.assert_allclose(own.G_nu[:, k, :, 0], slope[:, :4, 4], atol=1e-6 * np.abs(slope[:, :4, 4]).max())
+
+
+def test_accelerometers_read_what_other_masses_do_at_once():
+    """M⁻¹(f − C q̇ − K q) with M of the frequencies, and its slopes."""
+    model = driven_chain(parameters=())
+    model = replace(model, quantity=np.array([ACCELERATION, ACCELERATION]))
+    nuisances, nothing = replace(no_nuisances(model), frequency=FREQUENCY), np.zeros((1, 0))
+    own = linear_models(model, nothing, nuisances)
+    for k, unit in enumerate(1e-4 * np.eye(2)):
+        ends = [rates(np.zeros(()), sign * unit) for sign in (1, -1)]
+        A, b = (ROWS @ (ahead - behind)[2:] / 2e-4 for ahead, behind in zip(*ends, strict=True))
+        np.testing.assert_allclose(own.D[k], A, atol=1e-6 * np.abs(A).max())
+        np.testing.assert_allclose(own.E[k, :, 0], b, atol=1e-6 * np.abs(b).max())
+
+
+def test_at_every_parameter_there_are_the_frequencies_of_the_centre():
+    model = driven_chain(parameters=("k1",))
+    nuisances = replace(no_nuisances(model), frequency=SPREAD * np.eye(2), centre=np.array([0.05]))
+    own, shift = tuned(model, nuisances, np.array([[0.05], [0.4]]))
+    first, second = (REFERENCE[name] * STIFFNESS[name] for name in ("k1", "k2"))
+    lam = [np.linalg.eigvalsh(np.exp(p) * first + second) for p in (0.05, 0.4)]
+    np.testing.assert_allclose(shift, np.stack([np.zeros(2), 0.5 * np.log(lam[0] / lam[1]) / SPREAD]), atol=1e-9)
+    np.testing.assert_allclose(lam[1] * own.model.frequency_factors[1] ** 2, lam[0], rtol=1e-12)
+
+
+def test_a_modulus_that_resonances_alone_tell_is_known_no_better_than_twice_the_frequencies():
+    """Both springs by one factor E under a force of unknown size: ω goes with √E."""
+    K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
+    model = driven_chain(noise=1e-5, parameters=("k1",))
+    masses = replace(model.model, stiffness=AffineOperator(np.zeros((2, 2)), {"E": K}), reference={"E": 1.0})
+    unknowns = replace(model.unknowns, parameters=("E",), guess={"E": 1.0})
+    model = replace(model, model=masses, unknowns=unknowns, fixed={}, Q=np.zeros_like(model.Q))
+    size = np.array([[[0.0, 0.0], [2.0, 0.0]]])
+    exact = replace(no_nuisances(model), source=("gain",), D=np.zeros((1, 2, 4)), E=np.zeros((1, 2, 1)),
+                    offset=np.zeros((1, 2)), shape=size, load=np.array([0]))  # fmt: skip
+    y = readings(np.zeros(()), np.zeros(2))[0]
+
+    def std(nuisances):
+        P = np.diag([1e-16] * 4 + [0.3**2])
+        return filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances).run.std[-1, 0, 4]
+
+    assert std(exact) < 0.1 * SPREAD
+    prior = (2 * SPREAD) ** -2 + 0.3**-2
+    assert std(replace(exact, frequency=SPREAD * np.ones((1, 2)))) == pytest.approx(prior**-0.5, rel=0.03)

@@ -1,0 +1,65 @@
+"""Truths whose natural frequencies are off by their tolerance, under loads through the first two resonances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ..edges.beam import E
+from .drawn_truths import NOTHING, beam_in, filtered, spread, trial
+
+SHAKEN = {
+    "train": {"duration": 0.25, "time_step": 0.001},
+    "loads.tip.signal": {"type": "multisine", "amplitude": 1000.0, "lowest": 20.0, "highest": 110.0, "count": 10},
+    "gauges.noise_std": {"relative_to_strongest": 0.003},
+}
+OF_E = SHAKEN | {"tolerances": NOTHING | {"load_gain": 0.02, "frequency": 0.01}}
+EXACT = OF_E | {"tolerances": NOTHING | {"load_gain": 0.02}}
+OF_A_LOAD = SHAKEN | {
+    "tolerances": NOTHING | {"frequency": 0.01},
+    "loads.tip.known": False,
+    "loads.tip.process_noise": {"model": "integrated_random_walk", "frequency": 100.0},
+    "parameters.E.guess": E,
+    "place.estimate": ["tip"],
+    "validate.initial_std": {"tip": 1.0},
+}
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    return beam_in(tmp_path_factory.mktemp("beam"))
+
+
+def test_each_mode_that_gauges_read_has_a_tolerance_of_its_own_beside_that_of_all(beam):
+    """The first two bend the beam, at 66 and 82 Hz by beam theory; the others are beyond 400 Hz."""
+    n = beam(OF_E).reduced.model.size
+    np.testing.assert_allclose(beam(OF_E).tolerated.frequency, 0.01 * np.vstack([np.ones(n), 0.5 * np.eye(n)[:2]]))
+    assert len(beam(EXACT).tolerated.frequency) == 0
+
+
+def test_a_modulus_seen_through_resonances_is_within_its_sigma_and_was_far_beyond_it(beam):
+    """Three draws, the last of which a lattice of exact frequencies takes to the resonance of the other mode."""
+    own, exact = trial(beam(OF_E)), beam(EXACT)
+    for realisation in (1, 2, 5):
+        error, std = filtered(beam(OF_E), own, realisation)
+        assert np.abs(error / std).max() < 3.0
+        assert 0.01 < std[-1] < 0.03
+    error, std = filtered(beam(OF_E), replace(own, tolerated=exact.tolerated), 3)
+    assert np.abs(error / std).max() > 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", [OF_E, OF_A_LOAD])
+def test_drawn_truths_are_within_their_sigma(beam, of):
+    within, ratio, _ = spread(beam(of), 60)
+    assert within > 0.9
+    assert 0.7 < ratio < 1.25
+
+
+@pytest.mark.slow
+def test_sigma_is_no_smaller_than_the_error_where_frequencies_are_exact(beam):
+    found = replace(trial(beam(EXACT)), tolerated=beam(OF_E).tolerated)
+    error, std = (np.array(each) for each in zip(*(filtered(beam(EXACT), found, r) for r in range(1, 31)), strict=True))
+    assert np.mean(np.abs(error) < 2 * std) > 0.9
