@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.nuisances import exact_frequencies_in_words
+from strainsight.config.load import load_config
+
 from ..edges.beam import E
+from ..shared import ROOT
 from .drawn_truths import NOTHING, beam_in, filtered, spread, trial
 
 SHAKEN = {
@@ -25,6 +29,15 @@ OF_A_LOAD = SHAKEN | {
     "place.estimate": ["tip"],
     "validate.initial_std": {"tip": 1.0},
 }
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [((), True), (("tolerances.frequency=0.01",), False), (("tolerances=none",), False), (("train.model=static",), False)],
+)
+def test_an_estimate_says_that_its_sigma_takes_frequencies_for_exact(overrides, told):
+    config = load_config(ROOT / "configs" / "cantilever-input.yaml", overrides).model
+    assert ("tolerances.frequency: 0.01" in exact_frequencies_in_words(config)) == told
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ from strainsight.cases.structure.filtered_test import (
     Filtering,
     budget_in,
 )
+from strainsight.cases.structure.nuisances import exact_frequencies_in_words
 from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings
@@ -194,6 +195,7 @@ def _words(
         clock_in_words(test, config.train.time_step),
         scheme_in_words(problem, test.h),
         *not_held,
+        "" if withheld else exact_frequencies_in_words(config),
         rests,
         stated,
         others,

@@ -18,7 +18,7 @@ from strainsight.cases.structure.tolerated_loads import (
     tolerated_loads,
 )
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import tolerances_of
+from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.estimation.conditional import (
     Nuisances,
     acceleration_rows,
@@ -189,6 +189,17 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
                 f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"
             )
     return tuple(found)
+
+
+def exact_frequencies_in_words(config: PlacementConfig) -> str:
+    """That σ takes the natural frequencies of a dynamic model for exact, where tolerances are stated and that of these is 0."""
+    stated = tolerances_of(config.tolerances)
+    if stated == NONE or stated.frequency > 0 or config.train.model == "static":
+        return ""
+    return (
+        "σ takes masses and natural frequencies of the model for exact: a mass that is 1 % off makes a modulus 1 % wrong; set "
+        "tolerances.frequency: 0.01 where they are not as exact as that"
+    )
 
 
 def _sensitivity(
