@@ -148,12 +148,12 @@ def faults_for_a_time(samples: np.ndarray, predicted: np.ndarray, std: np.ndarra
     parts, faults = misfits(residual / wide), []
     first, behind, size = _step_in(residual, wide)
     if behind - first > RUN and (first >= RUN or T - behind >= RUN):
-        faults.append(Fault("shift", 0, size, ((0, first, behind),)))
+        faults.append(Fault("shift", 0, size, spans=((0, first, behind),)))
     still = _longest_still(samples)
     if still is not None and any(still[0] < behind and first < still[1] for first, behind in parts):
-        faults.append(Fault("stuck", 0, 0.0, ((0, *still),)))
+        faults.append(Fault("stuck", 0, 0.0, spans=((0, *still),)))
     if parts and len(parts) <= MOST_PARTS and sum(behind - first for first, behind in parts) <= LONGEST_PART * T:
-        faults.append(Fault("spikes", 0, 0.0, tuple((0, *part) for part in parts)))
+        faults.append(Fault("spikes", 0, 0.0, spans=tuple((0, *part) for part in parts)))
     return faults
 
 

@@ -76,7 +76,7 @@ def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> 
     if suspected(*as_stated):
         return None
     spans = _joined(marked)
-    return Fault("spikes", spans[0][0], 0.0, spans), without, as_stated[0]
+    return Fault("spikes", spans[0][0], 0.0, spans=spans), without, as_stated[0]
 
 
 def _with_sudden_loads(suspect: Suspect) -> Suspect:
