@@ -58,7 +58,7 @@ def as_read(samples, settings):
 def judged(truth, samples, settings=STATED):
     model, P, _, _ = truth
     test = SimpleNamespace(labels=NAMES, time=CLOCK, h=H, every=1)
-    lowest = SimpleNamespace(model=model.model)
+    lowest = SimpleNamespace(known=(), model=model.model)
     record = suspect(model, P, forces(LONG), as_read(samples, settings))
     return judgement_of(records_of(settings)[0], test, lowest, record, 0.0, lambda share: None)
 
