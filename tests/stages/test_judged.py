@@ -45,7 +45,7 @@ def records(which):
 def judged(record, own=None, **second):
     own = own or records_of(settings(**second))[0]
     test = SimpleNamespace(labels=NAMES, time=H * np.arange(len(record.samples) + 1))
-    return judgement_of(own, test, None, record, 0.0, lambda share: None)
+    return judgement_of(own, test, SimpleNamespace(known=()), record, 0.0, lambda share: None)
 
 
 def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch):
