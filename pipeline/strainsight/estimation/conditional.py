@@ -171,7 +171,7 @@ def linear_models(
         for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
     )
     own = slice(nuisances.of_modes(model.model.size) - len(nuisances.frequency), nuisances.of_modes(model.model.size))
-    if model.accelerometers is not None:
+    if model.accelerometers is not None and len(nuisances.frequency):
         on_states, on_known = _accelerations_by_frequency(model, nuisances, point)
         D[own, moving], E[own, moving, : F.shape[-1]] = on_states, on_known
     about, shifts, held = (
@@ -294,11 +294,8 @@ def _accelerations_by_frequency(
     for each in nuisances.frequency:
         ends = [read(step * each[first]) for step in (DIFFERENCE, -DIFFERENCE)]
         slopes.append([(ahead - behind) / (2 * DIFFERENCE) for ahead, behind in zip(*ends, strict=True)])
-    found = [np.array(parts) for parts in zip(*slopes, strict=True)] if slopes else []
-    if not found:
-        none = np.zeros((0, shape.shape[1], 0))
-        return none, none
-    return found[0], found[1]
+    on_states, on_known = (np.array(parts) for parts in zip(*slopes, strict=True))
+    return on_states, on_known
 
 
 def theta_at(model: FilterModel, point: np.ndarray) -> dict[str, np.ndarray]:

@@ -151,9 +151,9 @@ def _whitened(
     now, parts = filtered_at(problem, Points(point), 0), []  # type: ignore[type-var]
     while now.step < record.steps:
         ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
-        passage = passed(problem, now, ahead, keep=True)
+        passage = passed(problem, now, ahead, keep=True)  # type: ignore[type-var]
         parts.append((passage.own.expected, passage.own.S))
-        now = on(now, passage, ahead)
+        now = on(now, passage, ahead)  # type: ignore[type-var]
     sampled = slice(model.every - 1, None, model.every)
     expected, S = (np.concatenate(each, axis=1)[:, sampled] for each in zip(*parts, strict=True))
     e = samples - expected
