@@ -53,7 +53,8 @@ FEW = 3
 SHORTEST, SHARE = 8, 8
 """Fewest steps between two looks at the posterior, and the share of the steps so far, 1/SHARE, that is taken otherwise: it
 narrows as the record grows."""
-
+FOLLOWED = 10
+"""Grids over the parameters of inconsistent measurements after which σ of the parameters is doubled."""
 LOOK = 0.2
 """Share of the steps after which it shows whether the ν have to be looked for about which readings are linear."""
 COARSE, REACH, TRIED, MOST_TRIED = 0.05, 3.0, 0.01, 80
@@ -158,6 +159,7 @@ def filter_records(
     depth: float = DEPTH,
     keep: Keep = "all",
     progress: Callable[[float], None] | None = None,
+    birge_ratio: float = 1.0,
 ) -> tuple[BankRun, ...]:
     """Posterior of parameters that several records share: a run of each, the posterior at the end of all of them in every one.
 
@@ -166,10 +168,14 @@ def filter_records(
     Parameters and ν are constants of all records (what is a record's own has columns of its own, `each_its_own`). Motion, loads
     and offsets begin in each as mean and covariance say, independent of the others: at a boundary their step has a transition
     of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are the same.
-    Arguments as of `filter_bank`.
+    birge_ratio: as of `BankProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many σ
+    from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
+    Other arguments as of `filter_bank`.
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(tuple(records), mean, covariance, offsets, spacing, depth, keep, progress, judged=True)
+    problem = BankProblem(
+        tuple(records), mean, covariance, offsets, spacing, depth, keep, progress, judged=True, birge_ratio=birge_ratio
+    )
     if not problem.bilinear:
         return _covered(problem)
     tell = progress or (lambda share: None)
@@ -232,26 +238,28 @@ def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
     """The posterior at the end alone, without states along the samples and filters that serve these only: in less than half of
     the time. None where the first LOOK of the steps do not ask for another ν about which readings are linear, and so all of them
     hardly will."""
-    now, laid, _ = _passed_through(problem)
+    problem, now, laid, _ = _passed_through(problem)
     return (problem, _ended(now, laid, problem.centre)) if now.step == problem.first[-1] else None
 
 
 def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
     """A run of every record."""
-    now, laid, mixtures = _passed_through(problem)
+    problem, now, laid, mixtures = _passed_through(problem)
     end = vars(_ended(now, laid, problem.centre))
     return tuple(BankRun(**end, run=own.finished()) for own in mixtures)
 
 
-def _passed_through(problem: BankProblem) -> tuple[LinearStanding[Any], int, list[Mixture]]:
+def _passed_through(problem: BankProblem) -> tuple[BankProblem, LinearStanding[Any], int, list[Mixture]]:
     """By a lattice over few parameters, by columns over more."""
     if len(problem.model.unknowns.parameters) <= FEW:
-        at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-        bank = Bank[LinearStanding[Lattice]](
-            problem.prior, problem.spacing, problem.depth, at, one_standing, refuse, first=_first_of_settled(problem)
-        )
-        return _filtered(problem, first_lattice(bank), partial(next_lattice, bank))
-    return _filtered(problem, first_columns(problem), partial(next_columns, problem), at_end=True)
+        first = first_lattice(replace(_bank(problem), first=_first_of_settled(problem)))
+        return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem), now))
+    return _filtered(problem, first_columns(problem), next_columns, at_end=True)
+
+
+def _bank(problem: BankProblem) -> Bank[LinearStanding[Lattice]]:
+    at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
+    return Bank(problem.prior, problem.spacing, problem.depth, at, one_standing, refuse)
 
 
 def _first_of_settled(problem: BankProblem) -> Lattice | None:
@@ -266,13 +274,13 @@ def _first_of_settled(problem: BankProblem) -> Lattice | None:
 def _filtered(
     problem: BankProblem,
     now: LinearStanding[C],
-    following: Callable[[LinearStanding[C]], LinearStanding[C]],
+    following: Callable[[BankProblem, LinearStanding[C]], LinearStanding[C]],
     at_end: bool = False,
-) -> tuple[LinearStanding[C], int, list[Mixture]]:
+) -> tuple[BankProblem, LinearStanding[C], int, list[Mixture]]:
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
-    end, where what they say is the better, the nearer they are. Returns where the filters stand then, how often points were laid,
-    and of every record, where they are asked for, the states along it; where they are not, it ends after LOOK of the steps if
-    these do not ask for another ν about which readings are linear."""
+    end, where what they say is the better, the nearer they are. Returns the problem with its last Birge ratio, the filters then,
+    how often points were laid, and of every record, where they are asked for, the states along it; where they are not, it ends
+    after LOOK of the steps if these do not ask for another ν about which readings are linear."""
     steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)] if problem.along else []
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:
@@ -302,12 +310,15 @@ def _filtered(
         if problem.progress is not None:
             problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
-            now, laid = following(now), laid + 1
+            if problem.birge_ratio > 1 and laid % FOLLOWED == 0:
+                problem = replace(problem, birge_ratio=2 * problem.birge_ratio)
+                now = replace(now, fit=now.fit / 4)
+            now, laid = following(problem, now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
             if mixtures:
                 mixtures[-1].states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
-    return now, laid, mixtures
+    return problem, now, laid, mixtures
 
 
 def _ended(now: LinearStanding[Any], laid: int, centre: np.ndarray | None = None) -> BankEnd:

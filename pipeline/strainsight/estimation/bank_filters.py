@@ -78,7 +78,8 @@ class BankProblem:
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
     are under the loads as stated. along: whether states along the samples are asked for, or the posterior of parameters and ν at
-    the end alone.
+    the end alone. birge_ratio: RMS of the innovations over their claim; the log-likelihood by which parameters are weighed is
+    divided by its square, so that σ of the parameters is as many times as large.
     """
 
     records: tuple[BankRecord, ...]
@@ -91,6 +92,7 @@ class BankProblem:
     progress: Callable[[float], None] | None = None
     judged: bool = False
     along: bool = True
+    birge_ratio: float = 1.0
 
     @property
     def model(self) -> FilterModel:
@@ -276,14 +278,15 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     data, before = problem.records[now.record].data, problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
     measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
+    power = problem.birge_ratio**-2
     if now.judge is None:
         own = advance(now.models, now.filters, *measured, keep)
-        return Passed(own, own.fit, own.states)
+        return Passed(own, power * own.fit, own.states)
     found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep)
     if not problem.along:
-        return Passed(found, found.fit, found.states)
+        return Passed(found, power * found.fit, found.states)
     own = advance(now.models, now.filters, *measured, keep)
-    return Passed(own, found.fit, of_judge(own.states, found.states))
+    return Passed(own, power * found.fit, of_judge(own.states, found.states))
 
 
 def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:

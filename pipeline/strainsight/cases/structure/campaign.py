@@ -266,6 +266,10 @@ def _found(
 ) -> tuple[Filtered, ...]:
     """Filter and smoother, with other filters beside them where that is asked for or takes little."""
     contradicted = _contradicted(records, judgements)
+    if not records[0].settings.accept:
+        # σ is withheld, and no grid follows parameters that are as wrong as this at the σ that is claimed
+        ratios = [own.birge_ratio for own in judgements]
+        each = [replace(given, birge_ratio=ratio) for given, ratio in zip(each, ratios, strict=True)]
     try:
         if len(each) > 1:
             accept = records[0].settings.accept

@@ -31,13 +31,15 @@ OTHER_STEP = 100.0
 class Judgement:
     """trusted: whether the record agrees with the model; named: the fault that explains it, in words with the key that undoes
     it, empty where none or several do; words: all that there is to say, empty of a record that agrees; check: by channel; apart:
-    it is not the model but other records that it contradicts."""
+    it is not the model but other records that it contradicts; birge_ratio: RMS of the innovations over their claim, 1 of a
+    record that agrees with the model, and where no filter runs."""
 
     trusted: bool
     named: str
     words: str
     check: ChannelsChecked
     apart: bool = False
+    birge_ratio: float = 1.0
 
 
 def judgement_of(
@@ -69,19 +71,23 @@ def judgement_of(
         np.array([0.0 if one is None else _finite(one.evidence - finding.as_it_is.evidence) for one in best]),
         candidates,
     )
-    if named:
-        return Judgement(False, named, f"the record contradicts the model: {named}", checked)
-    if candidates:
-        listed = f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}"
-        text = f"which of these explains it stays open: {listed}; check on the structure which of them it is ({own.channels})"
-        return Judgement(False, "", f"the record contradicts the model, and {text}", checked)
     ratio = finding.as_it_is.ratio
-    size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
-    text = (
-        f"the record contradicts the model: innovations are {size}{_worst_in_words(found, test)}, and no single fault of a "
-        f"channel or a known load explains it: check {own.channels}, loads and the model{_step_in_words(problem, test)}"
-    )
-    return Judgement(False, "", text, checked)
+    if named:
+        text = f"the record contradicts the model: {named}"
+    elif candidates:
+        text = (
+            "the record contradicts the model, and which of these explains it stays open: "
+            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on the structure which of them it is "
+            f"({own.channels})"
+        )
+    else:
+        size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
+        text = (
+            f"the record contradicts the model: innovations are {size}{_worst_in_words(found, test)}, and no single fault of a "
+            f"channel or a known load explains it: check {own.channels}, loads, estimate.start and the model"
+            f"{_step_in_words(problem, test)}"
+        )
+    return Judgement(False, named, text, checked, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
 
 
 def _worst_in_words(found: RecordCheck, test: Measured) -> str:

@@ -41,7 +41,7 @@ SHORTER = "give a part of the record at a time, or a larger machine"
 class Filtering:
     """problem; tolerances, at least of the channels of the test; model at these; test; start (n*, n*) covariance of x* at t = 0;
     settled: the motion that it begins in, None where it is not known to be periodic; record: its place among `records`,
-    which are filtered in that order."""
+    which are filtered in that order; birge_ratio: as of `filter_records`, of a record that is inconsistent with the model."""
 
     problem: Problem
     tolerances: Tolerated
@@ -51,6 +51,7 @@ class Filtering:
     settled: Settled | None
     record: int = 0
     records: int = 1
+    birge_ratio: float = 1.0
 
     @property
     def biased(self) -> np.ndarray:
@@ -192,7 +193,16 @@ def banks_of(each: Sequence[Filtering], progress: Progress = lambda share: None)
         for own in sorted(each, key=lambda own: own.record)
     ]
     covariance, at = each[0].covariance, each[0].biased
-    found = filter_records(records, np.zeros(len(covariance)), covariance, biased=at, keep="mean", progress=progress)
+    ratio = max(own.birge_ratio for own in each)
+    found = filter_records(
+        records,
+        np.zeros(len(covariance)),
+        covariance,
+        biased=at,
+        keep="mean",
+        progress=progress,
+        birge_ratio=ratio,
+    )
     return tuple(found[own.record] for own in each)
 
 
