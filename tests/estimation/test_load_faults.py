@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.estimation.bank import filter_records
+from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.fault_search import examined, explained
 from strainsight.estimation.faults import FORESEEN, Fault
@@ -94,6 +96,19 @@ def test_evidence_is_that_of_the_record_with_the_right_load(record):
     missing = FORESEEN * 2 * cut.shape[1]
     expected = explained(replace(record, samples=cut), None)[0].evidence + missing
     assert explained(late, Fault("late", 0, 2, of_load=True))[0].evidence == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
+    """Of a load four samples late, beside gauges ten times as quiet, the posterior moves by many σ from sample to sample."""
+    quiet = replace(record.model, r=1e-2 * record.model.r)
+    late = bank_record(quiet, held(WIDE[:-7]), record.samples, record.nuisances, None)
+    claimed, widened = (
+        filter_records([late], record.mean, record.covariance, birge_ratio=ratio)[0] for ratio in (1.0, 1.5)
+    )
+    assert widened.laid < claimed.laid / 3
+    (mean,), ((variance,),) = widened.posterior
+    assert variance > 1.5**2 * claimed.posterior[1][0, 0]
+    assert abs(mean - claimed.posterior[0][0]) < np.sqrt(variance)
 
 
 def test_swapped_loads_are_exchanged_with_their_tones():

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import block_diag, expm
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import filter_bank, filter_records
+from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_paths import bank_paths
 from strainsight.estimation.bank_smoother import smooth_bank
@@ -315,3 +315,15 @@ def test_a_record_beyond_the_model_is_refused():
     _, y = draw_truth(model, np.zeros(5), P, slow(), range(2))
     with pytest.raises(NumericalError):
         stiffness_of(model, P, [y[:, 0], 1e9 * y[:, 1]])
+
+
+def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
+    """ln p(y, y | θ) / 2 = ln p(y | θ)."""
+    record = bank_record(chain(), held_of(0), measured[0], no_nuisances(chain()), None)
+    options = {"spacing": 0.5, "depth": 14.0}
+    one = filter_records([record], np.zeros(7), start(), **options)[0]
+    two = filter_records([record, record], np.zeros(7), start(), **options, birge_ratio=np.sqrt(2))[0]
+    assert two.laid < FOLLOWED
+    std = np.sqrt(np.diag(one.posterior[1]))
+    np.testing.assert_allclose(two.posterior[0], one.posterior[0], atol=2e-3 * std.min())
+    np.testing.assert_allclose(two.posterior[1], one.posterior[1], atol=5e-3 * std.min() ** 2)

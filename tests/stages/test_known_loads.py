@@ -86,12 +86,31 @@ def test_a_long_gap_is_refused(project):
     assert "the known load 'tip' lacks 20 samples, 20 in a row, the first at 0.05 s" in said
 
 
-def test_what_is_printed_undoes_a_reversed_load(project):
-    file = with_load(project, "wrong", lambda u: -u)
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "says", "settings"),
+    [
+        (lambda u: -u, "set estimate.inputs.tip.sign: -1", ["estimate.inputs.tip.sign=-1"]),
+        (lambda u: 1e-3 * u, "set estimate.inputs.tip.scale: 1000", ["estimate.inputs.tip.scale=1000"]),
+        (
+            lambda u: np.concatenate([[0, 0], u[:-2]]),
+            "tip is 2 samples (0.001 s) late: set estimate.inputs.tip.delay: {samples: 2}, or accept",
+            ["estimate.inputs.tip.delay={samples: 2}"],
+        ),
+        (
+            lambda u: np.concatenate([u[2:], [np.nan, np.nan]]),
+            "tip is 2 samples (0.001 s) early: set estimate.inputs.tip.delay: {samples: -2}, or accept",
+            ["estimate.inputs.tip.delay={samples: -2}"],
+        ),
+    ],
+    ids=["sign", "unit", "late", "early"],
+)
+def test_what_is_printed_undoes_the_fault_of_a_load(project, change, says, settings):
+    file = with_load(project, "wrong", change)
     code, said = found_of(project, file)
     assert code == 3
-    assert "set estimate.inputs.tip.sign: -1" in said
-    code, said = found_of(project, file, "estimate.inputs.tip.sign=-1")
+    assert says in said
+    code, said = found_of(project, file, *settings)
     assert code == 0, said
     assert right(project)
 
