@@ -168,8 +168,8 @@ def filter_records(
     Parameters and ν are constants of all records (what is a record's own has columns of its own, `each_its_own`). Motion, loads
     and offsets begin in each as mean and covariance say, independent of the others: at a boundary their step has a transition
     of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are the same.
-    birge_ratio: as of `BankProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many σ
-    from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
+    birge_ratio: as of `BankProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many
+    σ from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
     Other arguments as of `filter_bank`.
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
