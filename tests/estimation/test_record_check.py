@@ -13,8 +13,8 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.faults import Fault, misfits
 from strainsight.estimation.record_check import check_record
 from strainsight.estimation.settled import Settled
-from strainsight.estimation.spikes import spikes_of
-from strainsight.estimation.stretches import loudest_stretches, moving_part_of, part_of
+from strainsight.estimation.spikes import SPIKE, spikes_of
+from strainsight.estimation.stretches import at_rest, loudest_stretches, moving_part_of, part_of
 
 from .chain import NOISE, H, forces, loaded_chain, start
 from .test_fault_search import FOUR, suspect
@@ -99,6 +99,36 @@ def test_a_periodic_motion_goes_on_in_a_stretch(record):
 
 def test_a_sound_record_behind_rest_agrees(record):
     assert not check_record(record).finding.contradicts
+
+
+def scalable(record, std):
+    """One factor on all channels, of a standard deviation."""
+    model = record.model
+    D, E = std * model.H[None], np.zeros((1, 4, record.known.shape[-1]))
+    nuisances = replace(no_nuisances(model), source=("gain",), D=D, E=E, offset=np.zeros((1, 4)))
+    return replace(record, nuisances=nuisances)
+
+
+def test_a_sudden_load_of_a_sound_record_is_no_reason_to_search_its_rest(record):
+    """A load that begins at once exceeds SPIKE; the rest before it agrees with the model."""
+    model = replace(record.model, r=0.01 * record.model.r)
+    y = draw_truth(model, np.zeros(5), start()[:5, :5], forces(MOVING), [3])[1][:, 0]
+    samples = np.concatenate([0.1 * record.samples[:REST], y])
+    check = check_record(scalable(replace(record, model=model, samples=samples), 0.2))
+    assert abs(check.worst[0] - REST) < 20
+    assert check.worst[2] > SPIKE
+    assert not check.finding.contradicts
+
+
+def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
+    rest, moving = part_of(record, 100, 500), part_of(record, REST, REST + MOVING)
+    assert at_rest(rest)
+    assert not at_rest(moving)
+    assert record_check._intensity_at_rest(rest) == 0
+    assert record_check._intensity_at_rest(moving) == 1
+    shifted = rest.samples.copy()
+    shifted[:, 2] += 30 * NOISE * (np.arange(400) >= 200)
+    assert record_check._intensity_at_rest(replace(rest, samples=shifted)) == 0
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ innovations are looked at from its beginning to its end."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +27,20 @@ from strainsight.estimation.fault_search import (
 from strainsight.estimation.faults import Explained, chosen
 from strainsight.estimation.peak import known_at
 from strainsight.estimation.spikes import SPIKE, sizes_of, spikes_of
-from strainsight.estimation.stretches import LONGEST, loudest_stretches, moving_part_of, part_of, stretch_at
+from strainsight.estimation.stretches import (
+    LONGEST,
+    at_rest,
+    loudest_channel,
+    loudest_stretches,
+    moving_part_of,
+    part_of,
+    stretch_at,
+    with_intensity,
+)
+from strainsight.estimation.verdict import OVERCONFIDENT, judged
+
+INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
+"""Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""
 
 Progress = Callable[[float], None]
 
@@ -50,7 +63,7 @@ def check_record(suspect: Suspect, discrepancy: float = 0.0, progress: Progress 
     the innovations of any LONGEST samples contradict the model where they are BELIEVABLE times as large as claimed, and faults
     are looked for where they are largest.
     """
-    stretches = loudest_stretches(suspect)
+    stretches, checks = loudest_stretches(suspect), []
     for i, (begin, end) in enumerate(stretches):
 
         def going(share: float, i: int = i) -> None:
@@ -58,18 +71,24 @@ def check_record(suspect: Suspect, discrepancy: float = 0.0, progress: Progress 
 
         whole = part_of(suspect, begin, end)
         check = _check_stretch(moving_part_of(whole), whole, discrepancy, going)
+        checks.append(check)
         if check.finding.contradicts:
             break
     all_of_it = len(check.stretch.samples) == len(suspect.samples)
     if all_of_it or (check.finding.contradicts and not _has_spikes(check.finding)):
         return check
-    return _check_all(suspect, check, discrepancy, progress)
+    return _check_all(suspect, checks, discrepancy, progress)
 
 
 def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: Progress) -> RecordCheck:
     """Faults are looked for in a part of a stretch; what is as good as another one there is weighed by all of it."""
     as_it_is = explained(part, None)
     worst = _worst_of(part, as_it_is[1])
+    if at_rest(part) and not _agrees(part, as_it_is):
+        factor = _intensity_at_rest(part)
+        part, whole = with_intensity(part, factor), with_intensity(whole, factor)
+        as_it_is = explained(part, None)
+        worst = _worst_of(part, as_it_is[1])
     if worst[2] > SPIKE and (spikes := spikes_of(part)) is not None:
         fault, without, cleaned = spikes
         best = replace(cleaned, fault=fault)
@@ -89,13 +108,35 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
     return RecordCheck(replace(finding, diagnosis=diagnosis), whole, worst, _moving(part))
 
 
+def _agrees(part: Suspect, fit: tuple[Explained, BankRun | None]) -> bool:
+    return not suspected(*fit) and _worst_of(part, fit[1])[2] <= SPIKE
+
+
+def _intensity_at_rest(part: Suspect) -> float:
+    """Factor on the intensity of unknown loads that is most likely in a stretch at rest.
+
+    Loads as intense as in a motion would be an error of the model there: whatever makes channels read less of them, as a dead
+    channel does, would explain the rest better. Where the stretch does not agree even so, one channel may read what no load
+    causes: the factor is then that of the other channels.
+    """
+    fits = [(factor, explained(with_intensity(part, factor), None)) for factor in INTENSITIES]
+    factor, fit = max(fits, key=lambda one: one[1][0].evidence)
+    if _agrees(part, fit) or part.samples.shape[1] < 2:
+        return factor
+    samples = part.samples.copy()
+    samples[:, loudest_channel(part)] = np.nan
+    others = replace(part, samples=samples)
+    return max(INTENSITIES, key=lambda each: explained(with_intensity(others, each), None)[0].evidence)
+
+
 def _moving(part: Suspect) -> tuple[int, int]:
     first, behind = part.span or (0, len(part.samples))
     return part.begin + first, part.begin + behind
 
 
-def _check_all(suspect: Suspect, check: RecordCheck, discrepancy: float, progress: Progress) -> RecordCheck:
-    """All samples of a record, one stretch of which agrees with the model, or does but for spikes."""
+def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: float, progress: Progress) -> RecordCheck:
+    """All samples of a record, whose checked stretches agree with the model, or the last of them does but for spikes."""
+    check = checks[-1]
     named = check.finding.diagnosis.named if _has_spikes(check.finding) and check.finding.diagnosis else None
     point = np.array((named or check.finding.as_it_is).point)
 
@@ -104,7 +145,7 @@ def _check_all(suspect: Suspect, check: RecordCheck, discrepancy: float, progres
 
     whole = fit(suspect)
     worst = _worst_of(suspect, whole[1])
-    if not suspected(*whole) and worst[2] <= SPIKE:
+    if not _too_large(*whole) and worst[2] <= SPIKE:
         return check
     if worst[2] > SPIKE and (spikes := spikes_of(suspect, fit)) is not None:
         fault, _, cleaned = spikes
@@ -114,14 +155,36 @@ def _check_all(suspect: Suspect, check: RecordCheck, discrepancy: float, progres
         return RecordCheck(Finding(True, whole[0], found, diagnosis), suspect, worst, check.part)
     if named is not None:
         return check
-    begin = worst[0] if whole[1] is None else _loudest_innovations(suspect, whole[1])
-    stretch = part_of(suspect, *stretch_at(suspect, begin))
+    if whole[1] is None:
+        bounds = stretch_at(suspect, worst[0])
+    elif _too_large(*whole):
+        begin = _loudest_innovations(suspect, whole[1])
+        bounds = begin, begin + LONGEST
+    else:
+        # what is large in a stretch that agrees is a load that changes at once
+        size, _ = sizes_of(suspect, whole[1])
+        for one in checks:
+            size[one.stretch.begin : one.stretch.begin + len(one.stretch.samples)] = 0.0
+        if size.max() <= SPIKE:
+            return check
+        bounds = stretch_at(suspect, int(np.argmax(size)))
+    stretch = part_of(suspect, *bounds)
     local = _check_stretch(stretch, stretch, discrepancy, progress)
     if not local.finding.contradicts and not whole[0].ratio <= BELIEVABLE and missed_of(whole[1]) > discrepancy:
         return replace(
             check, finding=replace(local.finding, contradicts=True, as_it_is=whole[0]), worst=worst, part=local.part
         )
-    return local
+    return local if local.finding.contradicts else check
+
+
+def _too_large(fit: Explained, bank: BankRun | None) -> bool:
+    """Whether the innovations of all of a record are larger than claimed.
+
+    Tolerances that are stretched do not count here: a long rest stretches those that make channels read less of the loads.
+    """
+    if bank is None or not fit.ratio <= BELIEVABLE:
+        return True
+    return judged(fit.ratio, int(np.isfinite(bank.run.whitened).sum())).verdict == OVERCONFIDENT
 
 
 def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:

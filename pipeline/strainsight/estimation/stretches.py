@@ -38,10 +38,39 @@ def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
     return tuple(stretches)
 
 
-def stretch_at(suspect: Suspect, begin: int) -> tuple[int, int]:
+def stretch_at(suspect: Suspect, sample: int) -> tuple[int, int]:
     """The stretch about a sample, a quarter of it before that."""
-    first = max(0, min(begin - int(LEAD * LONGEST), len(suspect.samples) - LONGEST))
+    first = max(0, min(sample - int(LEAD * LONGEST), len(suspect.samples) - LONGEST))
     return first, min(first + LONGEST, len(suspect.samples))
+
+
+def at_rest(part: Suspect) -> bool:
+    """Whether no two channels of a stretch read more than noise together, but for a few samples."""
+    return bool(np.count_nonzero(_second_largest(_energy(part))) < FEWEST)
+
+
+def loudest_channel(part: Suspect) -> int:
+    """The channel that reads most over its noise."""
+    return int(np.argmax(_energy(part).sum(axis=0)))
+
+
+def with_intensity(part: Suspect, factor: float) -> Suspect:
+    """A stretch whose unknown loads are less intense by a factor: Q and the covariance of the motion are multiplied by it."""
+    n, size = part.model.parameter_states.start, np.sqrt(factor)
+
+    def scaled(model: FilterModel) -> FilterModel:
+        Q = model.Q.copy()
+        Q[..., :n, :n] *= factor
+        return replace(model, Q=Q)
+
+    def turned(channel: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        model, nuisances = part.turned(channel, angle)
+        return scaled(model), nuisances
+
+    covariance = part.covariance.copy()
+    covariance[:n] *= size
+    covariance[:, :n] *= size
+    return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
 
 
 def moving_part_of(part: Suspect) -> Suspect:
