@@ -157,17 +157,13 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
         return check
     if whole[1] is None:
         bounds = stretch_at(suspect, worst[0])
+    elif (elsewhere := _stretch_elsewhere(suspect, whole[1], checks)) is not None:
+        bounds = elsewhere
     elif _too_large(*whole):
         begin = _loudest_innovations(suspect, whole[1])
         bounds = begin, begin + LONGEST
     else:
-        # what is large in a stretch that agrees is a load that changes at once
-        size, _ = sizes_of(suspect, whole[1])
-        for one in checks:
-            size[one.stretch.begin : one.stretch.begin + len(one.stretch.samples)] = 0.0
-        if size.max() <= SPIKE:
-            return check
-        bounds = stretch_at(suspect, int(np.argmax(size)))
+        return check
     stretch = part_of(suspect, *bounds)
     local = _check_stretch(stretch, stretch, discrepancy, progress)
     if not local.finding.contradicts and not whole[0].ratio <= BELIEVABLE and missed_of(whole[1]) > discrepancy:
@@ -175,6 +171,22 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
             check, finding=replace(local.finding, contradicts=True, as_it_is=whole[0]), worst=worst, part=local.part
         )
     return local if local.finding.contradicts else check
+
+
+def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordCheck]) -> tuple[int, int] | None:
+    """The stretch about the largest innovation outside the checked ones, up to them; None where that is within SPIKE.
+
+    What is large in a stretch that agrees is a load that changes at once.
+    """
+    size, _ = sizes_of(suspect, bank)
+    checked = [(one.stretch.begin, one.stretch.begin + len(one.stretch.samples)) for one in checks]
+    for first, behind in checked:
+        size[first:behind] = 0.0
+    k = int(np.argmax(size))
+    if size[k] <= SPIKE:
+        return None
+    begin, end = stretch_at(suspect, k)
+    return max([begin, *(b for _, b in checked if b <= k)]), min([end, *(a for a, _ in checked if a > k)])
 
 
 def _too_large(fit: Explained, bank: BankRun | None) -> bool:
