@@ -127,10 +127,12 @@ def known_unit(unit: str | None) -> Unit | None:
 def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
     """The unit; UserError where it is not known, with what it may mean or the units of the quantities in `of`; none: of all."""
     if (found := known_unit(unit)) is None:
-        # No unit of a similar spelling: mm/m is a thousandth of mm/mm.
         known = [name for name, own in UNITS.items() if not of or own.quantity in of]
-        meant = meant_by(unit)
-        remedy = f"did you mean {meant}?" if meant else f"known units: {', '.join(known)}"
+        remedy = f"known units: {', '.join(known)}"
+        if meant := meant_by(unit):
+            remedy = f"did you mean {meant}?"
+        elif len(unit) > SIGN and unit.isalpha():  # no sign of a similar spelling: mm/m is a thousandth of mm/mm
+            remedy = did_you_mean(unit, [name for name in known if len(name) > SIGN and name.isalpha()], remedy)
         raise UserError(f"unknown unit {unit!r}", remedy=remedy)
     return found
 
