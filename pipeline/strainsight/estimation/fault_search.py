@@ -265,7 +265,8 @@ def diagnosed(
     """
     m = suspect.samples.shape[1]
     as_it_is, bank = explained(suspect, None) if first is None else first
-    tried, innovations = [], None
+    tried: list[Explained] = []
+    innovations: Innovations | None = None
     if m > len(suspect.model.unknowns.inputs):
         tried, innovations = _loads_tried(suspect)
     named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)

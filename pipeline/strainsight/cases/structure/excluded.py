@@ -24,16 +24,21 @@ def excluded_by_comparison(tolerances: StatedTolerances, given: Filtering, found
     The bank beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate stands against
     it, unless the start is settled and a bank with the same tolerances and an unknown start excludes the estimate, too.
     """
-    ends = physical(given.model, found.smoothed.mean[-1, 0], found.smoothed.std[-1, 0])
+    ends = _values(given, found.smoothed.mean[-1, 0], found.smoothed.std[-1, 0])
     words = excluded(ends, by_bank(found.compared))
     if not words or tolerances_of(tolerances) == NONE:
         return excluded_in_words(words, given.settled is not None, "estimate.start"), ""
     if given.settled is not None:
         run = banks_of([replace(given, settled=None)])[0].run
-        moving = physical(given.model, run.mean[-1, 0], run.std[-1, 0])
+        moving = _values(given, run.mean[-1, 0], run.std[-1, 0])
         if otherwise := excluded(ends, {name: moving[name] for name in given.model.unknowns.parameters}):
             return excluded_in_words(otherwise, True, "estimate.start"), ""
     return "", f"the comparison takes tolerances for exact, which this record excludes: {words}, with and without them"
+
+
+def _values(given: Filtering, mean: np.ndarray, std: np.ndarray) -> Values:
+    """Of the unknowns, from the augmented state (n,)."""
+    return {name: (float(value), float(own)) for name, (value, own) in physical(given.model, mean, std).items()}
 
 
 def excluded(found: Values, other: Values) -> str:
