@@ -136,7 +136,8 @@ def test_a_run_that_fails_stops_the_suite_and_is_named(first, suite, call, folde
     done = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0")
     assert done.exit_code == 2
     said = done.stderr
-    assert said.startswith("run 2 of 3 placed failed:\n--set runs.1.set.place.minimum_spacing  place.minimum_spacing: ")
+    assert said.startswith("warning: --set runs.1.set.place.minimum_spacing  place.minimum_spacing: 3 m is more than")
+    assert "\nrun 2 of 3 placed failed:\n--set runs.1.set.place.minimum_spacing  place.minimum_spacing: " in said
     assert "run 3 of 3" not in done.output
     assert page.read_bytes() == before
     last = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0", "--json").stdout.splitlines()[-1]

@@ -54,8 +54,8 @@ def test_the_same_history_however_it_is_written(table, text):
         *(
             (f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}")
             for unit, meant in (
-                *(("KN", "kN?"), ("kn", "kN?"), ("kNewton", "kN?"), ("kp", "kgf?"), ("tf", "kN (1 tf"), ("lb", "lbf?")),
-                *(("newton", "N"), ("NM", "Nm?"), ("mn", "mN or MN?"), ("N-m", "N m?"), ("N/mm2", "MPa?")),
+                *(("KN", "kN?"), ("kn", "kN?"), ("kNewton", "kN?"), ("kp", "kgf?"), ("tf", "kN (1 tf"), ("klb", "kip?")),
+                *(("knewton", "kN?"), ("NM", "Nm?"), ("mn", "mN or MN?"), ("N-m", "N m?"), ("N/mm2", "MPa?")),
             )
         ),
         ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
@@ -73,7 +73,7 @@ def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy
 
 
 def test_a_unit_in_round_brackets_that_is_almost_one_is_asked_about_and_other_words_are_none(table):
-    for name, meant in (("F (KN)", "kN"), ("F (kp)", "kgf"), ("F (lb)", "lbf")):
+    for name, meant in (("F (KN)", "kN"), ("F (kp)", "kgf"), ("F (klb)", "kip")):
         with pytest.raises(UserError) as caught:
             recorded(KEY, COLUMNS.model_copy(update={"value_column": name}), table(f"time;{name}\n0;1\n1;2\n"))
         assert f"did you mean {meant}?" in str(caught.value)

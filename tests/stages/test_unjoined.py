@@ -41,7 +41,7 @@ def test_two_cubes_that_are_not_merged_are_named_and_are_one_part_with_mesh_merg
     code, said = imported(tmp_path, PAIR)
     assert code == 0
     assert "8 nodes lie in the place of another that is not joined to them, as 2 and 9 at (1, 0, 0) m" in said
-    assert said.index("8 nodes lie in the place") == said.index("warning") + len("warning ")
+    assert said.index("8 nodes lie in the place") == said.index("warning") + len("warning: ")
     code, said = imported(tmp_path, PAIR, ", merge: 1.0e-6")
     assert code == 0
     assert "4 nodes became others within 1e-06 m, as 9 which is 2 now" in said
