@@ -238,7 +238,7 @@ def test_no_answer_in_time(tmp_path, monkeypatch):
     waiting.chmod(0o755)
     K = pretend(tmp_path, monkeypatch, launcher=str(waiting))
     monkeypatch.setattr(session, "START_LIMIT", 1.0)
-    with pytest.raises(UserError, match=r"1 s after .* have not found each other\n    \| no host answers"):
+    with pytest.raises(UserError, match=r"1 s after .* have not found each other \| no host answers"):
         OverMpi()(K)
 
 

@@ -260,4 +260,4 @@ def test_a_bridge_that_is_wired_the_other_way_round_is_named(tested):
     code, said = on_measured(tested, "--set=estimate.channels.1.sign=-1")
     assert code == 3
     assert "G2 fits with sign −1" in said
-    assert "estimate.channels.1.sign: 1" in said
+    assert "check on the structure which of them it is (estimate.channels)" in said

@@ -73,7 +73,7 @@ def suspect_of(
     constant = replace(model, Q=Q)
     wide = np.full((*turning.rows.shape[:2], model.size), 0.0)
     wide[..., : turning.rows.shape[-1]] = turning.rows
-    moving, motion = given.covariance, given.model.motion
+    moving, motion = np.array(given.covariance), given.model.motion
     moving[motion, motion] = np.diag(np.abs(given.problem.x).max(axis=0) ** 2)
 
     def with_turned(j: int, angle: float) -> tuple[FilterModel, Nuisances]:

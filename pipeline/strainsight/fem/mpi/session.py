@@ -289,4 +289,4 @@ class _Session:
         except OSError:
             return ""
         lines = [line.rstrip() for line in text.splitlines() if line.strip(" -")]
-        return "".join(f"\n    | {line}" for line in lines[-TAIL:])
+        return "".join(f" | {line}" for line in lines[-TAIL:])
