@@ -39,9 +39,13 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
 
     own, _, model = averaged(one)
     test = SimpleNamespace(channels=np.array([one]), known=None, values=None)
-    given = SimpleNamespace(model=model, test=test, problem=problem, covariance=np.zeros((model.size, model.size)), tolerances=own, biased=None, settled=None)
+    start = np.zeros((model.size, model.size))
+    given = SimpleNamespace(
+        model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None
+    )
     turning = turning_of(mesh, reduced, training, test.channels)
     found, _ = suspect_of(case.config, mesh, reduced, training, given, turning).turned(0, TURN)
+    assert not start.any()  # the start at rest of the filter is left as it is
     _, plain, wanted = averaged(int(twin))
     size = np.abs(wanted.H).max()
     np.testing.assert_allclose(found.H, wanted.H, atol=1e-9 * size)
