@@ -100,6 +100,42 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
     assert bank.weight[bank.point[:, 0] < 0].sum() == pytest.approx(weight[VALUES < 0].sum(), abs=0.03)
 
 
+@pytest.mark.parametrize("noise", [1e-5, 1e-6])
+def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
+    """σ of the posterior is a thousandth of that of the prior and less."""
+    truth, phase = -0.3, 0.7
+    y = settled_readings(truth, phase, 40) + noise * np.random.default_rng(3).standard_normal((40, 2))
+    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
+    model, known = model_of(noise), held(AMPLITUDE * np.sin(phase * np.arange(40)))
+    bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
+    mean, covariance = bank.posterior
+    std = np.sqrt(covariance[0, 0])
+    assert std < 1e-3 * STD
+    assert abs(mean[0] - truth) < 4 * std
+
+
+@pytest.mark.parametrize("factor", [2.0, 1.3])
+def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(factor):
+    """At a resonance the amplitude goes as one over the damping, which is `factor` times smaller than stated: the evidence is that
+    of the true damping, but for what it costs not to know it."""
+    noise, truth, steps = 1e-3, 0.2, 300
+    values = REFERENCE | {"k1": REFERENCE["k1"] * np.exp(truth)}
+    first = np.sqrt(np.linalg.eigvalsh(sum(values[name] * STIFFNESS[name] for name in values))[0])
+    phase = 1.01 * first * H
+    y = settled_readings(truth, phase, steps) + noise * np.random.default_rng(4).standard_normal((steps, 2))
+    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
+    known = held(AMPLITUDE * np.sin(phase * np.arange(steps)))
+    exact = model_of(noise)
+    damped = replace(exact, model=replace(exact.model, damping=exact.model.damping.scaled((factor, factor))))
+    uncertain = replace(no_nuisances(damped), damping=0.5)
+    peak = peak_of(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone)
+    best = peak_of(exact, np.zeros(5), prior(1.0), known, y, no_nuisances(exact), NO_OFFSETS, tone)
+    assert peak.about is not None
+    assert peak.about[0] == pytest.approx(-np.log(factor) / 0.5, abs=0.01)
+    assert peak.point[0] == pytest.approx(best.point[0], abs=1e-4)
+    assert best.evidence - 8 < peak.evidence < best.evidence
+
+
 def test_widths_of_resonances_are_those_of_finite_differences():
     def frequencies(name, p):
         values = REFERENCE | {name: REFERENCE[name] * np.exp(p)}

@@ -38,9 +38,8 @@ from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
-from strainsight.estimation.peak import Points
+from strainsight.estimation.peak import Points, peaks_of_problem
 from strainsight.estimation.run import FilterRun, Keep
-from strainsight.estimation.scan import resonance_widths, scan_lattice
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.standing import C, Weights
 
@@ -250,25 +249,20 @@ def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
 
 
 def _passed_through(problem: BankProblem) -> tuple[BankProblem, LinearStanding[Any], int, list[Mixture]]:
-    """By a lattice over few parameters, by columns over more."""
-    if len(problem.model.unknowns.parameters) <= FEW:
-        first = first_lattice(replace(_bank(problem), first=_first_of_settled(problem)))
-        return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem), now))
-    return _filtered(problem, first_columns(problem), next_columns, at_end=True)
+    """By a lattice over few parameters, by columns over more.
+
+    A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
+    or beyond the prior. It keeps hold of the peaks of the whole record from its second laying on."""
+    if len(problem.model.unknowns.parameters) > FEW:
+        return _filtered(problem, first_columns(problem), next_columns, at_end=True)
+    held = np.array([own.point for own in peaks_of_problem(replace(problem, along=False))])
+    first = first_lattice(_bank(problem, held))
+    return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem, held), now))
 
 
-def _bank(problem: BankProblem) -> Bank[LinearStanding[Lattice]]:
+def _bank(problem: BankProblem, held: np.ndarray) -> Bank[LinearStanding[Lattice]]:
     at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-    return Bank(problem.prior, problem.spacing, problem.depth, at, one_standing, refuse)
-
-
-def _first_of_settled(problem: BankProblem) -> Lattice | None:
-    """A lattice that resolves resonances, where the motion has settled: a few samples then choose between amplitudes, which may
-    be the same on both sides of a resonance. Otherwise None: a posterior narrows as the record grows, and a lattice follows."""
-    own = problem.records[0]
-    if own.settled is None or not problem.model.unknowns.parameters:
-        return None
-    return scan_lattice(*problem.prior, resonance_widths(problem.records), float(np.sqrt(2 * problem.depth)))
+    return Bank(problem.prior, problem.spacing, problem.depth, at, one_standing, refuse, held=held)
 
 
 def _filtered(

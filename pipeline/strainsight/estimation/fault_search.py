@@ -156,6 +156,8 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
         peak = peak_of(model, mean, covariance, known, samples, exact, suspect.biased, settled)
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
+        if peak.about is not None:
+            nuisances = replace(nuisances, about=peak.about)
         there, mean, covariance = known_at(model, peak.point, mean, covariance)
         bank = filter_bank(there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=settled)
     except NumericalError:

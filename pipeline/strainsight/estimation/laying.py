@@ -33,7 +33,8 @@ S = TypeVar("S", bound=Standing[Lattice])
 class Bank(Generic[S]):
     """What lattices are laid for: the prior, mean (k,) and covariance (k, k); spacing of a lattice in standard deviations, depth
     below its largest density to which it reaches, and most of its points; at: lattice, step → the filters at its points after
-    so many steps; joined: those of parts of a lattice as one; refuse_lost: raises where a point (k,) is one that nobody means."""
+    so many steps; joined: those of parts of a lattice as one; refuse_lost: raises where a point (k,) is one that nobody means.
+    held (q, k): points that every lattice but the first has a node next to, whatever the samples so far say."""
 
     prior: tuple[np.ndarray, np.ndarray]
     spacing: float
@@ -42,7 +43,7 @@ class Bank(Generic[S]):
     joined: Callable[[Lattice, Sequence[S]], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
-    first: Lattice | None = None
+    held: np.ndarray | None = None
 
 
 class _TooMany(NumericalError):
@@ -51,7 +52,7 @@ class _TooMany(NumericalError):
 
 def first_lattice(bank: Bank[S]) -> S:
     """For the prior."""
-    return _laid(bank, *bank.prior, 0) if bank.first is None else bank.at(bank.first, 0)
+    return _laid(bank, *bank.prior, 0)
 
 
 def _laid(
@@ -69,10 +70,7 @@ def _laid(
     """
     bank.refuse_lost(mean)
     most = min(bank.most, most or bank.most)
-    radius = np.sqrt(2 * bank.depth)
-    lattice = lattice_about(mean, covariance, bank.spacing, radius)
-    if other is not None and len(other):
-        lattice = lattice.with_nodes(lattice.nearest(other))
+    lattice = _lattice(bank, mean, covariance, other)
     parts, outside = [bank.at(lattice, step)], 0
     while True:
         log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
@@ -84,7 +82,7 @@ def _laid(
         if outside > PATIENCE:
             centre, covariance = lattice.point[best], 9 * covariance
             bank.refuse_lost(centre)
-            lattice = lattice_about(centre, covariance, bank.spacing, radius)
+            lattice = _lattice(bank, centre, covariance, other)
             parts, outside = [bank.at(lattice, step)], 0
             continue
         more = replace(lattice, node=lattice.beside(heavy))
@@ -95,6 +93,12 @@ def _laid(
             )
         lattice = lattice.grown(more.node)
         parts.append(bank.at(more, step))
+
+
+def _lattice(bank: Bank[S], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray | None) -> Lattice:
+    """About a guess, with the nodes next to other points (q, k)."""
+    lattice = lattice_about(mean, covariance, bank.spacing, np.sqrt(2 * bank.depth))
+    return lattice if other is None or not len(other) else lattice.with_nodes(lattice.nearest(other))
 
 
 def next_lattice(bank: Bank[S], now: S) -> S:
@@ -118,6 +122,8 @@ def next_lattice(bank: Bank[S], now: S) -> S:
         if share < 1.0:
             covariance = min(1.0, NARROW / narrow) * covariance
         other = lattice.point[np.concatenate(others)] if others else lattice.point[:0]
+        if bank.held is not None:
+            other = np.concatenate([other, bank.held])
         now = _laid(bank, mean, covariance, now.step, other)
         if share == 1.0:
             return _sharpened(bank, now, other)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, BankRecord, bank_record, filtered_at
+from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_samples, bank_record, filtered_at
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.lattice import Lattice
+from strainsight.estimation.lattice import Lattice, one_point
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import LOST
 from strainsight.estimation.scan import resonance_widths, scan_lattice
@@ -33,6 +33,10 @@ FLATTEST = 1e-12
 """Curvature of a density that has none, in units of the prior's."""
 
 
+AGAIN, NOTICED = 4, 0.1
+"""Most times that a settled motion is linear about another damping, and the change of ln p below which it stays."""
+
+
 @dataclass(frozen=True)
 class Points:
     """Parameters (B, k) at which filters run: no lattice."""
@@ -42,11 +46,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Peak:
-    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y)."""
+    """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y).
+
+    about: the ν about which readings are linear, as of `Nuisances`; None where it is that of the search's arguments."""
 
     point: np.ndarray
     evidence: float
     density: float
+    about: np.ndarray | None = None
 
 
 def peak_of(
@@ -65,34 +72,63 @@ def peak_of(
 
     p(y | p) by a filter at p, tolerances integrated out. A scan of the prior, as fine as resonances are wide, then Newton's
     method from the best of it, on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A lattice
-    follows a posterior to wherever a wrong record drives it; this gives up.
+    follows a posterior to wherever a wrong record drives it; this gives up. A settled motion is far from linear in the damping
+    from its first sample on: the search is done again, linear about the damping that the samples speak for.
     """
-    return peak_of_records([bank_record(model, known, measurement, nuisances, settled)], mean, covariance, biased)
+    record = bank_record(model, known, measurement, nuisances, settled)
+    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0)
+    peak = _best(peaks_of_problem(problem))
+    if settled is None or not problem.bilinear:
+        return peak
+    for _ in range(AGAIN):
+        here = filtered_at(problem, one_point(peak.point), problem.first[-1])
+        again = about_samples(problem, peak.point, here.states.nu[0, 0] + here.models.about)
+        if again is problem:
+            break
+        problem, before = again, peak.evidence
+        refined = _refined(_density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
+        peak = replace(refined, about=problem.records[0].nuisances.about)
+        if abs(peak.evidence - before) <= NOTICED:
+            break
+    return peak
 
 
 def peak_of_records(
     records: Sequence[BankRecord], mean: np.ndarray, covariance: np.ndarray, biased: np.ndarray
 ) -> Peak:
     """The same of records that share their parameters and ν; arguments as of `filter_records`."""
-    problem = BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0)
+    return _best(peaks_of_problem(BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0)))
+
+
+def _best(peaks: Sequence[Peak]) -> Peak:
+    return max(peaks, key=lambda peak: peak.evidence)
+
+
+def peaks_of_problem(problem: BankProblem) -> list[Peak]:
+    """Where the posterior at the end of all records is largest, and other peaks that were tried."""
     centre, prior = problem.prior
-    last = problem.first[-1]
-
-    def density(point: np.ndarray, steps: int = last) -> np.ndarray:
-        value = filtered_at(problem, Points(point), steps).log_weight  # type: ignore[type-var]
-        return np.where(np.isfinite(value), value, -np.finfo(float).max)
-
+    density = _density_of(problem)
     if not len(centre):
         value = float(density(centre[None])[0])
-        return Peak(centre, value, value)
-    lattice = scan_lattice(centre, prior, resonance_widths(records), RADIUS)
-    starts = _scanned(lattice, density, last)
+        return [Peak(centre, value, value)]
+    lattice = scan_lattice(centre, prior, resonance_widths(problem.records), RADIUS)
+    starts = _scanned(lattice, density, problem.first[-1])
     peaks: list[Peak] = []
     for start, value in starts:
         # a peak stands as far above its grid point as the first one, or a few times as far
         if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(own.density for own in peaks):
             peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
-    return max(peaks, key=lambda own: own.evidence)
+    return peaks
+
+
+def _density_of(problem: BankProblem) -> Density:
+    """By filters from the start of the first record on."""
+
+    def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
+        value = filtered_at(problem, Points(point), steps).log_weight  # type: ignore[type-var]
+        return np.where(np.isfinite(value), value, -np.finfo(float).max)
+
+    return density
 
 
 def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:

@@ -82,7 +82,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=30,
+    version=31,
     reads=(
         "damping",
         *(
