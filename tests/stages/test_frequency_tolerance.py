@@ -33,7 +33,12 @@ OF_A_LOAD = SHAKEN | {
 
 @pytest.mark.parametrize(
     ("overrides", "told"),
-    [((), True), (("tolerances.frequency=0.01",), False), (("tolerances=none",), False), (("train.model=static",), False)],
+    [
+        ((), False),
+        (("tolerances.frequency=0",), True),
+        (("tolerances=none",), False),
+        (("tolerances.frequency=0", "train.model=static"), False),
+    ],
 )
 def test_an_estimate_says_that_its_sigma_takes_frequencies_for_exact(overrides, told):
     config = load_config(ROOT / "configs" / "cantilever-input.yaml", overrides).model

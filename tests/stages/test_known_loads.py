@@ -11,8 +11,11 @@ from .tested_beam import KNOWN, changed, estimated, table, write
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 TRUE = 2.1e11
-FAST = {"frequency: 20.0, amplitude: 1.0e+4": "frequency: 60.0, amplitude: 1.0e+4"}
-"""A thirtieth of the sampling rate."""
+FAST = {
+    "frequency: 20.0, amplitude: 1.0e+4": "frequency: 60.0, amplitude: 1.0e+4",
+    "load_position: 0}": "load_position: 0, frequency: 0}",
+}
+"""A thirtieth of the sampling rate, of a model with the true frequencies."""
 
 
 @pytest.fixture(scope="module")

@@ -76,11 +76,13 @@ class Tolerances(Section):
         1.5, ge=1, le=100, description="Factor, the logarithm of which is the σ of ln ζ of every mode [-]; 1: exact."
     )
     frequency: Annotated[float, Plausible(0.0, 0.05)] = Field(
-        0.0,
+        0.01,
         ge=0,
         le=0.2,
         description="σ of the logarithm of the natural frequencies, all by one factor [-]; each that the gauges read by another "
-        "factor of half that σ. Static responses stay: the masses are uncertain.",
+        "factor of half that σ. Static responses stay: the masses are uncertain. 1 %: a density that is 1 % off moves "
+        "frequencies by 0.5 %, 20 g on the tip of a bracket of 2.5 kg by 1.8 %. 0: exact, of a model whose frequencies were "
+        "measured.",
     )
     model: Annotated[float, GAIN] = Field(
         0.0,

@@ -21,7 +21,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 PLACE = Stage(
     "place",
-    version=30,
+    version=31,
     reads=(
         "seed",
         "mesh.length_unit",
