@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -44,6 +46,27 @@ def test_a_record_that_agrees_ends_with_0_and_its_channels_are_listed(project):
     assert np.all(found["/channel_check/correlation"] > 0.99)
     assert np.all(np.abs(found["/channel_check/residual"] - 1) < 0.15)
     assert set(found["/channel_check/fault"]) == {""}
+
+
+def test_a_heavier_structure_is_named_by_the_mode_that_it_moves(tmp_path):
+    """Density 30 % above that of the model under an unknown load through resonance: f ∝ 1/√ρ is 12 % lower."""
+    heavy = BLIND | {
+        "name: test\n": "name: blind\n",
+        "guess: 1.89e+11": "guess: 2.1e+11",
+        "loads:\n": "  rho: {property: density, region: 1, guess: 7850, range: [6000, 12000]}\nloads:\n",
+        "type: sine, frequency: 10.0, amplitude: 2.0e+3": "type: multisine, lowest: 5, highest: 70, count: 14, amplitude: 2.0e+3",
+        "{model: integrated_random_walk}": "{model: integrated_random_walk, frequency: 70}",
+        "relative_to_strongest: 0.01": "relative_to_strongest: 0.001",
+        "{E: 2.1e+11}, modes": "{E: 2.1e+11, rho: 10200}, modes",
+    }
+    results = changed(tmp_path, "blind", heavy)
+    code, said, found = found_of(tmp_path, results / "measured.csv")
+    modelled = Artefact(results / "rom.h5")["/frequency"]
+    mode, best = re.search(r"mode (\d) fits best at ([\d.]+) Hz", said).groups()
+    assert code == 3
+    assert not found["/trusted"]
+    assert float(best) == pytest.approx(modelled[int(mode) - 1] * np.sqrt(7850 / 10200), rel=0.05)
+    assert "nothing speaks against" not in said
 
 
 def test_a_wrong_sign_is_named_with_its_key_and_takes_the_sigma_away(project):

@@ -211,14 +211,37 @@ def suspected(as_it_is: Explained, bank: BankRun | None) -> bool:
 
 
 @dataclass(frozen=True)
+class ShiftedMode:
+    """A mode whose natural frequency fits a record best `factor` times that of the model, `size` σ of its tolerance away."""
+
+    mode: int
+    factor: float
+    size: float
+
+
+def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
+    """The mode whose frequency is farthest from the model over its tolerance; None where that is within STRETCHED."""
+    rows, modes = suspect.nuisances.frequency, suspect.model.model.size
+    if bank is None or not len(rows):
+        return None
+    behind = suspect.nuisances.of_modes(modes)
+    change = bank.nuisances[0][behind - len(rows) : behind] @ rows
+    size = np.abs(change) / np.sqrt(np.sum(rows**2, axis=0))
+    j = int(np.argmax(size))
+    return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > STRETCHED else None
+
+
+@dataclass(frozen=True)
 class Finding:
     """contradicts: whether a record contradicts its model; as_it_is: without a fault; check of its channels; diagnosis: None
-    where there was no reason to look for a fault."""
+    where there was no reason to look for a fault; shifted: the mode that is too far from the model, where its innovations
+    are believable and no fault explains them."""
 
     contradicts: bool
     as_it_is: Explained
     check: ChannelCheck
     diagnosis: Diagnosis | None
+    shifted: ShiftedMode | None = None
 
 
 def examined(
@@ -230,15 +253,18 @@ def examined(
     """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`; first: the record
     without a fault, where that is known already.
 
-    It does where one fault or several explain it far better than none (`faults.chosen`), and where its innovations are
-    BELIEVABLE times as large as claimed and larger than `discrepancy`, the share of a reading that may be missed.
+    It does where one fault or several explain it far better than none (`faults.chosen`), where its innovations are
+    BELIEVABLE times as large as claimed and larger than `discrepancy`, the share of a reading that may be missed, and where
+    the frequency of a mode has to be further from the model than STRETCHED of its tolerance (`shifted_mode`).
     """
     as_it_is, bank = first or explained(suspect, None)
     if bank is not None and not suspected(as_it_is, bank):
         return Finding(False, as_it_is, _check_ahead(suspect, bank), None)
     found = diagnosed(suspect, progress, (as_it_is, bank))
     beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
-    return Finding(bool(found.candidates) or beyond, as_it_is, found.check, found)
+    more_channels = suspect.samples.shape[1] > len(suspect.model.unknowns.inputs)
+    shifted = shifted_mode(suspect, bank) if more_channels and not (found.candidates or beyond) else None
+    return Finding(bool(found.candidates) or beyond or shifted is not None, as_it_is, found.check, found, shifted)
 
 
 def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:

@@ -121,8 +121,7 @@ def campaign_tables(found: Campaign) -> tuple[Table, ...]:
             tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
         table = channel_table(own.estimated, own.channel_units)
         tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
-        blamed = bool(own.estimated.check.candidate)
-        notes += [(of, note) for note in (*own.estimated.notes, *([] if blamed else [own.verdict.text]))]
+        notes += [(of, note) for note in filter(None, (*own.estimated.notes, own.innovations_in_words))]
     return (*tables, Table("measurements", ("record", ""), tuple(_once(notes, len(found.records)))))
 
 

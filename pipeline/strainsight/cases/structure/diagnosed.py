@@ -13,7 +13,7 @@ from strainsight.cases.structure.measured import Measured
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.config.estimate import Channel, DelayInSeconds
-from strainsight.estimation.fault_search import Suspect
+from strainsight.estimation.fault_search import ShiftedMode, Suspect
 from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.gauges.candidates import STRAIN, UNITS
@@ -79,6 +79,11 @@ def judgement_of(
             "the record contradicts the model, and which of these explains it stays open: "
             f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on the structure which of them it is "
             f"({own.channels})"
+        )
+    elif finding.shifted is not None:
+        text = (
+            "the record contradicts the model, and no single fault of a channel or a known load explains it: "
+            f"{_shift_in_words(problem, finding.shifted)}"
         )
     else:
         size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
@@ -257,6 +262,17 @@ def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
     if isinstance(entry.delay, DelayInSeconds):
         return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"
     return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
+
+
+def _shift_in_words(problem: Problem, shifted: ShiftedMode) -> str:
+    """How far the frequency of a mode is from the model, and what to check."""
+    lam, _ = modal_basis(problem.model, problem.model.reference)
+    modelled = float(np.sqrt(lam[shifted.mode])) / (2 * np.pi)
+    return (
+        f"mode {shifted.mode + 1} fits best at {shifted.factor * modelled:.4g} Hz, the model has {modelled:.4g} Hz, "
+        f"{shifted.size:.2g} σ of tolerances.frequency apart; check masses, supports and joints, or measure that frequency and "
+        "correct the model"
+    )
 
 
 def _step_in_words(problem: Problem, test: Measured) -> str:

@@ -63,6 +63,13 @@ class Estimation:
     labels: tuple[str, ...]
     surface: VtkHdf | None
 
+    @property
+    def innovations_in_words(self) -> str:
+        """The verdict on the innovations; empty where a fault is named, or where they are as claimed and the record is
+        inconsistent with the model all the same."""
+        inconsistent = self.verdict.consistent and not self.judgement.trusted
+        return "" if inconsistent or self.estimated.check.candidate else self.verdict.text
+
 
 @dataclass(frozen=True)
 class Common:

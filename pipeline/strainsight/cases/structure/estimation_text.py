@@ -91,8 +91,7 @@ def estimation_tables(found: Estimation) -> tuple[Table, ...]:
         none = "withheld" if found.judgement.trusted else "not to be trusted"
         rows.append((name, estimate, none if found.withheld else sigma))
     # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
-    blamed = bool(found.estimated.check.candidate)
-    notes = tuple((note,) for note in (*found.estimated.notes, *([] if blamed else [found.verdict.text])))
+    notes = tuple((note,) for note in filter(None, (*found.estimated.notes, found.innovations_in_words)))
     beside, held = found.estimated.compared, without_each(found.estimated)
     return (
         Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows)),

@@ -104,7 +104,7 @@ def suspect_of(
         settled=given.settled,
         turned_rows=wide,
         turned=with_turned,
-        load=np.tile(np.arange(len(given.problem.known)), 2),
+        load=np.tile(np.arange(len(given.problem.known)), 2)[: test.known.shape[-1]],
         moving=moving,
     )
 
