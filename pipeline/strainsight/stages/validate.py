@@ -82,7 +82,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=31,
+    version=32,
     reads=(
         "damping",
         *(
