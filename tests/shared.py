@@ -73,19 +73,22 @@ def stages_of(job: Job, until: str = "") -> tuple[Stage, ...]:
     return stages[: names.index(until) + 1] if until else stages
 
 
-def made(config: Path, *overrides: str, until: str = "", beside: str = "") -> dict[str, Artefact]:
+def made(
+    config: Path, *overrides: str, until: str = "", beside: str = "", only: tuple[str, ...] = ()
+) -> dict[str, Artefact]:
     """stage → Artefact of a finished run, which is not to be written to: whoever goes on from there copies its folder.
 
-    config: one of the repository, or one that stands in a folder with nothing but what it needs. until: its last stage.
+    config: one of the repository, or one that stands in a folder with nothing but what it needs. until: its last stage;
+    only: its stages.
     beside: runs of the same word lie in one results folder and take stages over from each other.
     """
     own = str(config) if config.is_relative_to(ROOT) else config.name + _content(config.parent)
     # a letter first: one digest in a thousand has digits and one e, and would be read as a number
-    what = "r" + hashlib.sha256("\n".join((own, *overrides, until, beside)).encode()).hexdigest()[:16]
+    what = "r" + hashlib.sha256("\n".join((own, *overrides, until, beside, *only)).encode()).hexdigest()[:16]
     place = _of_this_code() / (beside or what)
     named = [f"name={what}"] if beside and not any(word.startswith("name=") for word in overrides) else []
     job = job_of(config, place, *overrides, *named)
-    stages = stages_of(job, until)
+    stages = [stage for stage in stages_of(job, until) if not only or stage.name in only]
     done = place / f"{what}.done"
     with _alone(place / f"{what}.lock"):
         if not done.exists():

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..models import ended
 from .angle_record import DIRECTIONS, GAUGES, GUESS, MESHES, POINTS, RATE, SOFTER, Span, loads, spans, stored
 
 NOISE, SEED = 0.01, 3
@@ -117,7 +117,6 @@ def record_of(kind: str, seed: int = SEED) -> tuple[np.ndarray, float, np.ndarra
 
 
 def estimate(
-    folder: Path,
     kind: str,
     *,
     guess: float,
@@ -151,15 +150,14 @@ def estimate(
         "channels": _channels(len(bonded), sigma),
         "inputs": "shaker: {channel: shaker, unit: N}" if kind == "shaken" else "",
     }
-    path = folder / "angle.yaml"
-    path.write_text(CONFIG.format(**fields))
     time = np.arange(len(readings)) / RATE
     columns = {"time": time} | {f"s{i + 1}": 1e6 * own for i, own in enumerate(readings.T)}
     columns |= {"shaker": histories["shaker"]} if kind == "shaken" else {}
-    file = folder / "angle.csv"
-    np.savetxt(file, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
-    said = invoked("estimate", path, "--results", folder / "results", "--measurements", file, "--no-page")
-    own = Artefact(folder / "results" / f"angle-{kind}" / "estimate.h5")
+    stream = io.StringIO()
+    np.savetxt(stream, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
+    files, words = {"angle.csv": stream.getvalue()}, ("--no-page",)
+    end = ended("estimate", CONFIG.format(**fields), "estimate.file=angle.csv", files=files, beside="angle", words=words)
+    own = end.artefact("estimate")
     late = slice(1, None)
     E, E_std = (float(own[f"/{name}/E"][-1]) / TRUE_E if also else np.nan for name in ("estimate", "std"))
     return Found(
@@ -171,7 +169,7 @@ def estimate(
         E=E,
         E_std=E_std,
         held_out=(own["/hold_out/predicted"] - own["/gauge/measured"]) / own["/hold_out/std"] if held_out else None,
-        said=said,
+        said=end.text,
     )
 
 

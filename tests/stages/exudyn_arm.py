@@ -1,4 +1,4 @@
-"""The beam and the arm of test_bench_from_outside.py in Exudyn: its bodies, joints, spring, loads and trapezoidal steps.
+"""The beam and the arm of test_bench_records.py in Exudyn: its bodies, joints, spring, loads and trapezoidal steps.
 
 Only the modes of the beam, its reduced matrices and the rows of its gauges are ours.
 """

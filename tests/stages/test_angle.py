@@ -36,14 +36,9 @@ STATED = EXACT.replace("}", ", model: 0.03}")
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("angle")
-
-
-@pytest.fixture(scope="module")
-def right(folder) -> Found:
+def right() -> Found:
     """The load alone, where the modulus is that of the truth."""
-    return estimate(folder, "alone", guess=TRUE_E)
+    return estimate("alone", guess=TRUE_E)
 
 
 def test_deck_and_record_are_what_the_scripts_say():
@@ -87,16 +82,16 @@ def test_the_field_away_from_the_gauges_is_the_true_one(right):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [EXACT, "{}"])
-def test_gauges_are_predicted_by_the_others_within_two_sigma(folder, tolerances):
-    found = estimate(folder, "alone", guess=TRUE_E, tolerances=tolerances, held_out=True)
+def test_gauges_are_predicted_by_the_others_within_two_sigma(tolerances):
+    found = estimate("alone", guess=TRUE_E, tolerances=tolerances, held_out=True)
     assert 0.90 < np.mean(np.abs(found.held_out) < 2) < 0.98
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tolerances", [EXACT, "{}"])
 @pytest.mark.parametrize("gauge", [1, 3, 5])
-def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_contradict_most(folder, gauge, tolerances):
-    found = estimate(folder, "alone", guess=TRUE_E, tolerances=tolerances, held_out=True, turned={gauge: 15.0})
+def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_contradict_most(gauge, tolerances):
+    found = estimate("alone", guess=TRUE_E, tolerances=tolerances, held_out=True, turned={gauge: 15.0})
     off = np.sqrt(np.mean(found.held_out**2, axis=0))
     assert np.argmax(off) == gauge - 1
     assert off[gauge - 1] > 3
@@ -104,11 +99,11 @@ def test_a_gauge_turned_by_15_degrees_is_the_one_that_the_others_contradict_most
 
 
 @pytest.mark.slow
-def test_a_modulus_three_per_cent_off_has_to_be_stated(folder):
+def test_a_modulus_three_per_cent_off_has_to_be_stated():
     """σ that does not know of it holds half of the samples; with tolerances.model it holds them."""
-    silent = estimate(folder, "alone", guess=1e6 * GUESS)
+    silent = estimate("alone", guess=1e6 * GUESS)
     assert silent.share < 0.7
-    stated = estimate(folder, "alone", guess=1e6 * GUESS, tolerances=STATED)
+    stated = estimate("alone", guess=1e6 * GUESS, tolerances=STATED)
     assert stated.share > 0.90
     # the strain elsewhere follows the gauges, whatever the modulus
     for found in (silent, stated):
@@ -116,9 +111,9 @@ def test_a_modulus_three_per_cent_off_has_to_be_stated(folder):
 
 
 @pytest.mark.slow
-def test_the_modulus_is_found_beside_a_known_shaker(folder):
+def test_the_modulus_is_found_beside_a_known_shaker():
     """Under the default tolerances."""
-    found = estimate(folder, "shaken", guess=1e6 * GUESS, tolerances="{}", also=("E",))
+    found = estimate("shaken", guess=1e6 * GUESS, tolerances="{}", also=("E",))
     assert abs(found.E - 1) < 3 * found.E_std
     assert abs(found.E - 1) < 0.005
     assert found.share > 0.90

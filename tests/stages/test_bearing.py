@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
+from ..models import Ended, ended
 
 RADII = ", ".join(f"radius_{ring}_{side}: 0.0318" for ring in ("inner", "outer") for side in ("left", "right"))
 TWO = f"""
@@ -42,18 +39,16 @@ simulate: {duration: 0.01, time_step: 1.0e-3, start: START}
 """
 
 
-def run(folder: Path, text: str, *options: str):
-    path = folder / "own.yaml"
-    path.write_text(text, encoding="utf-8")
-    return CliRunner().invoke(app, ["run", str(path), "--results", str(folder / "r"), *options], env={"COLUMNS": "200"})
+def run(text: str, *changes: str) -> Ended:
+    return ended("run", text, *changes)
 
 
-def test_cases_and_curves_are_of_the_bearings_they_name(tmp_path):
-    assert run(tmp_path, TWO).exit_code == 0
-    found = Artefact(tmp_path / "r" / "alone" / "bearing.h5")
+def test_cases_and_curves_are_of_the_bearings_they_name():
+    end = run(TWO)
+    found = end.artefact("bearing")
     pairs = {name.removeprefix("pressure.") for name in found.summary if name.startswith("pressure.")}
     assert pairs == {"first.both", "second.both", "second.own"}
-    page = (tmp_path / "r" / "alone" / "bearing.html").read_text(encoding="utf-8")
+    page = (end.folder / "bearing.html").read_text(encoding="utf-8")
     assert "second under own" in page
     assert "first under own" not in page
     assert "first: load over tilt about z" in page
@@ -61,14 +56,14 @@ def test_cases_and_curves_are_of_the_bearings_they_name(tmp_path):
     assert "second: load over tilt about z" not in page
 
 
-def test_page_and_terminal_show_the_same_table(tmp_path):
+def test_page_and_terminal_show_the_same_table():
     """Same columns in the same order, same numbers to the digits shown."""
-    done = run(tmp_path, TWO)
-    page = (tmp_path / "r" / "alone" / "bearing.html").read_text(encoding="utf-8")
+    end = run(TWO)
+    page = (end.folder / "bearing.html").read_text(encoding="utf-8")
     table = re.search(r"<h2>first under both</h2>(.*?)</table>", page, re.DOTALL).group(1)
     head = [re.sub("<.*?>", "", cell) for cell in re.findall(r"<th.*?>(.*?)</th>", table)]
     values = [float(value) for value in re.findall(r'<data value="(.*?)"', table)][:7]
-    lines = done.output.split("first under both")[1].splitlines()
+    lines = end.output.split("first under both")[1].splitlines()
     printed = [cell.strip() for cell in re.split(r"\s{2,}", lines[1].strip())]
     cells = [float(cell.split()[0]) for cell in re.split(r"\s{2,}", lines[2].strip())[1:]]
     assert head[0] == "along"
@@ -79,22 +74,22 @@ def test_page_and_terminal_show_the_same_table(tmp_path):
 
 
 @pytest.mark.parametrize("force", ["1.0e+9", "1.0e+15"])
-def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_correct(tmp_path, force):
-    done = run(tmp_path, TWO, "--set", f"cases.own.force=[{force}, 0, 0]")
-    assert done.exit_code == 2, done.output
+def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_correct(force):
+    done = run(TWO, f"cases.own.force=[{force}, 0, 0]")
+    assert done.code == 2, done.output
     assert "cases.own" in done.stderr
     assert "'second'" in done.stderr
 
 
 @pytest.mark.parametrize("start", ["equilibrium", "as_given"])
-def test_a_spring_without_length_has_no_direction(tmp_path, start):
-    done = run(tmp_path, SPRING.replace("PLACE", "-1.0").replace("START", start))
-    assert done.exit_code == 2, done.output
+def test_a_spring_without_length_has_no_direction(start):
+    done = run(SPRING.replace("PLACE", "-1.0").replace("START", start))
+    assert done.code == 2, done.output
     assert "forces.spring: at the start" in done.stderr
     assert "own.yaml:13" in done.stderr
     assert "'hook' and 'centre' are 0 m apart" in done.stderr
 
 
-def test_a_spring_with_length_holds_its_weight(tmp_path):
-    done = run(tmp_path, SPRING.replace("PLACE", "0").replace("START", "equilibrium"))
-    assert done.exit_code == 0, done.output
+def test_a_spring_with_length_holds_its_weight():
+    done = run(SPRING.replace("PLACE", "0").replace("START", "equilibrium"))
+    assert done.code == 0, done.output

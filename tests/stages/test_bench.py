@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +16,9 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.rom.craig_bampton import CraigBampton
 from strainsight.rom.model import Damping
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..models import ended
 from .conftest import BENCHES, ROOT, finished, job_of, made
 
 FULL = ROOT / "configs" / "bench-full.yaml"
@@ -44,16 +43,14 @@ simulate: {duration: 1.0, time_step: 5.0e-4, start: as_given}
 """
 
 
-def pendulum(folder: Path, angle: float, **changes: str) -> Path:
+def pendulum(angle: float, **changes: str) -> str:
     """A point mass on a massless rod of 1 m, held at an angle from the vertical."""
     sine, cosine = float(np.sin(angle)), float(np.cos(angle))
     text = PENDULUM.replace("COSINE", repr(-cosine)).replace("MINUS", repr(cosine)).replace("SINE", repr(sine))
     for old, new in changes.items():
         assert old in text
         text = text.replace(old, new)
-    path = folder / "pendulum.yaml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return text
 
 
 def test_hub_bearing_and_blade_have_31_coordinates_and_hold_seven_constraints(bench):
@@ -104,13 +101,10 @@ def test_bodies_come_back_with_the_mass_of_their_deck(bench):
     assert bench["reduce"]["/bodies/hub/basis"].shape[1] == bench["reduce"].summary["coordinates.hub"] == 6 + 10 + 3
 
 
-def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
+def test_a_pendulum_swings_with_the_period_of_its_length():
     """T = 2π √(L/g) at small angles: a quarter of it after the start the bob is at the bottom."""
     angle = 0.05
-    path = pendulum(tmp_path, angle)
-    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 0, done.output
-    simulate = Artefact(tmp_path / "r" / "pendulum" / "simulate.h5")
+    simulate = ended("simulate", pendulum(angle)).artefact("simulate")
     # the first three coordinates are the bob's place
     x, time = simulate["/q"][:, 0], simulate["/time"]
     crossing = time[np.argmax(x < 0)]
@@ -123,22 +117,20 @@ def test_a_pendulum_swings_with_the_period_of_its_length(tmp_path):
     assert simulate.summary["first_frequency"] == pytest.approx(np.sqrt(10.0 * np.cos(angle)) / (2 * np.pi), rel=2e-3)
 
 
-def test_a_pendulum_in_long_steps_is_right_to_its_tolerance(tmp_path):
+def test_a_pendulum_in_long_steps_is_right_to_its_tolerance():
     """Steps of a fifth of a second, 1.6 rad at first; and the same beside steps of 1 ms."""
-    path = pendulum(tmp_path, 1.5)
     ends = []
-    for name, keys in (("long", ("time_step=0.2", "tolerance=1e-5")), ("short", ("time_step=1e-3",))):
-        sets = [word for key in (*keys, "duration=2.0") for word in ("--set", f"simulate.{key}")]
-        done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / name), *sets])
-        assert done.exit_code == 0, done.output
-        found = Artefact(tmp_path / name / "pendulum" / "simulate.h5")
+    for keys in (("time_step=0.2", "tolerance=1e-5"), ("time_step=1e-3",)):
+        done = ended("simulate", pendulum(1.5), *(f"simulate.{key}" for key in (*keys, "duration=2.0")))
+        found = done.artefact("simulate")
         ends.append(found["/q"][-1, :3])
         assert found.summary["parts"] == 1 or "the motion is right to 1e-05" in done.output
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
 
 
 def test_a_second_run_is_up_to_date_and_a_longer_simulation_reruns_nothing_else(tmp_path):
-    path = pendulum(tmp_path, 0.3)
+    path = tmp_path / "pendulum.yaml"
+    path.write_text(pendulum(0.3), encoding="utf-8")
     options = ["--results", str(tmp_path / "r")]
     assert CliRunner().invoke(app, ["run", str(path), *options]).exit_code == 0
     assert " done " not in CliRunner().invoke(app, ["run", str(path), *options]).output
@@ -164,14 +156,13 @@ def test_a_second_run_is_up_to_date_and_a_longer_simulation_reruns_nothing_else(
          "forces.w.bearing", "no bearing 'none'"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_with_its_place(tmp_path, old, new, key, says):
-    path = pendulum(tmp_path, 0.3, **{old: new})
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2
+def test_what_cannot_be_is_refused_with_its_place(old, new, key, says):
+    done = ended("run", pendulum(0.3, **{old: new}))
+    assert done.code == 2
     assert key in done.stderr
     assert says in done.stderr
-    assert "pendulum.yaml:" in done.stderr
-    assert not list(tmp_path.rglob("*.h5"))
+    assert "own.yaml:" in done.stderr
+    assert not list(done.folder.glob("*.h5"))
 
 
 @pytest.mark.parametrize(
@@ -181,14 +172,13 @@ def test_what_cannot_be_is_refused_with_its_place(tmp_path, old, new, key, says)
         ("far: {type: coincidence, frames: [elsewhere, hinge], components: [y]}", "cannot all be satisfied"),
     ],
 )
-def test_joints_that_repeat_or_contradict_each_other_are_named(tmp_path, joint, says):
+def test_joints_that_repeat_or_contradict_each_other_are_named(joint, says):
     elsewhere = "frames:\n  elsewhere: {body: ground, pose: {origin: [0, 5, 0]}}\n"
-    path = pendulum(tmp_path, 0.3, **{"joints:\n": f"joints:\n  {joint}\n", "frames:\n": elsewhere})
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2, done.output
+    done = ended("run", pendulum(0.3, **{"joints:\n": f"joints:\n  {joint}\n", "frames:\n": elsewhere}))
+    assert done.code == 2, done.output
     assert says in done.stderr
     assert joint.split(":")[0] in done.stderr
-    assert not (tmp_path / "r" / "pendulum" / "simulate.h5").exists()
+    assert not (done.folder / "simulate.h5").exists()
 
 
 @pytest.mark.parametrize(
@@ -199,10 +189,9 @@ def test_joints_that_repeat_or_contradict_each_other_are_named(tmp_path, joint, 
         ("pose: {origin: [0.2", "spin: [0, 1, 0], pose: {origin: [0.2", "bodies.bob.velocity", "left out"),
     ],
 )
-def test_a_start_that_the_joints_do_not_allow_is_refused(tmp_path, old, new, key, says):
-    path = pendulum(tmp_path, 0.3, **{old: new})
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2, done.output
+def test_a_start_that_the_joints_do_not_allow_is_refused(old, new, key, says):
+    done = ended("run", pendulum(0.3, **{old: new}))
+    assert done.code == 2, done.output
     assert key in done.stderr
     assert says in done.stderr
 
@@ -237,33 +226,26 @@ def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
     np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
 
 
-def test_rings_that_face_away_from_each_other_are_refused(bench, tmp_path):
+def test_rings_that_face_away_from_each_other_are_refused():
     """Turned by 180° about z the displacements look small; the model does not hold."""
     text = (ROOT / "configs" / "bench-full.yaml").read_text(encoding="utf-8")
-    path = tmp_path / "own.yaml"
-    path.write_text(
+    text = (
         text.replace("../meshes", str(ROOT / "meshes"))
         .replace("bench-load.csv", str(ROOT / "configs" / "bench-load.csv"))
         .replace("pose: {origin: [1.386, 0, 0]}", "pose: {origin: [1.386, 0, 0], x_axis: [-1, 0, 0]}")
-        .replace("duration: 10.0", "duration: 0.05"),
-        encoding="utf-8",
+        .replace("duration: 10.0", "duration: 0.05")
     )
-    beside = str(bench["simulate"].path.parents[1])
-    done = CliRunner().invoke(app, ["simulate", str(path), "--results", beside, "--set", "name=facing-away"])
-    assert done.exit_code == 2, done.output
+    done = ended("simulate", text, beside=BENCHES)
+    assert done.code == 2, done.output
     assert "forces.bearing" in done.stderr
     assert "3.14 rad apart" in done.stderr
 
 
-def test_a_joint_whose_axes_point_opposite_ways_is_refused(tmp_path):
+def test_a_joint_whose_axes_point_opposite_ways_is_refused():
     """The constraints hold for half a turn too."""
-    path = pendulum(
-        tmp_path,
-        0.3,
-        **{"x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre": "x_axis: [0, -1, 0], y_axis: [1, 0, 0]}}\n  centre"},
-    )
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2
+    axes = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
+    done = ended("run", pendulum(0.3, **{axes: axes.replace("[0, 1", "[0, -1")}))
+    assert done.code == 2
     assert "joints.hinge" in done.stderr
     assert "opposite" in done.stderr
 
@@ -291,30 +273,26 @@ def test_loads_that_no_such_bearing_carries_are_refused(bench):
           "signal: {type: constant, value: 1.0}}\n  weight: {type"}, "forces.push.frame"),
     ],
 )  # fmt: skip
-def test_what_would_be_dropped_in_silence_is_refused(tmp_path, change, key):
-    done = CliRunner().invoke(app, ["run", str(pendulum(tmp_path, 0.3, **change)), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2
+def test_what_would_be_dropped_in_silence_is_refused(change, key):
+    done = ended("run", pendulum(0.3, **change))
+    assert done.code == 2
     assert key in done.stderr
 
 
-def test_a_body_that_turns_fast_for_its_step_is_warned_of(tmp_path):
+def test_a_body_that_turns_fast_for_its_step_is_warned_of():
     """A free rotor at 40 rad/s. Implicit Euler, h = 5e-4 s: dω/dt = −ω³h/2 takes 25 % in the first second; second order,
     h = 5 ms: it lags by a share of its angle, and its spin grows. Both are said."""
     text = "kind: bench\nname: rotor\nbodies:\n"
     text += "  r: {type: rigid, mass: 1.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.5}, spin: [0, 0, 40.0]}\n"
     text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given, method: thesis}\n"
-    path = tmp_path / "rotor.yaml"
-    path.write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 0, done.output
-    simulate = Artefact(tmp_path / "r" / "rotor" / "simulate.h5")
+    done = ended("simulate", text)
+    simulate = done.artefact("simulate")
     spin = np.linalg.norm(simulate["/v"][:, 3:12], axis=1) / np.sqrt(2)
     loss = 1 - spin[-1] / spin[0]
     assert simulate.summary["turn"] == pytest.approx(0.02, rel=1e-6)
     assert f"by {100 * loss:.2g} % in the first second" in " ".join(done.output.split())
-    longer = ["--set", "simulate.method=second_order", "--set", "simulate.time_step=5e-3"]
-    done = CliRunner().invoke(app, ["simulate", str(path), "--results", str(tmp_path / "r"), *longer])
-    found = Artefact(tmp_path / "r" / "rotor" / "simulate.h5")
+    done = ended("simulate", text, "simulate.method=second_order", "simulate.time_step=5e-3")
+    found = done.artefact("simulate")
     first, q = np.linalg.norm(found["/v"][:, 3:12], axis=1) / np.sqrt(2), found["/q"]
     lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
     said = re.search(
@@ -323,21 +301,19 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of(tmp_path):
     assert [float(share) for share in said.groups()] == pytest.approx([100 * lag, 100 * (first[-1] / 40 - 1)], rel=0.05)
 
 
-def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame(tmp_path):
+def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame():
     text = "kind: bench\nname: beam\nbodies:\n  beam: {type: flexible, damping: {type: modal, ratio: 0.01}, "
     text += f"mesh: {{file: {ROOT / 'meshes' / 'cantilever.bdf'}}}}}\n"
     text += "frames:\n  tip: {body: beam, node: 3765}\nsimulate: {duration: 1.0, time_step: 0.1}\n"
-    path = tmp_path / "beam.yaml"
-    path.write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2
-    assert f"{path}:6:27  frames.tip.node" in done.stderr
+    done = ended("run", text)
+    assert done.code == 2
+    assert "own.yaml:6:27  frames.tip.node" in done.stderr
     assert "node 3765 has no rotations" in done.stderr
 
 
-def test_a_bench_has_no_stage_of_a_placement(tmp_path):
-    done = CliRunner().invoke(app, ["place", str(pendulum(tmp_path, 0.3))])
-    assert done.exit_code == 2
+def test_a_bench_has_no_stage_of_a_placement():
+    done = ended("place", pendulum(0.3))
+    assert done.code == 2
     assert "give it a section `place`" in done.stderr
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from strainsight.mesh.vtkhdf import VTK_TYPE
-from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
-from ..robustness.small import BENCH, write_project
+from ..models import ended
+from ..robustness.small import BENCH
 
 G = 9.81
 ARM = """
@@ -31,22 +29,14 @@ DOWN, UP = "x_axis: [0, 0, -1]", "x_axis: [0, 0, 1]"
 J, OMEGA = 0.3 + 2 * 0.25, np.sqrt(2 * G * 0.5 / 0.8)
 
 
-def command(folder, stage, text, *more):
-    (folder / "own.yaml").write_text(text, encoding="utf-8")
-    asked = [stage, str(folder / "own.yaml"), "--results", str(folder / "r"), *more]
-    return CliRunner().invoke(app, asked, env={"COLUMNS": "200"})
+def found(stage, text, *changes):
+    return ended(stage, text, *changes).artefact(stage)
 
 
-def found(folder, stage, text, *more):
-    done = command(folder, stage, text, *more)
-    assert done.exit_code == 0, done.output
-    return Artefact(folder / "r" / "own" / f"{stage}.h5")
-
-
-def test_statics_says_where_a_bench_hangs_and_what_its_joint_carries(tmp_path):
+def test_statics_says_where_a_bench_hangs_and_what_its_joint_carries():
     """Sideways load F: it hangs along the resultant, whatever `start` says."""
     text = ARM.replace("POSE", DOWN).replace("value: 0.0", "value: 5.0").replace("0.01}", "0.01, start: as_given}")
-    rest = found(tmp_path, "statics", text)
+    rest = found("statics", text)
     along = np.array([5.0, 0, -0.5 * 2 * G])  # the weight acts at half the arm
     along /= np.linalg.norm(along)
     np.testing.assert_allclose(rest["/frames/tip/position"], along, atol=1e-9)
@@ -55,8 +45,8 @@ def test_statics_says_where_a_bench_hangs_and_what_its_joint_carries(tmp_path):
     assert rest.summary["growth"] == 0
 
 
-def test_modes_have_the_frequency_the_damping_and_the_shape_of_the_pendulum(tmp_path):
-    own = found(tmp_path, "modes", ARM.replace("POSE", DOWN))
+def test_modes_have_the_frequency_the_damping_and_the_shape_of_the_pendulum():
+    own = found("modes", ARM.replace("POSE", DOWN))
     np.testing.assert_allclose(own["/frequency"], [OMEGA / (2 * np.pi)], rtol=1e-9)
     np.testing.assert_allclose(own["/damping"], [0.4 / (2 * J * OMEGA)], rtol=1e-9)
     turn, moved = own["/frames/tip/rotation"][0], own["/frames/tip/displacement"][0]
@@ -64,10 +54,9 @@ def test_modes_have_the_frequency_the_damping_and_the_shape_of_the_pendulum(tmp_
     np.testing.assert_allclose(moved, np.cross(turn, [0, 0, -1.0]), atol=1e-12)
 
 
-def test_the_state_space_answers_a_load_as_the_pendulum_does(tmp_path):
+def test_the_state_space_answers_a_load_as_the_pendulum_does():
     """G(iω) = L²/(J(ω₀² − ω²) + iωc) of the tip along the load, from modes.npz alone."""
-    found(tmp_path, "modes", ARM.replace("POSE", DOWN))
-    own = np.load(tmp_path / "r" / "own" / "modes.npz")
+    own = np.load(ended("modes", ARM.replace("POSE", DOWN)).folder / "modes.npz")
     assert list(own["inputs"]) == ["push"]
     assert list(own["outputs"]) == ["tip 1", "tip 2", "tip 3"]
     for w in (0.0, 2.0, 7.0):
@@ -76,10 +65,9 @@ def test_the_state_space_answers_a_load_as_the_pendulum_does(tmp_path):
         np.testing.assert_allclose(own["C"] @ x + own["D"], [[exact], [0], [0]], atol=1e-9)
 
 
-def test_shapes_stand_in_a_grid_that_paraview_plays(tmp_path):
+def test_shapes_stand_in_a_grid_that_paraview_plays():
     pyvista = pytest.importorskip("pyvista")
-    found(tmp_path, "modes", ARM.replace("POSE", DOWN))
-    reader = pyvista.get_reader(str(tmp_path / "r" / "own" / "modes.vtkhdf"))
+    reader = pyvista.get_reader(str(ended("modes", ARM.replace("POSE", DOWN)).folder / "modes.vtkhdf"))
     grid = reader.read()
     assert set(grid.celltypes) == {VTK_TYPE["line"]}
     assert grid.points[:, 2].min() == pytest.approx(-1.0)
@@ -87,23 +75,23 @@ def test_shapes_stand_in_a_grid_that_paraview_plays(tmp_path):
 
 
 @pytest.mark.parametrize("stage", ["simulate", "statics"])
-def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(tmp_path, stage):
+def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(stage):
     text = ARM.replace("POSE", UP)
-    done = command(tmp_path, stage, text)
-    assert done.exit_code == 2
+    done = ended(stage, text)
+    assert done.code == 2
     assert "the equilibrium is unstable: 'arm' falls out of it" in done.output
     assert "simulate.allow_unstable: true" in done.output
-    done = command(tmp_path, stage, text, "--set", "simulate.allow_unstable=true")
-    assert done.exit_code == 0, done.output
+    done = ended(stage, text, "simulate.allow_unstable=true")
+    assert done.code == 0, done.output
 
 
-def test_modes_of_what_topples_say_so(tmp_path):
-    own = found(tmp_path, "modes", ARM.replace("POSE", UP))
+def test_modes_of_what_topples_say_so():
+    own = found("modes", ARM.replace("POSE", UP))
     assert own["/growth"] == pytest.approx(-0.2 / J + np.sqrt((0.2 / J) ** 2 + OMEGA**2), rel=1e-9)
     assert own.summary["toppling"] == 1
 
 
-def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of(tmp_path):
+def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of():
     text = """
 kind: bearing
 name: own
@@ -112,32 +100,31 @@ bearings:
     radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318, pressure_limit: LIMIT}
 cases: {thrust: {force: [1.0e+6, 0, 0]}}
 """
-    done = command(tmp_path, "bearing", text.replace("LIMIT", "1.0e+9"))
-    assert done.exit_code == 0
+    done = ended("bearing", text.replace("LIMIT", "1.0e+9"))
+    assert done.code == 0
     assert "pitch under thrust reaches" in done.output
     assert "beyond 1000 MPa" in done.output
-    assert "pressed in" not in command(tmp_path, "bearing", text.replace("LIMIT", "4.2e+9")).output
+    assert "pressed in" not in ended("bearing", text.replace("LIMIT", "4.2e+9")).output
 
 
-def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there(tmp_path):
+def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there():
     """The small bench, linear: the state space answers a constant load with what statics reads of it, of the same gauges."""
-    write_project(tmp_path)
     text = BENCH.replace("type: sine, frequency: 2.0, amplitude: 100.0", "type: constant, value: 10.0")
     text = text.replace("name: bench", "name: own")
-    read = found(tmp_path, "statics", text)["/sensors/gauges"]
-    state = found(tmp_path, "modes", text)
+    read = found("statics", text)["/sensors/gauges"]
+    state = found("modes", text)
     A, B, C = (state[f"/system/{name}"] for name in "ABC")
     np.testing.assert_allclose(-C @ np.linalg.solve(A, B[:, 0]) * 10.0, read, rtol=1e-6)
 
 
-def test_rounding_is_no_number_of_a_table(tmp_path):
-    done = command(tmp_path, "statics", ARM.replace("POSE", DOWN))
-    assert done.exit_code == 0, done.output
+def test_rounding_is_no_number_of_a_table():
+    done = ended("statics", ARM.replace("POSE", DOWN))
+    assert done.code == 0, done.output
     assert "e-" not in done.output
     assert ["pivot", "0", "0", "19.62", "N"] in [line.split() for line in done.output.splitlines()]
 
 
-def test_statics_holds_a_drive_that_moves_at_the_start(tmp_path):
+def test_statics_holds_a_drive_that_moves_at_the_start():
     """p = p₀ cos ωt has p̈ = −ω²p₀ at t = 0: the torque on a bench at rest is that of the weight alone."""
     away, signal = (
         [float(np.sin(0.2)), 0, -float(np.cos(0.2))],
@@ -149,7 +136,7 @@ def test_statics_holds_a_drive_that_moves_at_the_start(tmp_path):
         "{wall:", f"{{turned: {{body: ground, pose: {{x_axis: {away}}}}}, wall:"
     )
     text = text.replace("{tip:", "{felt: {type: acceleration, frame: tip, axes: global}, tip:")
-    rest = found(tmp_path, "statics", text)
+    rest = found("statics", text)
     np.testing.assert_allclose(rest["/drives/motor"], 0.0, atol=1e-6)
     np.testing.assert_allclose(rest["/reactions/pivot"][:3], [0, 0, 2 * G], atol=1e-6)
     np.testing.assert_allclose(rest["/sensors/felt"], [0, 0, G], atol=1e-6)

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Literal, Union, get_args
 
 import numpy as np
 import pytest
 from pydantic import Field, create_model
 from scipy.integrate import solve_ivp
-from typer.testing import CliRunner
 
 from strainsight.config import load
 from strainsight.config.base import Name, NotNegative, Section
@@ -22,35 +20,31 @@ from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.relations import offset
+from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
-from .conftest import ROOT
+from ..models import Ended, ended
+from .conftest import ROOT, finished, job_of
 
 M, I = 2.0, 0.3
 """Mass [kg] and moment of inertia [kg m²] of the bob."""
 BOB = f"bob: {{type: rigid, mass: {M}, inertia: {{xx: {I}, yy: {I}, zz: {I}}}"
 
 
-def run(folder: Path, text: str):
-    path = folder / "own.yaml"
-    path.write_text("kind: bench\nname: own\n" + text, encoding="utf-8")
-    return CliRunner().invoke(app, ["simulate", str(path), "--results", str(folder / "r")], env={"COLUMNS": "200"})
+def run(text: str, **files: str) -> Ended:
+    return ended("simulate", f"kind: bench\nname: own\n{text}", files=files)
 
 
-def simulated(folder: Path, text: str) -> Artefact:
-    done = run(folder, text)
-    assert done.exit_code == 0, done.output
-    return Artefact(folder / "r" / "own" / "simulate.h5")
+def simulated(text: str, **files: str) -> Artefact:
+    return run(text, **files).artefact("simulate")
 
 
-def test_a_nut_on_a_rail_slides_and_turns_each_by_itself(tmp_path):
+def test_a_nut_on_a_rail_slides_and_turns_each_by_itself():
     """cylindrical: ω² = k/m along the rail, κ/I about it, and at rest k x = m g sin α; spring and torsion with it."""
     k, kappa, slope = 500.0, 7.0, np.deg2rad(35.0)
     c, s = float(np.cos(slope)), float(np.sin(slope))
     axes = f"x_axis: [{c!r}, 0, {s!r}], y_axis: [0, 1, 0]"
     found = simulated(
-        tmp_path,
         f"""
 bodies: {{{BOB}}}}}
 frames:
@@ -72,14 +66,13 @@ simulate: {{duration: 0.01, time_step: 1.0e-3}}
     np.testing.assert_allclose(found["/sensors/turn"][0] @ [0, 1, 0], np.cos(0.2), rtol=0, atol=1e-10)
 
 
-def test_a_cardan_joint_turns_the_second_shaft_by_its_law(tmp_path):
+def test_a_cardan_joint_turns_the_second_shaft_by_its_law():
     """universal: tan φ₂ = tan φ₁ / cos β through two turns, ω₂/ω₁ between cos β and 1/cos β."""
     beta = np.deg2rad(30.0)
     c, s = float(np.cos(beta)), float(np.sin(beta))
     bent = f"pose: {{x_axis: [{c!r}, {s!r}, 0], y_axis: [{-s!r}, {c!r}, 0]}}"
     shaft = "type: rigid, mass: 1.0, inertia: {xx: 0.5, yy: 1.0, zz: 1.0}"
     found = simulated(
-        tmp_path,
         f"""
 bodies: {{driving: {{{shaft}}}, driven: {{{shaft}, {bent}}}}}
 frames:
@@ -108,11 +101,10 @@ simulate: {{duration: 1.0, time_step: 2.5e-3, start: as_given}}
     np.testing.assert_allclose([ratio.min(), ratio.max()], [c, 1 / c], rtol=1e-3)
 
 
-def test_a_pendulum_on_a_pin_swings_across_it_and_along_it(tmp_path):
+def test_a_pendulum_on_a_pin_swings_across_it_and_along_it():
     """pin along y: ω² = mgL/(I + mL²) about the pin; along it the eye slides, the centre falls, and ω² = mgL/I."""
     L, g = 0.8, 10.0
     found = simulated(
-        tmp_path,
         f"""
 bodies: {{{BOB}, pose: {{origin: [0, 0, {-L}]}}}}}}
 frames: {{pin: {{body: ground}}, eye: {{body: bob, pose: {{origin: [0, 0, {L}]}}}}}}
@@ -148,21 +140,21 @@ simulate: {{duration: 0.5, time_step: 0.01, start: as_given}}
         "frames: [origin, centre], stiffness: [0, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}",
     ],
 )
-def test_a_mass_on_spring_and_damper_moves_as_implicit_euler_has_it(tmp_path, law):
-    found = simulated(tmp_path, OSCILLATOR.replace("LAW", law).replace("start: as_given", "start: as_given, method: thesis"))
+def test_a_mass_on_spring_and_damper_moves_as_implicit_euler_has_it(law):
+    found = simulated(OSCILLATOR.replace("LAW", law).replace("start: as_given", "start: as_given, method: thesis"))
     once = np.linalg.inv(np.eye(2) - 0.01 * np.array([[0, 1], [-200.0 / M, -8.0 / M]]))
     exact = [np.linalg.matrix_power(once, k) @ [0.2, 0.0] for k in range(51)]
     np.testing.assert_allclose(found["/sensors/bob"][:, 0], np.array(exact)[:, 0], rtol=0, atol=1e-12)
 
 
-def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much(tmp_path):
+def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much():
     """1.6 Hz of its own; a push of 0.2 Hz and one of 12 Hz, which has eight steps a period."""
     push = "slow: {{type: force, frame: centre, direction: [1, 0, 0], signal: {{type: sine, frequency: 0.2, amplitude: 1.0}}}}"
     quick = push.replace("slow", "quick").replace("0.2", "12.0")
     law = "mount: {type: bushing, frames: [origin, centre], stiffness: [200, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}"
     text = OSCILLATOR.replace("LAW", ", ".join([law, push.format(), quick.format()]))
-    done = run(tmp_path, text.replace("duration: 0.5", "duration: 10.0"))
-    assert done.exit_code == 0, done.output
+    done = run(text.replace("duration: 0.5", "duration: 10.0"))
+    assert done.code == 0, done.output
     said = " ".join(done.output.split())
     assert "of quick the step gets" in said
     assert "of slow" not in said
@@ -179,7 +171,7 @@ def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much(tmp_path):
         ("damping: 8.0", "dampling: 8.0", "forces.spring.dampling", "did you mean damping?"),
     ],
 )  # fmt: skip
-def test_a_law_outside_of_what_it_holds_for_is_refused(tmp_path, old, new, key, says):
+def test_a_law_outside_of_what_it_holds_for_is_refused(old, new, key, says):
     """The bob is turned by 0.12 rad about x, which the guide is made to allow."""
     text = OSCILLATOR.replace("type: prismatic", "type: cylindrical").replace(
         "[0.2, 0, 0]", f"[0.2, 0, 0], y_axis: [0, {np.cos(0.12):.15g}, {np.sin(0.12):.15g}]"
@@ -187,17 +179,17 @@ def test_a_law_outside_of_what_it_holds_for_is_refused(tmp_path, old, new, key, 
     if "LAW" not in old:
         text = text.replace("LAW", "spring: {type: spring, frames: [anchor, centre], stiffness: 200.0, damping: 8.0}")
     assert old in text
-    done = run(tmp_path, text.replace(old, new))
-    assert done.exit_code == 2, done.output
+    done = run(text.replace(old, new))
+    assert done.code == 2, done.output
     assert key in done.stderr
     assert says in done.stderr
     assert "own.yaml:" in done.stderr
 
 
-def test_a_cylindrical_joint_whose_axes_point_opposite_ways_is_refused(tmp_path):
+def test_a_cylindrical_joint_whose_axes_point_opposite_ways_is_refused():
     text = OSCILLATOR.replace("type: prismatic", "type: cylindrical").replace("{LAW}", "{}")
-    done = run(tmp_path, text.replace("centre: {body: bob}", "centre: {body: bob, pose: {x_axis: [-1, 0, 0]}}"))
-    assert done.exit_code == 2, done.output
+    done = run(text.replace("centre: {body: bob}", "centre: {body: bob, pose: {x_axis: [-1, 0, 0]}}"))
+    assert done.code == 2, done.output
     assert "joints.guide: the axes of 'origin' and 'centre' point opposite ways" in done.stderr
 
 
@@ -233,7 +225,15 @@ forces:
 sensors: {{mass: {{type: motion, frame: foot}}}}
 simulate: {{duration: 0.2, time_step: STEP, start: START}}
 """
-    rest = simulated(tmp_path, text.replace("STEP", "0.01").replace("START", "equilibrium"))["/sensors/mass"][:, 2]
+
+    def height(step, start):
+        path = tmp_path / "own.yaml"
+        path.write_text(f"kind: bench\nname: own\n{text}".replace("STEP", str(step)).replace("START", start), encoding="utf-8")
+        job = job_of(path, tmp_path / f"{step}-{start}")
+        stages = [stage for stage in bench_stages(job.config) if stage.name != "report"]
+        return finished(job, stages)["simulate"][2]["/sensors/mass"][:, 2]
+
+    rest = height(0.01, "equilibrium")
     roots = np.roots([a, 0, k, m * g])
     (root,) = roots[np.isreal(roots)].real
     np.testing.assert_allclose(rest, root, rtol=0, atol=1e-11)
@@ -244,9 +244,6 @@ simulate: {{duration: 0.2, time_step: STEP, start: START}}
         rtol=1e-11,
         atol=1e-13,
     ).y[0, -1]
-    errors = [
-        simulated(tmp_path, text.replace("STEP", str(h)).replace("START", "as_given"))["/sensors/mass"][-1, 2] - exact
-        for h in (1e-3, 5e-4)
-    ]
+    errors = [height(h, "as_given")[-1] - exact for h in (1e-3, 5e-4)]
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.1)
     assert abs(errors[1]) < 1e-4 * abs(exact)

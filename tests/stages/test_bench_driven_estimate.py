@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
-
-from ..robustness.small import BENCH, write_project
+from ..models import Ended, ended
+from ..robustness.small import BENCH
 from .conftest import ROOT
 
 HALF = float(np.sqrt(0.5))
@@ -57,20 +52,14 @@ estimate:
 """Through a quarter of a turn and back in two seconds."""
 
 
-def run(folder: Path, *changes: str):
-    path = folder / "arm.yaml"
-    path.write_text(CONFIG, encoding="utf-8")
-    return CliRunner().invoke(
-        app, ["estimate", str(path), "--results", str(folder / "r"), *changes], env={"COLUMNS": "200"}
-    )
+def run(*changes: str) -> Ended:
+    return ended("estimate", CONFIG, *changes)
 
 
 @pytest.mark.slow
-def test_loads_on_a_turning_arm_are_known_to_their_sigma(tmp_path):
+def test_loads_on_a_turning_arm_are_known_to_their_sigma():
     """The truth in steps of a twentieth; the arm, its weight and its inertia turn, and are known."""
-    done = run(tmp_path, "--set=seed=3")
-    assert done.exit_code == 0, done.output
-    found = Artefact(tmp_path / "r" / "arm" / "estimate.h5")
+    found = run("seed=3").artefact("estimate")
     for name in ("down", "side"):
         off = found[f"/inputs/{name}/estimate"] - found[f"/inputs/{name}/true"]
         assert found.summary[f"claim.{name}"] == "consistent"
@@ -81,32 +70,28 @@ def test_loads_on_a_turning_arm_are_known_to_their_sigma(tmp_path):
     assert found["/violation"].max() < 1e-12
 
 
-def test_the_error_of_a_step_is_not_made_up_for_beside_a_drive(tmp_path):
-    done = run(tmp_path, "--set=estimate.method.step_error=estimated")
-    assert done.exit_code == 2
+def test_the_error_of_a_step_is_not_made_up_for_beside_a_drive():
+    done = run("estimate.method.step_error=estimated")
+    assert done.code == 2
     assert "estimate.method.step_error: what a step leaves out is not estimated beside driven joints" in done.stderr
 
 
-def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive(tmp_path):
+def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive():
     """A motor that stands still on the small beam: placement and filter both take the step for true."""
-    write_project(tmp_path)
     text = BENCH.replace("frames:", "  arm: {type: rigid, mass: 0.1, inertia: {xx: 1.0e-3, yy: 1.0e-3, zz: 1.0e-3}, "
                          "pose: {origin: [1.0, 0.05, 0.04]}}\nframes:\n  eye: {body: arm}")  # fmt: skip
     drive = "{type: driven_angle, frames: [tip, eye], drive: {signal: {type: constant, value: 0.0}}}"
     text = text.replace("forces:", f"joints: {{hinge: {{type: revolute, frames: [tip, eye], axis: x}}, motor: {drive}}}\nforces:")
-    (tmp_path / "arm.yaml").write_text(text.replace("duration: 0.2", "duration: 1.0").replace("name: bench", "name: arm"))
-    asked = ["estimate", str(tmp_path / "arm.yaml"), "--results", str(tmp_path / "r")]
-    done = CliRunner().invoke(app, asked, env={"COLUMNS": "200"})
-    assert done.exit_code == 0, done.output
-    place, estimate = (Artefact(tmp_path / "r" / "arm" / f"{stage}.h5") for stage in ("place", "estimate"))
+    end = ended("estimate", text.replace("duration: 0.2", "duration: 1.0").replace("name: bench", "name: arm"))
+    place, estimate = (end.artefact(stage) for stage in ("place", "estimate"))
     claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
     np.testing.assert_allclose(claimed, place["/layouts/place/std"], rtol=1e-5)
 
 
-def test_a_drive_that_turns_too_far_in_a_step_of_the_filter_is_refused(tmp_path):
+def test_a_drive_that_turns_too_far_in_a_step_of_the_filter_is_refused():
     """From one end to the other in half a period, which simulate takes in ten steps."""
-    done = run(tmp_path, "--set=joints.motor.drive.signal.frequency=10", "--set=estimate.time_step=0.05")
-    assert done.exit_code == 2
+    done = run("joints.motor.drive.signal.frequency=10", "estimate.time_step=0.05")
+    assert done.code == 2
     assert "joints.motor.drive: it turns by 1.57 rad in a step" in done.stderr
     assert "take a smaller estimate.time_step" in done.stderr
 
@@ -128,7 +113,7 @@ estimate: {sensors: SENSORS, inputs: {push: {std: 1000}}, truth: {model: own}}
 """
 
 
-def test_a_bearing_with_friction_says_what_its_balls_carry_as_one_without(tmp_path):
+def test_a_bearing_with_friction_says_what_its_balls_carry_as_one_without():
     """Nothing turns: the drag has no part in it."""
     pressure = []
     for drag in ("{}", "{moment: 5.0}"):
@@ -137,24 +122,21 @@ def test_a_bearing_with_friction_says_what_its_balls_carry_as_one_without(tmp_pa
             f"weight: {{type: gravity}}, ring: {{type: bearing, bearing: pitch, outer: wall, inner: root, drag: {drag}}}, "
             "push: {type: force, frame: tip, direction: [1, 0, 0], signal: {type: sine, frequency: 1.0, amplitude: 1000.0}}",
         )
-        (tmp_path / "own.yaml").write_text(text.replace("SENSORS", "{relative: {noise: 1.0e-7}}"), encoding="utf-8")
-        done = CliRunner().invoke(app, ["estimate", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "r")])
-        assert done.exit_code == 0, done.output
-        pressure.append(Artefact(tmp_path / "r" / "arm" / "estimate.h5")["/bearings/ring/pressure"])
+        end = ended("estimate", text.replace("SENSORS", "{relative: {noise: 1.0e-7}}"))
+        pressure.append(end.artefact("estimate")["/bearings/ring/pressure"])
     np.testing.assert_allclose(pressure[1], pressure[0], rtol=1e-9)
 
 
 @pytest.mark.parametrize(
     ("signal", "code"), [("sine, frequency: 1.0, amplitude: 900.0", 0), ("constant, value: 900.0", 2)]
 )
-def test_the_torque_of_a_motor_is_an_unknown_load_with_the_size_of_its_history(tmp_path, signal, code):
+def test_the_torque_of_a_motor_is_an_unknown_load_with_the_size_of_its_history(signal, code):
     """Without increment: that of the sine, and where it is none the config is asked for it."""
     text = ARM.replace("JOINT", "{type: revolute, frames: [wall, root], axis: y}").replace(
         "FORCES",
         "held: {type: torsion, frames: [wall, root], axis: y, stiffness: 2.0e+4, damping: 100.0}, "
         f"push: {{type: torque, frames: [wall, root], axis: y, signal: {{type: {signal}}}}}",
     )
-    (tmp_path / "own.yaml").write_text(text.replace("SENSORS", "{tip: {noise: 1.0e-5}}"), encoding="utf-8")
-    done = CliRunner().invoke(app, ["estimate", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "r")])
-    assert done.exit_code == code, done.output
+    done = ended("estimate", text.replace("SENSORS", "{tip: {noise: 1.0e-5}}"))
+    assert done.code == code, done.output
     assert ("estimate.inputs.push: a random walk without increment needs" in done.stderr) == (code == 2)

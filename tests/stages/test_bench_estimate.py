@@ -1,17 +1,16 @@
-"""The estimate of a bench: what is refused, what it writes, and the bench of the manual."""
+"""The estimate of a bench: what is refused, what it writes, the bench of the manual, and readings of another bench."""
 
 from __future__ import annotations
 
 import re
-import shutil
 
+import numpy as np
 import pytest
-from typer.testing import CliRunner
 
+from strainsight.cases.bench.inverse.numbers import ratio_numbers
 from strainsight.errors import ConfigError
-from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
+from ..models import ended
 from .conftest import BANK, DIAMETER, LOADS, ROOT, SMALL, job_of
 from .test_artefacts import UNITS_OF
 
@@ -79,14 +78,10 @@ def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
 PLACED = ("sensors.gauges={type: strain, body: beam, layout: place}",)
 
 
-@pytest.fixture(scope="module")
-def from_scratch(tmp_path_factory):
-    """The config of the manual beside its mesh: its runs take the beam over from each other."""
-    folder = tmp_path_factory.mktemp("scratch")
+def from_scratch() -> str:
+    """The config of the manual."""
     text = (ROOT / "docs" / "bench.md").read_text(encoding="utf-8").split("## A bench from scratch\n```yaml\n")[1]
-    (folder / "beam.yaml").write_text(text.split("```")[0], encoding="utf-8")
-    shutil.copy(ROOT / "meshes" / "cantilever.bdf", folder)
-    return folder
+    return text.split("```")[0]
 
 
 @pytest.mark.parametrize(
@@ -98,10 +93,103 @@ def from_scratch(tmp_path_factory):
         ((*PLACED, "place={body: beam, noise: 1.0e-7, keep: 3}"), "place"),
     ],
 )
-def test_the_bench_of_the_manual_runs_as_it_says(from_scratch, tmp_path, more, last):
-    name, results = f"beam-{tmp_path.name}", from_scratch / "r"
-    options = [part for change in (f"name={name}", *more) for part in ("--set", change)]
-    done = CliRunner().invoke(app, [last, str(from_scratch / "beam.yaml"), "--results", str(results), *options])
-    assert done.exit_code == 0, done.output
-    found = Artefact(results / name / f"{last}.h5").summary
+def test_the_bench_of_the_manual_runs_as_it_says(more, last):
+    mesh = (ROOT / "meshes" / "cantilever.bdf").read_text(encoding="utf-8")
+    end = ended(last, from_scratch(), *more, files={"cantilever.bdf": mesh})
+    found = end.artefact(last).summary
     assert found["error.F"] < 0.1 if last == "estimate" else found["selected"] == 3
+
+
+@pytest.mark.slow
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(estimate, bench):
+    large = ("estimate.duration=1.0", f"estimate.measured.from={bench['simulate'].path}")
+    three = estimate(SMALL, *large)
+    five = estimate(
+        SMALL,
+        *large,
+        "estimate.sensors.relative.noise=1.0e-9",
+        *(f"estimate.inputs.M{k}={{std: 1.0e+5, increment: 1.0e+4}}" for k in "yz"),
+    )
+    assert five.summary["mismatch.relative"] < 1e-4
+    assert three.summary["mismatch.relative"] > 0.01
+    assert {f"mismatch.relative.{i}" for i in range(1, 6)} <= three.summary.keys()
+    assert three.summary["ratio_high.Fx"] > 1.5 * three.summary["ratio_low.Fx"] or three.summary["ratio_low.Fx"] < 0
+
+
+@pytest.mark.slow
+def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate):
+    """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
+    static = tuple(
+        f"forces.F{k}.signal={{type: constant, value: {v}}}" for k, v in zip("xyz", (3e4, 2e4, 4e4), strict=True)
+    )
+    large = estimate(ROOT / "configs" / "bench-full.yaml", *static, stage="simulate")
+    found = estimate(
+        SMALL, "estimate.duration=1.0", f"estimate.measured={{from: {large.path}, scale: 0.5}}",
+        "estimate.sensors.relative.noise=1.0e-9",
+        "bearings.pitch-bearing.preload=5.0e-6", "forces.weight.acceleration=[0.0, 0.0, -19.62]",
+    )  # fmt: skip
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"ratio_slope.{name}"] == pytest.approx(0.25, abs=1e-5)
+        assert found.summary[f"ratio_rms.{name}"] == pytest.approx(0.25, abs=1e-5)
+    assert found.summary["mismatch.relative"] < 1e-6
+    # gauges are not given to the filter: they are compared, and read the same
+    assert found.summary["mismatch.gauges"] < 1e-5
+    assert [found.summary[f"size.gauges.{i}"] for i in range(1, 5)] == pytest.approx([1.0] * 4, abs=1e-5)
+
+
+def test_rms_over_rms_is_that_of_the_second_half():
+    """Whatever the first guess was: √(3² + 4²) over √(6² + 8²)."""
+    there, here = np.array([2.0, 2.0, 6.0, 8.0]), np.array([1e3, 1e3, 3.0, -4.0])
+    assert ratio_numbers("F", there, here)["ratio_rms.F"] == pytest.approx(0.5, rel=1e-12)
+    assert np.isnan(ratio_numbers("F", 0 * there, here)["ratio_rms.F"])
+
+
+@pytest.mark.slow
+def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its_area(estimate):
+    """Figures 4.2 and 4.4 without weight: lateral loads of 0.7 on a hub of half the size strain it by 0.7/0.5² as much."""
+    weightless = "forces.weight.acceleration=[0.0, 0.0, 0.0]"
+    large = estimate(ROOT / "configs" / "bench-full.yaml", weightless, "simulate.duration=1.0", stage="simulate")
+    found = estimate(
+        SMALL, weightless, "estimate.duration=1.0", f"estimate.measured.from={large.path}",
+        "estimate.sensors.relative.noise=[1.0e-9, 1.0e-9, 1.0e-9, 1.0, 1.0]",
+    )  # fmt: skip
+    assert max(found.summary[f"mismatch.relative.{i}"] for i in (1, 2, 3)) < 1e-6
+    lateral = [found.summary[f"ratio_mean.F{k}"] for k in "yz"]
+    assert max(lateral) < 1
+    sizes = [found.summary[f"size.gauges.{i}"] for i in range(1, 5)]
+    assert min(lateral) / 0.25 * 0.8 < min(sizes)
+    assert max(sizes) < max(lateral) / 0.25 * 1.2
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        (
+            "estimate.measured.sensors={relative: tip}",
+            "'relative' has 5 channels in m or rad, sensors/tip there 3 in m",
+        ),
+        ("estimate.measured.sensors={relative: relativ}", "did you mean relative"),
+        ("estimate.measured.inputs={Fx: My}", "no input 'My'"),
+        ("estimate.time_step=0.025", "does not divide the filter's step"),
+    ],
+)
+def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):
+    with pytest.raises(ConfigError, match=re.escape(what)) as refused:
+        estimate(
+            LOADS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=1.0",
+            f"estimate.measured.from={bench['simulate'].path}", change,
+        )  # fmt: skip
+    assert refused.value.key.startswith("estimate.measured")
+
+
+@pytest.mark.slow
+def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
+    """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
+    found = estimate(
+        SMALL,
+        "forces.weight.acceleration=[0.0, 0.0, 0.0]",
+        "simulate.duration=0.1",
+        "estimate.measured=null",
+        stage="simulate",
+    )
+    assert np.abs(found["/q"] - found["/q"][0]).max() < 1e-12

@@ -13,14 +13,14 @@ from strainsight.cases.bench.surface_field import Motion, instants, points
 from strainsight.cases.bench.surface_field import pictures as field_of
 from strainsight.cases.resources import silent
 from strainsight.config.bench.bench import SurfaceField
+from strainsight.config.load import load_config
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
-from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.sweep.sweep import serial
 
-from .conftest import finished, job_of
-from .test_bench_place import HEIGHT, LENGTH, MODULUS, WIDTH, written
+from ..models import project
+from .test_bench_place import BEAM, HEIGHT, LENGTH, MODULUS, WIDTH, run
 
 SIDE, DOWN = 1000.0, 500.0
 AROUND_Z, AROUND_Y = HEIGHT * WIDTH**3 / 12, WIDTH * HEIGHT**3 / 12
@@ -30,12 +30,10 @@ FREE = f"bodies.beam.moduli={{E: {{region: 1, value: {MODULUS:e}}}}}"
 
 
 @pytest.fixture(scope="module")
-def beam(tmp_path_factory):
+def beam():
     """The loaded beam, without gauges, its modulus free: its config, and stage → artefact."""
-    folder = tmp_path_factory.mktemp("field")
-    job = job_of(written(folder), folder / "results", "sensors={}", "place=null", "estimate=null", FREE)
-    stages = [stage for stage in bench_stages(job.config) if stage.name != "report"]
-    return job.model, {name: artefact for name, (_, _, artefact) in finished(job, stages).items()}
+    settings = ("sensors={}", "place=null", "estimate=null", FREE)
+    return load_config(project(BEAM), settings).model, run(*settings, only=("import", "reduce", "simulate", "field"))
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
@@ -15,8 +16,8 @@ from strainsight.stages.pages.bench_run import estimate_of
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..robustness.small import write_project
-from .test_bench_indistinct import RIG as STRAINS
+from ..models import ended, project
+from .test_bench_sensors import RIG as STRAINS
 
 GAUGES = [[0.1875, 0.025, 0.08], [0.1875, 0.1, 0.06], [0.5625, 0.025, 0.08], [0.5625, 0.1, 0.06]]
 RIG = (
@@ -33,98 +34,92 @@ CHANNELS = [f"gauges.{i}" for i in (1, 2, 3, 4)] + [f"tip.{i}" for i in (1, 2, 3
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory):
-    """The bench, and the readings of a run of it with noise: a line an instant, time, four gauges, three displacements."""
-    folder = tmp_path_factory.mktemp("held")
-    write_project(folder)
-    (folder / "bench.yaml").write_text(RIG)
-    assert run(folder, "simulate", "name=rig")[0] == 0
-    found = Artefact(folder / "results" / "rig" / "simulate.h5")
-    noise = np.random.default_rng(3).standard_normal((len(found["/time"]), 7)) * ([2e-8] * 4 + [1e-6] * 3)
-    read = np.column_stack([found["/sensors/gauges"], found["/sensors/tip"]]) + noise
-    return folder, np.column_stack([found["/time"], read])
+def record():
+    """Readings of a run with noise: a line an instant, time, four gauges, three displacements."""
+    simulated = ended("simulate", RIG).artefact("simulate")
+    noise = np.random.default_rng(3).standard_normal((len(simulated["/time"]), 7)) * ([2e-8] * 4 + [1e-6] * 3)
+    read = np.column_stack([simulated["/sensors/gauges"], simulated["/sensors/tip"]]) + noise
+    return np.column_stack([simulated["/time"], read])
 
 
-def run(folder, command, *changes):
-    words = [f"--set={change}" for change in changes]
-    done = CliRunner().invoke(app, [command, str(folder / "bench.yaml"), "--results", str(folder / "results"), *words])
-    return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
+def scaled(record, factor=1.2):
+    """The record with its second gauge off by a factor."""
+    wrong = record.copy()
+    wrong[:, 2] *= factor
+    return wrong
 
 
-def estimated(folder, *changes, sensors=SENSORS, ends=0):
-    code, said = run(folder, "estimate", f"estimate.sensors={json.dumps(sensors)}", *changes)
-    assert code == ends, said
-    return Artefact(folder / "results" / "bench" / "estimate.h5"), said
+def estimated(*changes, sensors=SENSORS, ends=0, files=None):
+    end = ended("estimate", RIG, f"estimate.sensors={json.dumps(sensors)}", *changes, files=files)
+    assert end.code == ends, end.text
+    return end.artefact("estimate") if ends in (0, 3) else None, end.text
 
 
-def measured(folder, record):
-    """`estimate.measured` of a record that becomes a file."""
-    np.savetxt(folder / "test.csv", record, delimiter=",", header="t,a,b,c,d,x,y,z", comments="", fmt="%.15g")
-    units = {"gauges": [{"channel": c, "unit": "m/m"} for c in "abcd"], "tip": [{"channel": c, "unit": "m"} for c in "xyz"]}
-    return {"file": "test.csv", "time": {"channel": "t"}, "channels": units}
+def csv(record):
+    stream = io.StringIO()
+    np.savetxt(stream, record, delimiter=",", header="t,a,b,c,d,x,y,z", comments="", fmt="%.15g")
+    return {"test.csv": stream.getvalue()}
 
 
-def of_test(folder, record, *changes, ends=0):
+UNITS = {"gauges": [{"channel": c, "unit": "m/m"} for c in "abcd"], "tip": [{"channel": c, "unit": "m"} for c in "xyz"]}
+MEASURED = {"file": "test.csv", "time": {"channel": "t"}, "channels": UNITS}
+
+
+def of_test(record, *changes, ends=0):
     """A record as a test of this bench."""
-    file = json.dumps(measured(folder, record))
-    return estimated(folder, f"estimate.measured={file}", EACH, *changes, ends=ends)
+    return estimated(f"estimate.measured={json.dumps(MEASURED)}", EACH, *changes, ends=ends, files=csv(record))
 
 
 def ratios(found):
     return {name: found.summary[f"hold_out.ratio.{name}"] for name in CHANNELS}
 
 
-def test_the_others_say_of_a_gauge_what_a_filter_says_that_has_never_had_it(rig):
-    folder, _ = rig
+def test_the_others_say_of_a_gauge_what_a_filter_says_that_has_never_had_it():
     exact = "estimate.truth={model: own, noise: false}"
-    held, _ = estimated(folder, exact, EACH)
+    held, _ = estimated(exact, EACH)
     predicted = held["/sensors/gauges/predicted"][:, 3]
     assert held["/sensors/gauges/left_in"].tolist() == [""] * 4
     three, last = GAUGES[:3], GAUGES[3]
     listed = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in three])
     beside = json.dumps({"type": "strain", "body": "beam", "gauges": [{"position": last, "direction": [1, 0, 0]}]})
-    other, _ = estimated(folder, exact, f"sensors.gauges.gauges={listed}", f"sensors.beside={beside}")
+    other, _ = estimated(exact, f"sensors.gauges.gauges={listed}", f"sensors.beside={beside}")
     expected = other["/sensors/beside/expected"][:, 0]
     np.testing.assert_allclose(predicted, expected, rtol=1e-7, atol=1e-7 * abs(expected).max())
 
 
-def test_sigma_covers_readings_of_truths_that_the_filter_could_have_made_offsets_and_all(rig):
-    folder, _ = rig
+def test_sigma_covers_readings_of_truths_that_the_filter_could_have_made_offsets_and_all():
     offsets = {"gauges": {"noise": 2e-8, "bias": 5e-8, "drift": 1e-7}, "tip": {"noise": 1e-6, "bias": 2e-6}}
-    found, _ = estimated(folder, EACH, "estimate.truth={model: walk}", "estimate.runs=16", sensors=offsets)
+    found, _ = estimated(EACH, "estimate.truth={model: walk}", "estimate.runs=16", sensors=offsets)
     assert all(0.8 < ratio < 1.2 for ratio in ratios(found).values())
 
 
-def test_sigma_covers_gauges_that_are_installed_anew_for_every_seed(rig):
-    folder, _ = rig
+def test_sigma_covers_gauges_that_are_installed_anew_for_every_seed():
     loose = "estimate.tolerances={position: 0.004, angle: 3.0, gain: 0.03, transverse: 0.01}"
     how = "estimate.truth={model: own}", "estimate.runs=40", "forces.side.signal.phase=1.0"
     small = "estimate.inputs={side: {std: 1.0, increment: 20.0}, down: {std: 1.0, increment: 10.0}}"
-    found, _ = estimated(folder, EACH, loose, small, *how, sensors={"gauges": {"noise": 1e-8}})
+    found, _ = estimated(EACH, loose, small, *how, sensors={"gauges": {"noise": 1e-8}})
     held = [found.summary[f"hold_out.ratio.gauges.{i}"] for i in (1, 2, 3, 4)]
     assert all(0.8 < ratio < 1.2 for ratio in held)
 
 
-def test_a_sound_record_is_borne_out_by_what_was_left_out(rig):
-    found, said = of_test(*rig)
+def test_a_sound_record_is_borne_out_by_what_was_left_out(record):
+    found, said = of_test(record)
     assert found.summary["verdict.side"] == found.summary["verdict.down"] == "borne out by the sensors left out"
     assert found.summary["hold_out.inside"] > 0.9
     assert found.summary["trusted"] is True
     assert "contradict" not in said
 
 
-def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(rig):
-    folder, record = rig
-    record = record.copy()
-    record[:, 2] *= 1.2
-    found, said = of_test(folder, record, ends=3)
+def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_it_is_accepted(record):
+    record = scaled(record)
+    found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
     assert "the record contradicts the model: side, down are contradicted by its sensors: check channels" in said
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     assert not any(key.startswith("rms_std") for key in found.summary)
     # the claim that was tested
     assert np.isfinite(found["/sensors/gauges/predicted_std"]).any()
-    accepted, said = of_test(folder, record, "estimate.accept=true")
+    accepted, said = of_test(record, "estimate.accept=true")
     assert "accepted: the record contradicts the model" in said
     assert all(np.isfinite(accepted[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
@@ -132,26 +127,24 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
         assert accepted.summary[f"verdict.{name}"] == found.summary[f"verdict.{name}"] == "contradicted by its sensors"
 
 
-def test_a_suite_with_such_a_record_ends_with_3_too(rig):
-    folder, record = rig
-    record = record.copy()
-    record[:, 2] *= 1.2
-    own = {"sensors": SENSORS, "measured": measured(folder, record)}
-    one = {"config": "bench.yaml", "name": "one", "label": "One", "set": {f"estimate.{key}": value for key, value in own.items()}}
-    (folder / "suite.yaml").write_text(json.dumps({"kind": "suite", "name": "all", "title": "All", "runs": [one]}))
-    done = CliRunner().invoke(app, ["run", str(folder / "suite.yaml"), "--results", str(folder / "results")])
-    assert done.exit_code == 3, done.output
-    assert (folder / "results" / "all" / "report.html").exists()
+def test_a_suite_with_such_a_record_ends_with_3_too(record):
+    changes = {"estimate.sensors": SENSORS, "estimate.measured": MEASURED}
+    one = {"config": "bench.yaml", "name": "one", "label": "One", "set": changes}
+    suite = json.dumps({"kind": "suite", "name": "all", "title": "All", "runs": [one]})
+    end = ended("run", suite, files={"bench.yaml": RIG, **csv(scaled(record))})
+    assert end.code == 3, end.text
+    assert (end.folder / "report.html").exists()
 
 
-def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(rig, monkeypatch):
-    folder, record = rig
-    record = record.copy()
-    record[:, 2] *= 1.2
+def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(record, tmp_path, monkeypatch):
     beyond = "σ is withheld: E came out at 2 Pa, and reduce made the model for 0 to 1"
-    monkeypatch.setattr(estimate, "bench_out_of_range", lambda *own: beyond)
-    offset = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
-    found, said = of_test(folder, record, f"estimate.sensors={offset}", ends=3)
+    monkeypatch.setattr(estimate, "bench_out_of_range", lambda *_: beyond)
+    sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
+    changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
+    words = ["estimate", str(project(RIG, csv(scaled(record)))), "--results", str(tmp_path), *(f"--set={own}" for own in changes)]
+    done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
+    said, found = " ".join((done.output + done.stderr).split()), Artefact(tmp_path / "bench" / "estimate.h5")
+    assert done.exit_code == 3, said
     assert (found.summary["trusted"], found.summary["out_of_range"]) == (False, beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
@@ -161,30 +154,25 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert "withheld" in said[said.index("offsets at the end") :]
 
 
-def test_there_is_nothing_to_accept_where_the_truth_is_simulated(rig):
-    code, said = run(rig[0], "estimate", f"estimate.sensors={json.dumps(SENSORS)}", "estimate.accept=true")
-    assert code == 2
+def test_there_is_nothing_to_accept_where_the_truth_is_simulated():
+    _, said = estimated("estimate.accept=true", ends=2)
     assert "estimate.accept: there is no record of a test that could contradict the model" in said
 
 
-def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(rig):
-    folder, record = rig
-    gain, exchanged = record.copy(), record.copy()
-    gain[:, 2] *= 1.1
+def test_a_gain_that_is_off_by_a_tenth_and_exchanged_channels_are_named(record):
+    gain, exchanged = scaled(record, 1.1), record.copy()
     exchanged[:, [3, 4]] = record[:, [4, 3]]
     for wrong, names in ((gain, {"gauges.2"}), (exchanged, {"gauges.3", "gauges.4"})):
-        found, said = of_test(folder, wrong, ends=3)
+        found, said = of_test(wrong, ends=3)
         by_size = sorted(ratios(found).items(), key=lambda own: -own[1])
         assert by_size[0][0] in names
         assert f"the other channels contradict {by_size[0][0]} (error" in said
         assert found.summary["verdict.side"] == "contradicted by its sensors"
 
 
-def test_the_page_begins_with_what_is_contradicted_and_has_a_row_and_two_figures_for_every_channel(rig):
-    folder, record = rig
-    record = record.copy()
-    record[:, 2] *= 1.2
-    found, _ = of_test(folder, record, ends=3)
+def test_the_page_begins_with_what_is_contradicted_and_has_a_row_and_two_figures_for_every_channel(record):
+    record = scaled(record)
+    found, _ = of_test(record, ends=3)
     shown = BenchRun("bench", "bench", estimate=estimate_of(found))
     drawings = bench_figures(shown)
     page = bench_page(shown, drawings, ())
@@ -194,18 +182,14 @@ def test_the_page_begins_with_what_is_contradicted_and_has_a_row_and_two_figures
     assert len(drawings["hold-out"]) == 2 * len(CHANNELS)
 
 
-def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason(rig):
-    folder, _ = rig
+def test_a_channel_that_the_others_cannot_do_without_stays_in_with_the_reason():
     two = json.dumps([{"position": place, "direction": [1, 0, 0]} for place in GAUGES[:2]])
-    found, said = estimated(folder, EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
+    found, said = estimated(EACH, f"sensors.gauges.gauges={two}", sensors={"gauges": {"noise": 2e-8}})
     assert np.isnan(found["/sensors/gauges/predicted"]).all()
     assert "without it estimate.inputs: the sensors cannot tell side and down together" in said
     assert "hold_out.inside" not in found.summary
 
 
-def test_a_bank_refuses(rig):
-    folder, _ = rig
-    bank = "estimate.method.parameters=bank"
-    code, said = run(folder, "estimate", EACH, bank)
-    assert code == 2
+def test_a_bank_refuses():
+    _, said = estimated(EACH, "estimate.method.parameters=bank", ends=2)
     assert "a bank says nothing of channels that are left out" in said

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import chain, combinations
 
 import numpy as np
@@ -9,10 +10,8 @@ import pytest
 from scipy.linalg import LinAlgError, solve_continuous_are
 
 from strainsight.errors import ConfigError, StrainsightError
-from strainsight.stages.bench.pipeline import bench_stages
 
-from .conftest import finished, job_of
-from .test_bench_place import written
+from .test_bench_place import PLACED, run
 
 INCREMENT = np.array([20.0, 10.0])
 """Of the two loads of that beam [N]."""
@@ -21,39 +20,36 @@ SPREAD = ("place.pool=14", "place.spacing=0.4")
 CLAMPED = "place.at_most=[{zone: {box: [[-1, -1, -1], [0.35, 1, 1]]}, count: 1}]"
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    """place.h5 of the beam with ten candidates in the pool; its mesh and modes are computed once."""
-    folder = tmp_path_factory.mktemp("layouts")
-    path = written(folder)
-
-    def run(*changes, last="place"):
-        name = f"name=layout-{abs(hash(changes))}"
-        job = job_of(path, folder / "results", name, "place.random=1", *changes)
-        stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place", last)]
-        return finished(job, stages)[last][2]
-
-    return run
+def place(*changes, last="place"):
+    """place.h5 of the beam with ten candidates in the pool."""
+    return run("place.random=1", *changes, only=(*PLACED, last))[last]
 
 
+@cache
+def filter_of(place):
+    """F, Hᵀ whitened, Q, and the scale of the two loads."""
+    F, H, Q, R, scale = (place[f"/augmented/{name}"][0] for name in ("F", "H", "Q", "R", "scale"))
+    return F, H / np.sqrt(R)[:, None], Q, scale[-2:]
+
+
+@cache
 def covariance(place, gauges):
     """Of the two loads [N²] with these pool rows; None where scipy finds no steady one."""
-    F, H, Q, R, scale = (place[f"/augmented/{name}"][0] for name in ("F", "H", "Q", "R", "scale"))
-    whitened = H[gauges] / np.sqrt(R[gauges])[:, None]
+    F, H, Q, scale = filter_of(place)
     try:
-        P = solve_continuous_are(F.T, whitened.T, Q, np.eye(len(gauges)))
+        P = solve_continuous_are(F.T, H[list(gauges)].T, Q, np.eye(len(gauges)))
     except LinAlgError:
         return None
-    return (P * np.outer(scale, scale))[-2:, -2:]
+    return P[-2:, -2:] * np.outer(scale, scale)
 
 
 def weights(place):
     """Of the trace: the whole pool counts 1 an unknown."""
-    return 1 / np.diag(covariance(place, list(range(len(place["/pool/candidate"])))))
+    return 1 / np.diag(covariance(place, tuple(range(len(filter_of(place)[1])))))
 
 
 def value(criterion, place, gauges):
-    M = covariance(place, list(gauges)) if len(gauges) > 1 else None
+    M = covariance(place, tuple(sorted(gauges))) if len(gauges) > 1 else None
     if M is None:
         return np.inf
     relative = M / np.outer(INCREMENT, INCREMENT)
@@ -84,7 +80,7 @@ def proven(place, criterion, sizes, allowed=lambda gauges: True):
 
 
 @pytest.mark.parametrize("criterion", ["trace", "log_determinant", "worst_eigenvalue"])
-def test_the_layout_is_proven_best_by_every_criterion(place, criterion):
+def test_the_layout_is_proven_best_by_every_criterion(criterion):
     """The loads in their increments by the last two; each criterion chooses by its own number, and lists all of them."""
     found = place("place.prove=60", f"place.criterion={criterion}")
     proven(found, criterion, [3])
@@ -94,11 +90,11 @@ def test_the_layout_is_proven_best_by_every_criterion(place, criterion):
     np.testing.assert_allclose(found["/criteria/value"][0], expected, rtol=1e-6)
 
 
-def test_a_criterion_over_one_load_leaves_the_other_to_itself(place):
+def test_a_criterion_over_one_load_leaves_the_other_to_itself():
     proven(place("place.prove=60", "place.metric_over=[down]"), "down", [3])
 
 
-def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them(place):
+def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them():
     found = place("place.prove=60", *SPREAD, "place.minimum_spacing=0.4", CLAMPED)
     x = found["/candidates/position"][found["/pool/candidate"]]
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)
@@ -111,7 +107,7 @@ def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them(place):
     assert not allowed(free["/selected/final/gauge"].tolist())
 
 
-def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays(place):
+def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays():
     """Two new gauges at 2.5 beside the bonded one for 6, not three."""
     found = place("place.prove=60", "place.keep=4", "place.budget=6", "place.price=2.5", BONDED)
     bonded = int(np.flatnonzero(found["/pool/candidate"] == 0)[0])
@@ -124,7 +120,7 @@ def test_a_budget_is_kept_and_the_gauge_that_is_there_costs_nothing_and_stays(pl
     assert sorted(line.split(",")[head.index("glued")] for line in lines[1:]) == ["no", "no", "yes"]
 
 
-def test_a_sensor_reads_the_bonded_gauge_over_its_grid(place):
+def test_a_sensor_reads_the_bonded_gauge_over_its_grid():
     """Statics under the constant loads of the beam: a grid of 0.2 m averages the strain that falls along the beam."""
     grid = BONDED.replace("direction: [1, 0, 0]", "direction: [1, 0, 0], length: 0.2")
     found, simulated = place(grid), place(grid, last="simulate")
@@ -134,7 +130,7 @@ def test_a_sensor_reads_the_bonded_gauge_over_its_grid(place):
     np.testing.assert_allclose(simulated["/sensors/gauges"][0], expected, rtol=1e-6)
 
 
-def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach(place):
+def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach():
     found = place("place.certificate=false")
     final = found["/selected/final/gauge"].tolist()
     expected = [value("trace", found, [g for g in final if g != out]) for out in final]
@@ -143,7 +139,7 @@ def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach(place):
     assert not any(name.startswith("/certificate") for name in found.paths())
 
 
-def test_the_robust_layout_loses_least_in_its_worst_failure(place):
+def test_the_robust_layout_loses_least_in_its_worst_failure():
     """Among all sets of three; a pool row is one gauge."""
 
     def worst(gauges):
@@ -164,21 +160,21 @@ def test_the_robust_layout_loses_least_in_its_worst_failure(place):
         (("place.exclude=[{box: [[1, 1, 1], [0, 2, 2]]}]",), "place.exclude[0].box", "not below"),
     ],
 )  # fmt: skip
-def test_a_config_that_contradicts_itself_is_refused_with_its_key(place, changes, key, says):
+def test_a_config_that_contradicts_itself_is_refused_with_its_key(changes, key, says):
     with pytest.raises(ConfigError) as refused:
         place(*changes)
     assert key in str(refused.value)
     assert says in str(refused.value)
 
 
-def test_a_bonded_gauge_that_no_limit_has_room_for_is_named_by_its_own_key(place):
+def test_a_bonded_gauge_that_no_limit_has_room_for_is_named_by_its_own_key():
     near = BONDED.replace("0.3,", "0.1,")
     with pytest.raises(StrainsightError, match=r"place\.fixed") as refused:
         place(near, CLAMPED.replace("count: 1", "count: 0"))
     assert refused.value.key == "place.at_most.0"
 
 
-def test_of_a_gauge_beside_the_surface_the_key_and_the_remedy_are_those_of_the_bench(place):
+def test_of_a_gauge_beside_the_surface_the_key_and_the_remedy_are_those_of_the_bench():
     with pytest.raises(StrainsightError, match="from the surface") as refused:
         place(BONDED.replace("0.095", "0.195"))
     assert refused.value.key == "place.fixed.0"
@@ -189,22 +185,17 @@ NARROW = ("place.include=[{box: [[0.0, 0.03, 0.09], [0.25, 0.13, 0.1]]}]", "plac
 """A strip on top of the beam, aside of its middle: few enough candidates for all triples of them."""
 
 
-def test_a_pool_of_few_ends_with_the_best_of_all_candidates(place):
+def test_a_pool_of_few_ends_with_the_best_of_all_candidates():
     """Every triple of all candidates by scipy; the screened pool alone misses it; what is said of those left out is true."""
     every = place(*NARROW, "place.pool=1000", "place.spacing=0")
     number, alone = every["/pool/candidate"], place(*NARROW)
-    F, H, Q, R, scale = (every[f"/augmented/{name}"][0] for name in ("F", "H", "Q", "R", "scale"))
-    rows = H / np.sqrt(R)[:, None]
 
     def variances(gauges):
-        try:
-            P = solve_continuous_are(F.T, rows[gauges].T, Q, np.eye(len(gauges)))
-        except LinAlgError:
-            return np.full(2, np.inf)
-        return (np.diag(P) * scale**2)[-2:]
+        P = covariance(every, gauges)
+        return np.full(2, np.inf) if P is None else np.diag(P)
 
-    whole = variances(list(range(len(number))))
-    costs = {three: float(np.sum(variances(list(three)) / whole)) for three in combinations(range(len(number)), 3)}
+    whole = variances(tuple(range(len(number))))
+    costs = {three: float(np.sum(variances(three) / whole)) for three in combinations(range(len(number)), 3)}
     best = min(costs.values())
     assert costs[tuple(np.sort(alone["/selected/final/number"]).tolist())] > best * 1.01
     found = place(*NARROW, "place.search=all", "place.prove=60")

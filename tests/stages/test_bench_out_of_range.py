@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import yaml
 
-from strainsight.config.load import load_config
 from strainsight.rom import reach
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
+from strainsight.workflow.artefact import Artefact
 
 from ..edges.beam import BENCH_CONFIG, E, bricks, config_of
+from ..shared import once
+from .conftest import finished, job_of
 
 HALVES = bricks((4, 1, 1)).replace("CHEXA,3,1,", "CHEXA,3,2,").replace("CHEXA,4,1,", "CHEXA,4,2,")
 FREE = {
@@ -26,19 +26,21 @@ FREE = {
 
 
 @pytest.fixture(scope="module", params=[reach.FACTOR, 1 + 1e-9], ids=["within", "beyond"])
-def done(request, tmp_path_factory):
+def done(request):
     """Whether the range is too narrow, and stage → artefact, the page with them."""
-    folder = tmp_path_factory.mktemp("halves")
-    text = HALVES.replace("PSOLID,1,1", "PSOLID,1,1\nPSOLID,2,1")
-    (folder / "beam.bdf").write_text(text, encoding="ascii")
-    (folder / "own.yaml").write_text(yaml.safe_dump(config_of(BENCH_CONFIG, FREE)), encoding="utf-8")
-    loaded = load_config(folder / "own.yaml", ())
-    job = Job(loaded.data, folder, folder / "results", loaded.locate, loaded.model)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reach, "FACTOR", request.param)
-        return request.param < 1.1, {
-            event.stage: event.artefact for event in run(bench_stages(job.config), job) if event.artefact is not None
-        }
+    deck = HALVES.replace("PSOLID,1,1", "PSOLID,1,1\nPSOLID,2,1")
+    config = yaml.safe_dump(config_of(BENCH_CONFIG, FREE))
+
+    def make(folder):
+        (folder / "beam.bdf").write_text(deck, encoding="ascii")
+        (folder / "own.yaml").write_text(config, encoding="utf-8")
+        job = job_of(folder / "own.yaml", folder / "results")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(reach, "FACTOR", request.param)
+            finished(job, bench_stages(job.config))
+
+    folder = once("range", f"{request.param}\n{deck}\n{config}", make)
+    return request.param < 1.1, {path.stem: Artefact(path) for path in (folder / "results" / "edge").glob("*.h5")}
 
 
 def test_the_range_stands_in_the_artefact_about_the_value_of_the_bench(done):

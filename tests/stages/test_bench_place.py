@@ -9,17 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
-from typer.testing import CliRunner
 
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
-from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
 from ..edges.beam import BENCH_CONFIG, bricks
 from ..edges.beam import finished as small
-from .conftest import ROOT, finished, job_of
+from ..models import artefacts, ended
+from .conftest import ROOT, job_of
 from .test_artefacts import DOC
 
 LENGTH, WIDTH, HEIGHT, MODULUS = 2.0, 0.25, 0.19, 2.1e11
@@ -57,23 +54,35 @@ field: {{body: beam, instants: 3}}
 """
 
 
-def written(folder: Path, **changes: str) -> Path:
+def changed(**changes: str) -> str:
+    """The config with other text in it."""
     text = BEAM
     for old, new in changes.items():
         assert old in text
         text = text.replace(old, new)
+    return text
+
+
+def written(folder: Path, **changes: str) -> Path:
     path = folder / "beam.yaml"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(changed(**changes), encoding="utf-8")
     return path
 
 
+BESIDE = "placed-beam"
+ESTIMATED = ("import", "reduce", "place", "simulate", "truth", "estimate")
+PLACED = ESTIMATED[:3]
+
+
+def run(*settings: str, only=PLACED, **changes: str):
+    """stage → Artefact of the beam with changes to its text and its keys; its mesh and modes are computed once."""
+    return artefacts(changed(**changes), *settings, only=only, beside=BESIDE)
+
+
 @pytest.fixture(scope="module")
-def beam(tmp_path_factory):
+def beam():
     """stage → Artefact of the beam, without its estimate."""
-    folder = tmp_path_factory.mktemp("beam")
-    job = job_of(written(folder), folder / "results")
-    stages = [stage for stage in bench_stages(job.config) if stage.name not in ("estimate", "report")]
-    return {name: artefact for name, (_, _, artefact) in finished(job, stages).items()}
+    return run(only=(*PLACED, "simulate", "field"))
 
 
 def test_a_candidate_strains_as_a_beam_does(beam):
@@ -140,24 +149,19 @@ def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
         )
 
 
-def test_statics_reads_the_gauges_that_a_layout_has_placed(tmp_path, beam):
-    results = beam["place"].path.parents[1]
-    done = CliRunner().invoke(app, ["statics", str(written(tmp_path)), "--results", str(results)])
-    assert done.exit_code == 0, done.output
+def test_statics_reads_the_gauges_that_a_layout_has_placed(beam):
+    read = ended("statics", BEAM, beside=BESIDE).artefact("statics")["/sensors/gauges"]
     own = beam["place"]["/layouts/place/candidate"]
-    read = Artefact(results / "beam" / "statics.h5")["/sensors/gauges"]
     np.testing.assert_allclose(
         read, beam["place"]["/candidates/response"][own] @ [1000.0, 500.0], rtol=1e-6, atol=1e-12
     )
 
 
 @pytest.mark.parametrize(("sensor", "layout"), [("gauges", "place"), ("others", "random-1")])
-def test_a_filter_comes_to_claim_what_was_expected(tmp_path, beam, sensor, layout):
+def test_a_filter_comes_to_claim_what_was_expected(beam, sensor, layout):
     """The σ that the bench's own filter, with its constraints and its step, ends with."""
-    path = written(tmp_path, **{"sensors: {gauges:": f"sensors: {{{sensor}:", "duration: 0.05": "duration: 1.0"})
-    job = job_of(path, beam["reduce"].path.parents[1], f"name=claim-{layout}", "field=null")
-    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
-    estimate, place = done["estimate"][2], beam["place"]
+    text = {"sensors: {gauges:": f"sensors: {{{sensor}:", "duration: 0.05": "duration: 1.0"}
+    estimate, place = run("field=null", only=ESTIMATED, **text)["estimate"], beam["place"]
     for i, name in enumerate(place["/inputs"]):
         claimed = estimate[f"/inputs/{name}/std"][-1]
         assert claimed == pytest.approx(place[f"/layouts/{layout}/std"][i], rel=1e-5)
@@ -171,14 +175,11 @@ def test_a_filter_comes_to_claim_what_was_expected(tmp_path, beam, sensor, layou
         "estimate.method.noise=as_printed",
     ],
 )
-def test_tolerances_and_noise_as_printed_are_in_what_was_expected(tmp_path, beam, how):
+def test_tolerances_and_noise_as_printed_are_in_what_was_expected(beam, how):
     """Under loads that stay, which it knows without noise, the filter's σ ends where the placement says, and that is not where
     exact gauges end."""
-    path = written(tmp_path, **{"duration: 0.05": "duration: 1.0"})
-    changes = f"name=how-{abs(hash(how))}", "field=null", "estimate.truth.noise=false", how
-    job = job_of(path, beam["reduce"].path.parents[1], *changes)
-    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
-    estimate, place = done["estimate"][2], done["place"][2]
+    done = run("simulate.duration=1.0", "field=null", "estimate.truth.noise=false", how, only=ESTIMATED)
+    estimate, place = done["estimate"], done["place"]
     expected = place["/layouts/place/std"]
     found = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
     assert found == pytest.approx(expected.tolist(), rel=1e-3)
@@ -186,23 +187,12 @@ def test_tolerances_and_noise_as_printed_are_in_what_was_expected(tmp_path, beam
 
 
 @pytest.mark.parametrize("zeroed", [False, True])
-def test_a_gain_makes_a_gauge_as_noisy_as_its_share_of_what_it_reads_in_the_run(tmp_path, beam, zeroed):
+def test_a_gain_makes_a_gauge_as_noisy_as_its_share_of_what_it_reads_in_the_run(zeroed):
     """Statics of a linear bench: rms of the response to a sine and to a load that stays, less what was zeroed at the start."""
-    path = written(
-        tmp_path, **{"signal: {type: constant, value: 1000.0}": "signal: {type: sine, frequency: 20.0, amplitude: 1000.0}"}
-    )
     gain = "estimate.tolerances={position: 0.0, angle: 0.0, gain: 0.03, transverse: 0.0}"
-    job = job_of(
-        path,
-        beam["reduce"].path.parents[1],
-        f"name=gain-{zeroed}",
-        "field=null",
-        gain,
-        f"sensors.gauges.zeroed={str(zeroed).lower()}",
-    )
-    place = finished(job, [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")])["place"][
-        2
-    ]
+    zero = f"sensors.gauges.zeroed={str(zeroed).lower()}"
+    sine = "forces.side.signal={type: sine, frequency: 20.0, amplitude: 1000.0}"
+    place = run("field=null", gain, zero, sine)["place"]
     response = place["/candidates/response"][place["/pool/candidate"]]
     # one period of the sine is the run
     square = 0.5 * (1000.0 * response[:, 0]) ** 2 + (0.0 if zeroed else (500.0 * response[:, 1]) ** 2)
@@ -276,17 +266,12 @@ SWINGING = {
 """An arm on a coil at the beam's tip, which the side load turns by 0.7 rad at 0.05 s."""
 
 
-def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
+def test_the_poses_of_a_run_are_served_together():
     """σ of layouts drawn at random is the largest of those that each pose by itself gives, and poses differ."""
 
-    def placed(poses, **more):
-        path = written(
-            tmp_path, **SWINGING, **{"  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}, **more
-        )
-        job = job_of(path, beam["reduce"].path.parents[1], f"name=poses-{len(poses)}-{1000 * poses[-1]:.0f}")
-        return finished(job, [s for s in bench_stages(job.config) if s.name in ("import", "reduce", "place")])["place"][
-            2
-        ]
+    def placed(poses):
+        text = {**SWINGING, "  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}
+        return run(**text)["place"]
 
     first, last, both = placed([0.0]), placed([0.05]), placed([0.0, 0.05])
     assert both.summary["poses"] == 2
@@ -298,16 +283,15 @@ def test_the_poses_of_a_run_are_served_together(tmp_path, beam):
     assert max(apart) > 0.05
 
 
-def test_beside_a_drive_a_filter_comes_to_claim_what_was_expected(tmp_path, beam):
+def test_beside_a_drive_a_filter_comes_to_claim_what_was_expected():
     """There a filter takes its step for true; to a part in a thousand, for the loads turn the bench a little."""
     motor = (
         "  motor: {type: driven_angle, frames: [tip, eye], axis: x, drive: {signal: {type: constant, value: 0.0}}}\n"
     )
     held = {key: text.replace("axis: x}\nframes", f"axis: x}}\n{motor}frames") for key, text in SWINGING.items()}
-    path = written(tmp_path, **held, **{"duration: 0.05": "duration: 0.5"})
-    job = job_of(path, beam["reduce"].path.parents[1], "name=driven", "field=null", "estimate.allow_unfollowed=true")
-    done = finished(job, [stage for stage in bench_stages(job.config) if stage.name != "report"])
-    estimate, place = done["estimate"][2], done["place"][2]
+    settings = ("simulate.duration=0.5", "field=null", "estimate.allow_unfollowed=true")
+    done = run(*settings, only=ESTIMATED, **held)
+    estimate, place = done["estimate"], done["place"]
     for name, expected in zip(place["/inputs"], place["/layouts/place/std"], strict=True):
         assert estimate[f"/inputs/{name}/std"][-1] == pytest.approx(expected, rel=1e-3)
 
@@ -332,12 +316,12 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
         ({"field: {body: beam": "field: {body: bean"}, "field.body", "did you mean beam?"),
     ],
 )
-def test_what_contradicts_itself_is_refused_with_its_place(tmp_path, change, key, says):
-    done = CliRunner().invoke(app, ["simulate", str(written(tmp_path, **change)), "--results", str(tmp_path / "r")])
-    assert done.exit_code == 2, done.output
+def test_what_contradicts_itself_is_refused_with_its_place(change, key, says):
+    done = ended("simulate", changed(**change))
+    assert done.code == 2, done.output
     assert key in done.stderr
     assert says in " ".join(done.stderr.split())
-    assert not list(tmp_path.rglob("*.h5"))
+    assert not list(done.folder.glob("*.h5"))
 
 
 @pytest.mark.parametrize(
@@ -348,12 +332,10 @@ def test_what_contradicts_itself_is_refused_with_its_place(tmp_path, change, key
         ({"direction: [0, 1, 0], signal": "direction: [0, 0, 2], signal"}, "place.keep", "together"),
     ],
 )
-def test_what_cannot_be_placed_is_refused_with_its_place(tmp_path, beam, change, key, says):
+def test_what_cannot_be_placed_is_refused_with_its_place(change, key, says):
     """One gauge for two loads; a zone beside the body; two loads that are one and the same."""
-    job = job_of(written(tmp_path, **change), beam["reduce"].path.parents[1], "name=other")
-    stages = [stage for stage in bench_stages(job.config) if stage.name in ("import", "reduce", "place")]
     with pytest.raises(StrainsightError, match=says) as caught:
-        finished(job, stages)
+        run(**change)
     assert caught.value.key == key
 
 

@@ -1,5 +1,4 @@
-"""A record of a bench from outside: by another integrator or another program, strains and displacements in a file, noise,
-offsets."""
+"""Readings of a bench from a file: of another run, by another integrator or another program, with noise and offsets."""
 
 from __future__ import annotations
 
@@ -21,9 +20,115 @@ from strainsight.records.record import read
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..robustness.small import write_project
+from ..models import ended
+from ..robustness.small import BENCH, write_project
 
-BENCH = """
+GAUGES = "[{position: [0.1, 0.0, 0.01], direction: [1, 0, 0]}, {position: [0.1, 0.01, 0.0], direction: [1, 0, 0]}]"
+RIG = (
+    BENCH[: BENCH.index("place:\n")]
+    .replace("{type: strain, body: beam, layout: place}", f"{{type: strain, body: beam, gauges: {GAUGES}}}")
+    .replace("simulate:", "  tip: {type: motion, frame: tip}\nsimulate:")
+)
+CHANNELS = {
+    "gauges": [{"channel": "upper", "unit": "um/m"}, {"channel": "side", "unit": "m/m"}],
+    "tip": [None, {"channel": "y", "unit": "mm"}, {"channel": "z", "unit": "mm"}],
+}
+
+
+def measured(sensors=("gauges",), **changes):
+    """The setting that takes the file."""
+    stated = {"file": "test.csv", "time": {"channel": "t", "unit": "ms"}, "channels": {n: CHANNELS[n] for n in sensors}}
+    return f"estimate.measured={json.dumps({**stated, **changes})}"
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    return ended("simulate", RIG).artefact("simulate")
+
+
+@pytest.fixture(scope="module")
+def table(simulated):
+    """What its sensors read, in the units of a data logger: time, two strains, two displacements."""
+    strain, tip = simulated["/sensors/gauges"], simulated["/sensors/tip"]
+    return np.column_stack([1e3 * simulated["/time"], 1e6 * strain[:, 0], strain[:, 1], 1e3 * tip[:, 1:]])
+
+
+@pytest.fixture(scope="module")
+def run(table):
+    def of(*changes, rows=table):
+        lines = ["t,upper [um/m],side,y,z", *(",".join(f"{x:.15g}" for x in row) for row in rows)]
+        return ended("estimate", RIG, *changes, files={"test.csv": "\n".join(lines) + "\n"})
+
+    return of
+
+
+def histories(end):
+    assert end.code == 0, end.text
+    estimate = end.artefact("estimate")
+    return {name: estimate[f"/inputs/{name}/estimate"] for name in ("side", "down")}, estimate
+
+
+def test_a_file_gives_the_loads_that_the_run_gives_it_was_written_from(run, simulated):
+    other = json.dumps({"from": str(simulated.path)})
+    by_run, _ = histories(run(f"estimate.measured={other}", "estimate.truth.noise=false"))
+    end = run(measured())
+    by_file, found = histories(end)
+    for name in by_run:
+        np.testing.assert_allclose(by_file[name], by_run[name], rtol=1e-6, atol=1e-6)
+    assert "measured in test.csv" in end.text
+    assert "side RMS" in end.text
+    assert found.summary["rms.down"] == pytest.approx(np.sqrt(np.mean(by_file["down"][3:] ** 2)), rel=1e-6)
+
+
+def test_samples_are_taken_as_they_are(run, simulated):
+    """A test has the noise that it has: none is added, and a component that nobody measured stays missing."""
+    _, found = histories(run(measured(("gauges", "tip")), "estimate.sensors.tip={noise: 1.0e-6}"))
+    np.testing.assert_allclose(found["/sensors/gauges/measured"], simulated["/sensors/gauges"][1:], rtol=1e-12, atol=1e-18)
+    tip = found["/sensors/tip/measured"]
+    assert np.isnan(tip[:, 0]).all()
+    np.testing.assert_allclose(tip[:, 1:], simulated["/sensors/tip"][1:, 1:], rtol=1e-12, atol=1e-15)
+    assert found.summary["mismatch.tip"] < 0.01
+
+
+def test_a_file_with_a_finer_clock_is_thinned_to_the_steps_of_the_filter(run, table):
+    fine = np.linspace(0, table[-1, 0], 2 * len(table) - 1)
+    rows = np.column_stack([fine, *(np.interp(fine, table[:, 0], column) for column in table[:, 1:].T)])
+    (coarse, _), (thinned, _) = histories(run(measured())), histories(run(measured(), rows=rows))
+    for name, history in thinned.items():
+        np.testing.assert_allclose(history, coarse[name], rtol=1e-6, atol=1e-6)
+
+
+def test_a_load_that_only_a_component_feels_that_nobody_measured_is_refused_by_name(run):
+    along = [CHANNELS["tip"][1] | {"channel": "y"}, None, CHANNELS["tip"][2]]
+    end = run(measured(channels={"tip": along}), "estimate.sensors={tip: {noise: 1.0e-6}}")
+    assert end.code == 2
+    assert "no sensor feels it" in end.text
+    assert "estimate.inputs.side" in end.text
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channels for 2 components"),
+        ([measured(channels={"gauges": [None, None]})], "no component is measured"),
+        ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channels for 2 unknown loads"),
+        ([measured(channels={"tip": CHANNELS["tip"]})], "tip"),
+        ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "is of the kind strain"),
+        ([measured(channels={"gauges": [{"channel": "uper", "unit": "um/m"}, CHANNELS["gauges"][1]]})], "upper"),
+        ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),
+        ([measured(), "estimate.runs=3"], "a test is one run"),
+        ([measured(**{"from": "rig"})], "give exactly one of 'from', 'file'"),
+        ([measured(), "estimate.time_step=0.004"], "estimate.measured"),
+    ],
+)
+def test_a_file_that_does_not_fit_is_refused(run, settings, says):
+    end = run(*settings)
+    assert end.code == 2, end.text
+    assert says in end.text
+    assert "estimate." in end.text
+
+
+ARM_BENCH = """
 kind: bench
 name: bench
 bodies:
@@ -119,16 +224,16 @@ def drawn(seed):
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("outside")
     write_project(folder)
-    (folder / "bench.yaml").write_text(BENCH)
+    (folder / "bench.yaml").write_text(ARM_BENCH)
     return folder
 
 
-def run(folder, *words):
+def command(folder, *words):
     done = CliRunner().invoke(app, [words[0], str(folder / "bench.yaml"), "--results", str(folder / "results"), *words[1:]])
     return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
 
 
-def measured(zero):
+def logged(zero):
     channels = {
         "gauges": [{"channel": f"SG{i}", "unit": "um/m", "zero": zero} for i in range(3)],
         "end": [{"channel": axis, "unit": "mm"} for axis in "xyz"],
@@ -140,7 +245,7 @@ def measured(zero):
 @pytest.mark.parametrize(("motion", "seeds"), [(by_radau, (0,)), (by_exudyn, (2, 3))])
 def test_error_of_loads_is_what_sigma_says_of_a_record_from_elsewhere(folder, motion, seeds):
     """Loads that move within the filter's step of 10 ms; gauges off by 40, −25 and 60 µm/m, zeroed over 0.2 s at rest."""
-    code, said = run(folder, "reduce")
+    code, said = command(folder, "reduce")
     assert code == 0, said
     scores, rng, time = [], np.random.default_rng(5), 0.01 * np.arange(round(DURATION / 0.01) + 1)
     for seed in seeds:
@@ -149,7 +254,7 @@ def test_error_of_loads_is_what_sigma_says_of_a_record_from_elsewhere(folder, mo
         y += rng.normal(size=y.shape) * np.array([0.1] * 3 + [0.02] * 3) + np.array([40.0, -25.0, 60.0, 0, 0, 0])
         rows = [",".join(f"{value:.9g}" for value in (t, *row)) for t, row in zip(time, y, strict=True)]
         (folder / "test.csv").write_text("\n".join(["t,SG0,SG1,SG2,x,y,z", *rows]) + "\n")
-        code, said = run(folder, "estimate", measured([0.0, REST]))
+        code, said = command(folder, "estimate", logged([0.0, REST]))
         assert code == 0, said
         found = Artefact(folder / "results" / "bench" / "estimate.h5")
         for i, name in enumerate(("side", "down")):

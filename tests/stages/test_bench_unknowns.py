@@ -1,0 +1,343 @@
+"""Unknown loads and parameters of a bench from its sensors, and what every ball carries."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+
+from strainsight.cases.bench.inverse.balls import spread
+from strainsight.errors import ConfigError
+from strainsight.multibody.bearing.element import ball_loads
+from strainsight.multibody.bearing.geometry import Bearing
+from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.record import read
+
+from .conftest import BANK, DIAMETER, LOADS, MODULUS, ROOT, job_of
+
+EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
+ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
+    f"{name}: {{bearing: pitch-bearing, property: {name}, guess: {1.1 * value:.6g}}}"
+    for name, value in (
+        ("ball_diameter", 0.06), ("radius_inner_left", 0.0318), ("radius_inner_right", 0.0318),
+        ("radius_outer_left", 0.0318), ("radius_outer_right", 0.0318),
+    )
+) + "}"  # fmt: skip
+
+
+@pytest.mark.parametrize("h", [pytest.param(0.02, marks=pytest.mark.slow), 0.1])
+def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate, h):
+    when = (f"estimate.time_step={h}", "estimate.duration=1.0", *EXACT)
+    iterated = estimate(LOADS, *when)
+    one_shot = estimate(LOADS, *when, "estimate.method.update=one_shot")
+    for name in ("Fx", "Fy", "Fz"):
+        assert iterated.summary[f"error.{name}"] < 1e-7
+        assert iterated.summary[f"error.{name}"] < one_shot.summary[f"error.{name}"] < 1e-4
+    assert iterated.summary["violation"] < 1e-14
+    assert one_shot.summary["violation"] < 1e-14
+
+
+def test_against_a_finely_integrated_truth_the_loads_are_right_to_2e_3_at_a_step_of_300_ms(estimate):
+    found = estimate(
+        LOADS, "simulate.duration=9.0", "estimate.time_step=0.3", "estimate.truth.noise=false",
+        "estimate.sensors.gauges.noise=1.0e-9", *(f"estimate.inputs.F{k}.increment=1.0e+4" for k in "xyz"),
+    )  # fmt: skip
+    assert max(found.summary[f"error.F{k}"] for k in "xyz") < 2e-3
+
+
+def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(estimate):
+    """Strains only feel the load that passes through: thesis figure 2.7."""
+    found = estimate(
+        DIAMETER, "estimate.time_step=0.1", "estimate.duration=3.0", "estimate.truth.noise=false", ALL_OF_THE_BEARING,
+        "estimate.sensors={gauges: {noise: 1.0e-9}}",
+    )  # fmt: skip
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"slope.{name}"] == pytest.approx(1.0, abs=0.005)
+    assert found.summary["mismatch.relative"] > 0.02
+    assert not found["/sensors/relative/used"]
+
+
+def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
+    """Radau's truth for three seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
+    when = ("estimate.time_step=0.05", "estimate.duration=0.5", "estimate.truth.noise=false")
+    other = ("estimate.runs=3", "estimate.truth={model: other, step: 0.025, histories: 3, within: 40.0, noise: false}")
+    found, fine = estimate(LOADS, *when, *other), estimate(LOADS, *when)
+    truth = estimate(LOADS, *when, *other, stage="truth")
+    assert truth["/begin"][0] == 0
+    assert np.all(np.diff(np.sort(truth["/begin"])) > 0.1)
+    for name in ("Fx", "Fy", "Fz"):
+        loads = truth[f"/inputs/{name}"]
+        np.testing.assert_array_equal(loads[0], np.full(3, loads[0, 0]))
+        assert np.ptp(loads[-1]) > 1e3
+        np.testing.assert_allclose(found[f"/inputs/{name}/true"], fine[f"/inputs/{name}/true"], rtol=1e-12)
+        assert found[f"/runs/numbers/error.{name}"][0] == found.summary[f"error.{name}"]
+        assert np.ptp(found[f"/runs/numbers/slope.{name}"]) > 0
+    np.testing.assert_allclose(found["/sensors/relative/measured"], fine["/sensors/relative/measured"], rtol=1e-2, atol=1e-6)
+
+
+def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
+    """Six seeds of loads, start and disturbance from the filter's own model: innovations and errors of their claimed size."""
+    found = estimate(
+        LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
+    )
+    assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
+    for name in ("Fx", "Fy", "Fz"):
+        assert 0.6 < found.summary[f"ratio.{name}"] < 1.5
+        assert found.summary[f"claim.smoothed.{name}"] == "consistent"
+        assert found.summary[f"smoothed_std.{name}"] < found.summary[f"std.{name}"]
+        assert found[f"/inputs/{name}/smoothed"][-1] == found[f"/inputs/{name}/estimate"][-1]
+
+
+def test_noise_and_update_of_the_thesis_find_the_loads_and_claim_no_less_than_an_increment(estimate):
+    """Q* after the step, one update at the first guess: no better known than the 2000 N a step of the loads, whatever is read."""
+    found = estimate(
+        LOADS, "estimate.duration=1.0", "estimate.method={update: as_printed, noise: as_printed}", "estimate.disturbance=1.0e-3",
+        "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9",
+    )  # fmt: skip
+    assert found.summary["method"] == "one-shot as printed, on no constraints, Q* as printed"
+    for name in ("Fx", "Fy", "Fz"):
+        assert found.summary[f"error.{name}"] < 1e-3
+        assert np.all(found[f"/inputs/{name}/std"][1:] > 0.999 * 2e3)
+
+
+def test_a_truth_drawn_with_the_noise_of_the_thesis_is_estimated_as_well_as_claimed_with_it(estimate):
+    """The loads change after the step that read them."""
+    found = estimate(
+        LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.method.noise=as_printed"
+    )
+    assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
+    for name in ("Fx", "Fy", "Fz"):
+        assert 0.6 < found.summary[f"ratio.{name}"] < 1.5
+
+
+def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
+    step = estimate(LOADS, "estimate.duration=0.5", "estimate.truth.model=own")
+    inputs = ", ".join(f"F{k}: {{std: 1.0e+4, increment: 4.0e+4}}" for k in "xyz")
+    second = estimate(
+        LOADS, "estimate.duration=0.5", "estimate.truth.model=own", "estimate.increments=second",
+        f"estimate.inputs={{{inputs}}}",
+    )  # fmt: skip
+    np.testing.assert_allclose(second["/inputs/Fz/estimate"], step["/inputs/Fz/estimate"], rtol=1e-9)
+
+
+def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(estimate):
+    """The zero is of the history's first loads; a guess of zero beside it spoils nothing."""
+    found = estimate(
+        LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=1.0",
+        "sensors.gauges.zeroed=true", *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
+    )  # fmt: skip
+    assert max(found.summary[f"error.F{k}"] for k in "xyz") < 1e-3
+    assert found.summary["mismatch.gauges"] < 1e-3
+
+
+def test_loads_are_written_as_a_command_history(estimate):
+    found = estimate(LOADS, "estimate.duration=0.2", *EXACT)
+    rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
+    assert rows[0] == ["time", "Fx", "Fy", "Fz"]
+    np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
+
+
+def test_noise_of_zero_is_raised_and_reported(estimate):
+    found = estimate(LOADS, "estimate.duration=0.2", "estimate.sensors.gauges.noise=0.0")
+    assert "the noise of gauges is raised from 0" in str(found.tables)
+
+
+def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
+    found = estimate(
+        DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
+        "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
+        "estimate.parameters.diameter.guess=0.0612", "estimate.parameters.diameter.std=1.2e-3",
+    )  # fmt: skip
+    assert not (found.path.parent / "loads.csv").exists()
+    assert "/inputs/Fz/smoothed" not in found
+    assert np.isnan(found["/inputs/Fx/std"][-1])
+    assert "diverged" in str(found.tables)
+
+
+@pytest.mark.parametrize("increment", [1.0e-3, 300.0])
+def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate, increment):
+    """Fz off by 4000 times its σ, and by 2.7 times, which no record of half as many independent errors explains."""
+    found = estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment={increment}" for k in "xyz"))
+    text = str(found.tables)
+    assert "Fz is overconfident" in text
+    assert "innovations are" in text
+    assert increment < 1 or found.summary["error.Fz"] < 3 * found.summary["std.Fz"]
+
+
+WEIGHT = 1.4e4 * 9.81
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("zeroed", [False, True])
+def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weight_unless_gauges_are_zeroed(
+    estimate, zeroed
+):
+    """û = 1.1 u + 0.1 G for loads at the blade's centre on a hub that weighs nothing itself; thesis figure 2.8."""
+    found = estimate(
+        MODULUS, "estimate.duration=4.0", "estimate.truth.noise=false",
+        "estimate.parameters={E: {guess: 1.87e+11}}", "estimate.sensors={gauges: {noise: 1.0e-7}}",
+        "bodies.hub.mesh.materials={iron: {regions: all, youngs_modulus: 1.7e+11, poisson_ratio: 0.275, density: 7.1}}",
+        "frames.station.pose.origin=[17.0, 0.0, 0.0]", f"sensors.gauges.zeroed={str(zeroed).lower()}",
+        *(f"estimate.inputs.F{k}={{std: 1.0e+5, increment: 3.0e+4}}" for k in "xyz"),
+    )  # fmt: skip
+    assert found.summary["slope.Fz"] == pytest.approx(1.10, abs=0.01)
+    if zeroed:
+        assert abs(found.summary["offset.Fz"]) < 0.002 * WEIGHT
+    else:
+        assert found.summary["offset.Fz"] == pytest.approx(-0.1 * WEIGHT, rel=0.02)
+
+
+@pytest.mark.slow
+def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone_do_not(estimate):
+    common = ("estimate.duration=4.0", "sensors.gauges.zeroed=true")
+    both = estimate(MODULUS, *common)
+    alone = estimate(MODULUS, *common, "estimate.sensors={gauges: {noise: 1.0e-7}}")
+    assert both.summary["identified.E"] is True
+    assert both.summary["error.E"] < 4 * both.summary["std.E"] < 0.04
+    assert alone.summary["identified.E"] is False
+    assert alone.summary["std.E"] > 10 * both.summary["std.E"]
+
+
+@pytest.mark.parametrize("convention", ["follow", "fixed"])
+@pytest.mark.parametrize("guess", [0.0606, 0.0594])
+def test_ball_diameter_is_found_from_one_per_cent_off(estimate, convention, guess):
+    found = estimate(
+        DIAMETER, f"bearings.pitch-bearing.groove_centres={convention}", "estimate.truth={model: own, noise: false}",
+        f"estimate.parameters.diameter.guess={guess}", "estimate.duration=2.0", "estimate.time_step=0.2",
+        "estimate.sensors={gauges: {noise: 1.0e-9}, relative: {noise: 1.0e-9}}",
+    )  # fmt: skip
+    assert found.summary["error.diameter"] < 1e-6
+    assert found["/parameters/diameter/true"] == 0.06
+
+
+def test_undamped_updates_lose_a_diameter_that_damped_ones_find(estimate):
+    wrong = (
+        "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
+        "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.parameters.diameter.guess=0.0612",
+        "estimate.parameters.diameter.std=1.2e-3",
+    )  # fmt: skip
+    undamped = estimate(DIAMETER, *wrong, "estimate.method.update=undamped")
+    assert undamped.summary["lost"] == 1
+    assert estimate(DIAMETER, *wrong).summary["error.diameter"] < 1e-6
+
+
+def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
+    both = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
+    job_of(DIAMETER, ROOT, both)
+    with pytest.raises(ConfigError, match="the same unknown") as refused:
+        job_of(DIAMETER, ROOT, both, "bearings.pitch-bearing.groove_centres=fixed")
+    assert refused.value.key == "estimate.parameters.preload"
+
+
+def test_a_bank_is_of_three_constants_at_most():
+    groove = "estimate.parameters.{0}={{bearing: pitch-bearing, property: radius_{0}, std: 1.0e-4}}"
+    four = [groove.format(name) for name in ("inner_left", "inner_right", "outer_left")]
+    job_of(DIAMETER, ROOT, BANK, *four[:2])
+    with pytest.raises(ConfigError, match="4 parameters, a bank is of 3 at most") as refused:
+        job_of(DIAMETER, ROOT, BANK, *four)
+    assert refused.value.key == "estimate.method.parameters"
+    with pytest.raises(ConfigError, match="in a bank parameters are constants") as refused:
+        job_of(DIAMETER, ROOT, BANK, "estimate.parameters.diameter.increment=1.0e-6")
+    assert refused.value.key == "estimate.parameters.diameter.increment"
+
+
+def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
+    """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
+    when = ("estimate.duration=0.9", "estimate.runs=2", "estimate.truth.model=own")
+    bank, extended = estimate(DIAMETER, *when, BANK), estimate(DIAMETER, *when)
+    for of in ("/parameters/diameter", "/inputs/Fy", "/inputs/Fz"):
+        std = extended[f"{of}/std"][-1]
+        assert abs(bank[f"{of}/estimate"][-1] - extended[f"{of}/estimate"][-1]) < 0.1 * std
+        assert bank[f"{of}/std"][-1] == pytest.approx(std, rel=0.05)
+    np.testing.assert_allclose(
+        bank["/runs/parameters/diameter/std"], extended["/runs/parameters/diameter/std"], rtol=0.05
+    )
+    assert bank.summary["violation"] < 1e-14
+    assert bank.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
+    assert "ratio.extended.diameter" not in extended.summary
+    assert "filters compared" in str(bank.tables)
+
+
+@pytest.mark.slow
+def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
+    """The modulus of the hub moves no ring against the other."""
+    with pytest.raises(ConfigError, match="no sensor feels it") as refused:
+        estimate(MODULUS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=0.2")
+    assert refused.value.key == "estimate.parameters.E"
+
+
+@pytest.mark.slow
+def test_zeroed_gauges_are_expected_to_read_what_they_read_whatever_the_modulus(estimate):
+    found = estimate(MODULUS, "estimate.duration=2.0", "sensors.gauges.zeroed=true", "estimate.truth.model=own")
+    late = slice(len(found["/nis"]) // 2, None)
+    off = found["/sensors/gauges/measured"][late] - found["/sensors/gauges/expected"][late]
+    assert np.sqrt(np.mean(off**2)) < 2e-7
+
+
+@pytest.mark.slow
+def test_an_unknown_under_a_load_that_begins_at_zero_is_felt_all_the_same(estimate):
+    """Nothing loads the hub at the start but what its unknown loads may be."""
+    found = estimate(MODULUS, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "estimate.duration=1.0")
+    assert "E" in str(found.tables)
+
+
+BEARING = Bearing(
+    balls=24, ball_diameter=0.03, pitch_diameter=0.5, contact_angle=np.pi / 4,
+    radius_inner_left=0.0159, radius_inner_right=0.0159, radius_outer_left=0.0159, radius_outer_right=0.0159,
+    preload=5e-6,
+)  # fmt: skip
+
+
+def test_sigma_of_a_ball_is_that_of_drawn_displacements():
+    """4000 draws: to 8 % where a contact is loaded throughout, and where it opens in some of them."""
+    mean = np.array([8e-6, 5e-6, -3e-6, 1e-5, 2e-5])
+    L = np.random.default_rng(1).standard_normal((5, 5)) * 3e-7
+    force, pressure = spread(mean, L @ L.T, lambda d: ball_loads(BEARING, d))
+    drawn = [ball_loads(BEARING, mean + L @ z) for z in np.random.default_rng(2).standard_normal((4000, 5))]
+    own = np.std([balls.force for balls in drawn], axis=0)
+    loaded = own > 0.02 * own.max()
+    assert loaded.sum() > 60
+    np.testing.assert_allclose(force[loaded], own[loaded], rtol=0.08)
+    firm = np.min([balls.force for balls in drawn], axis=0) > 0
+    np.testing.assert_allclose(pressure[firm], np.std([balls.pressure for balls in drawn], axis=0)[firm], rtol=0.08)
+
+
+def test_a_displacement_that_is_known_leaves_no_doubt_of_the_balls():
+    force, pressure = spread(np.full(5, 1e-6), np.zeros((5, 5)), lambda d: ball_loads(BEARING, d))
+    assert not np.any(force)
+    assert not np.any(pressure)
+
+
+@pytest.mark.slow
+def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(estimate):
+    """Noise drawn anew: over three seeds and the later half of each run error is within σ, and σ of its size; loads that move
+    more slowly than the walk they are taken for leave it below."""
+    off, pressed = [], []
+    fine, own = "simulate.time_step=0.002", "simulate.method=second_order"
+    truth = estimate(LOADS, own, fine, stage="simulate")
+    ring = "/bearings/bearing"
+    for seed in (1, 2, 3):
+        found = estimate(LOADS, own, f"seed={seed}", "estimate.time_step=0.02", "estimate.duration=1.0")
+        at = np.searchsorted(truth["/time"], found["/time"] - 1e-9)
+        z = (found[f"{ring}/displacement"] - truth[f"{ring}/displacement"][at]) / found[f"{ring}/std"]
+        off.append(z[len(z) // 2 :])
+        at = np.searchsorted(truth["/time"], found[f"{ring}/instants"] - 1e-9)
+        z = (found[f"{ring}/pressure"] - truth[f"{ring}/pressure"][at]) / found[f"{ring}/pressure_std"]
+        pressed.append(z[len(z) // 2 :])
+    for z in (off, pressed):
+        assert 0.3 < np.sqrt(np.mean(np.square(z))) < 1.2
+
+
+@pytest.mark.slow
+def test_a_bank_says_nothing_of_balls(estimate):
+    found = estimate(
+        LOADS,
+        "estimate.duration=0.2",
+        "estimate.time_step=0.05",
+        "estimate.sensors.relative.noise=1.0e-6",
+        "estimate.parameters.diameter={bearing: pitch-bearing, property: ball_diameter, guess: 0.0601, std: 1.0e-4}",
+        "estimate.method.parameters=bank",
+    )
+    assert not read(BenchEstimated, found).bearings
