@@ -25,7 +25,7 @@ from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import assemble
 
 from .mechanisms import turned
-from .test_sensitivity import differences
+from .test_step import differences
 
 MASS, ARM, INERTIA = 2.0, 0.5, 0.8
 """Of a pendulum: mass, its distance from the pivot, moment of inertia about the pivot."""

@@ -21,7 +21,7 @@ from strainsight.multibody.system import assemble
 from .bearing.bearings import pitch_bearing
 from .mechanisms import extrapolated, turned
 from .test_drives import angle
-from .test_sensitivity import differences
+from .test_step import differences
 
 MASS, INERTIA, G = 2.0, 0.7, 9.81
 

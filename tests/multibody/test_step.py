@@ -1,4 +1,6 @@
-"""Newton's iteration of the step: where it is hard, and what it says where it fails."""
+"""The time step: order, control, slopes, and the band of its matrix."""
+
+from __future__ import annotations
 
 from types import SimpleNamespace
 
@@ -6,17 +8,25 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
+from strainsight.multibody.advance import advance, slopes
+from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.controlled import simulate_controlled
 from strainsight.multibody.equations import balance, input_slopes
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import constraints_at, state
-from strainsight.multibody.joints import revolute, spherical
+from strainsight.multibody.initial import Pose, constraints_at, state
+from strainsight.multibody.joints import prismatic, revolute, spherical
+from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.relations import place
+from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
+
+from .test_laws import K, M, slider
+from .test_motion import exact_four_bars, four_bars, pendulum
 
 STONE = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
 HEIGHT = (place(Frame("centre", "stone"), np.array([0, 0, 1.0])),)
@@ -117,3 +127,197 @@ def test_points_of_a_spring_that_coincide_are_refused():
     system = assemble([STONE], [], [spring("spring", Frame("wall"), Frame("end", "stone"), 100.0)])
     with pytest.raises(NumericalError, match="spring: its end points 'wall' and 'end' are 0 m apart"):
         step(system, *state(system, {}), np.zeros(0), 0.01, np.zeros(0))
+
+
+EXACT = np.array([0.98629175, -0.16501085])
+"""The bob after one second (IFToMM)."""
+
+
+def none(time):
+    return np.zeros((len(time), 0))
+
+
+@pytest.mark.parametrize("h", [1.0, 0.25, 0.01])
+def test_the_bob_is_where_the_benchmark_has_it_whatever_the_step(h):
+    """A step of a second, or a hundred: errors of the steps add up to less than the tolerance."""
+    found = simulate_controlled(*pendulum(), none, h, round(1 / h), np.zeros(0), "second_order", 1e-5)
+    assert np.linalg.norm(found.run.q[-1, 3:5] - EXACT) < 1e-5
+
+
+def test_a_tighter_tolerance_takes_more_parts_and_leaves_less_error():
+    parts, errors = [], []
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        found = simulate_controlled(*pendulum(), none, 0.1, 10, np.zeros(0), "second_order", tolerance)
+        parts.append(found.parts.sum())
+        errors.append(np.linalg.norm(found.run.q[-1, 3:5] - EXACT))
+        assert errors[-1] < tolerance
+    assert parts[0] < parts[1] < parts[2]
+    assert errors[0] > errors[1] > errors[2]
+
+
+def test_the_four_bars_cross_their_singular_position_in_steps_of_a_tenth():
+    system, q, v = four_bars()
+    found = simulate_controlled(system, q, v, none, 0.1, 10, np.zeros(0), "second_order", 1e-4)
+    np.testing.assert_allclose(found.run.q[-1, 3:5], exact_four_bars(1.0), rtol=0, atol=1e-4)
+
+
+def test_a_load_between_the_steps_is_seen():
+    """A push that is over before the first step ends: momentum J moves a mass on a spring by J/(mω) sin ωt."""
+    system = slider(K, 0.0)
+    push = PointForce("F", Frame("at", "stone"), np.array([0, 0, 1.0]), ["F"])
+    system = assemble(system.bodies, system.joints, [*system.forces, push])
+    q, v = state(system, {"stone": Pose()})
+
+    def loads(time):
+        return np.where((time > 0.02) & (time < 0.04), 1e2 * np.sin(np.pi * (time - 0.02) / 0.02), 0.0)[:, None]
+
+    found = simulate_controlled(system, q, v, loads, 0.5, 1, np.zeros(0), "second_order", 1e-5)
+    time = np.linspace(0, 0.5, 20001)
+    fine = simulate(system, q, v, loads(time), time[1], np.zeros(0))
+    assert abs(found.run.q[-1, 2]) > 0.05 * 1.27 / np.sqrt(K * M)
+    assert found.run.q[-1, 2] == pytest.approx(fine.q[-1, 2], abs=3e-5)
+
+
+def test_what_no_division_makes_as_right_as_asked_for_is_refused_with_its_time():
+    """More digits than a number has."""
+    system = slider(K, 0.0)
+    q, v = state(system, {"stone": Pose(np.array([0, 0, 0.5]))})
+    with pytest.raises(NumericalError, match=r"at t = 0 s the step of 0\.1 s is .* off in 1024 parts"):
+        simulate_controlled(system, q, v, none, 0.1, 10, np.zeros(0), "second_order", 1e-14)
+
+
+def differences(function, x, size):
+    """Fourth-order central differences, column by column."""
+    columns = []
+    for unit in np.eye(len(x)):
+        near = function(x + size * unit) - function(x - size * unit)
+        far = function(x + 2 * size * unit) - function(x - 2 * size * unit)
+        columns.append((8 * near - far) / (12 * size))
+    return np.stack(columns, axis=1)
+
+
+@pytest.mark.parametrize("h", [1e-3, 0.05])
+def test_sensitivities_of_a_step_are_its_differences(everything, h):
+    e = everything
+    n = e.system.size
+    w = np.random.default_rng(3).normal(size=n)
+
+    def after(x, u, theta, w):
+        new = step(e.system, x[:n], x[n:], u, h, theta, w=w)
+        return np.concatenate([new.q, new.v])
+
+    x = np.concatenate([e.q, e.v])
+    found = sensitivities(e.system, step(e.system, e.q, e.v, e.u, h, e.theta, w=w))
+    for exact, difference in (
+        (found.A[:, :n], differences(lambda z: after(np.concatenate([z, e.v]), e.u, e.theta, w), e.q, 1e-4)),
+        (found.A[:, n:], differences(lambda z: after(np.concatenate([e.q, z]), e.u, e.theta, w), e.v, 1e-3)),
+        (found.B_u, differences(lambda z: after(x, z, e.theta, w), e.u, 1e-1)),
+        (found.B_theta, differences(lambda z: after(x, e.u, z, w), e.theta, 1e-3)),
+        (found.B_w, differences(lambda z: after(x, e.u, e.theta, z), w, 1e-1)),
+    ):
+        for half in (slice(0, n), slice(n, None)):
+            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * np.abs(exact[half]).max())
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize("h", [1e-3, 0.05])
+def test_slopes_of_an_advance_are_its_differences(everything, h, method):
+    """By the state, the loads at both ends, the parameters and a force, through all stages."""
+    e, rng = everything, np.random.default_rng(3)
+    n, w, u = e.system.size, rng.normal(size=e.system.size), (e.u, e.u + rng.normal(size=len(e.u)))
+    x = np.concatenate([e.q, e.v])
+
+    def after(x, start, end, theta, w):
+        new = advance(e.system, x[:n], x[n:], (start, end), h, theta, method, w)
+        return np.concatenate([new.q, new.v])
+
+    at = [x, *u, e.theta, w]
+    found = slopes(e.system, advance(e.system, e.q, e.v, u, h, e.theta, method, w))
+    named = (found.A, found.B_start, found.B_end, found.B_theta, found.B_w)
+    for k, (exact, size) in enumerate(zip(named, (1e-4, 1e-1, 1e-1, 1e-3, 1e-1), strict=True)):
+        difference = differences(lambda z, i=k: after(*at[:i], z, *at[i + 1 :]), at[k], size)
+        for half in (slice(0, n), slice(n, None)):
+            # of a load before the step Euler knows nothing
+            scale = max(np.abs(exact[half]).max(), 1e-3 * np.abs(found.B_end[half]).max())
+            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * scale)
+
+
+def test_names_of_inputs_and_parameters_are_in_the_order_of_the_columns(everything):
+    assert everything.system.inputs == ("Fx", "Fy", "Fh", "Mx", "My", "Mz", "Mh")
+    assert everything.system.parameters == ("E", "s", "d")
+
+
+def test_the_new_state_satisfies_the_constraints_whatever_the_old_one(everything):
+    e = everything
+    m = e.system.constrained
+    new = step(e.system, e.q + 0.01 * e.rng.normal(size=len(e.q)), e.v, e.u, 0.01, e.theta)
+    phi, B = constraints_at(e.system, new.q)
+    assert len(phi) == m
+    assert np.abs(phi).max() < 1e-14
+    assert np.abs(B @ new.v).max() < 1e-12 * np.abs(new.v).max()
+
+
+MASS, HZ = 2.0, 3.0
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize(("load", "h"), [(0.4, 0.02), (1.5, 0.02), (2.0, 0.1)])
+def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
+    """After its free motion has died in a damper of nearly nothing at all: amplitude and phase of the last periods."""
+    stone = RigidBody("stone", MASS, np.zeros(3), np.eye(3))
+    omega, damping = 2 * np.pi * HZ, 0.02
+    element = bushing(
+        "law", Frame("wall"), Frame("end", "stone"), [0, 0, MASS * omega**2, 0, 0, 0], [0, 0, 2 * MASS * omega * damping, 0, 0, 0]
+    )
+    push = PointForce("F", Frame("at", "stone"), np.array([0, 0, 1.0]), ["F"])
+    system = assemble([stone], [prismatic("guide", Frame("rail"), Frame("centre", "stone"))], [element, push])
+    turning = 2 * np.pi * load
+    steps = round(6 / load / h) + int(20 / h)
+    time = h * np.arange(steps + 1)
+    exact = 1 / (MASS * (omega**2 - turning**2 + 2j * damping * omega * turning))
+    q, v = state(system, {"stone": Pose(np.array([0, 0, exact.real]), velocity=np.array([0, 0, (1j * turning * exact).real]))})
+    run = simulate(system, q, v, np.cos(turning * time)[:, None], h, np.zeros(0), method)
+    late = time > time[-1] - 2 / load
+    wave = np.stack([np.cos(turning * time), -np.sin(turning * time)], axis=1)[late]
+    real, imag = np.linalg.lstsq(wave, run.q[late, 2], rcond=None)[0]
+    # a light damper changes little away from resonance
+    assert abs((real + 1j * imag) / exact - 1) == pytest.approx(
+        relative_error(np.array([load]), HZ, h, method)[0], rel=0.25, abs=1e-4
+    )
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_below_the_band_all_modes_are_followed_and_just_above_one_is_not(method):
+    modes, h = np.array([2.1, 2.4, 40.0, 55.0]), 0.02
+    edge = followed(modes, h, method)
+    inside = np.linspace(0.01, 0.99, 50) * edge
+    assert max(relative_error(inside, f, h, method).max() for f in modes) <= SHARE
+    assert max(relative_error(np.array([1.02 * edge]), f, h, method)[0] for f in modes) > SHARE
+
+
+def test_the_band_of_second_order_grows_with_the_step_refined_and_ends_at_the_first_mode():
+    modes = np.array([2.1, 40.0])
+    edges = [followed(modes, h, "second_order") for h in (0.1, 0.05, 0.02, 0.005)]
+    assert np.all(np.diff(edges) > 0)
+    assert edges[-1] < 2.1
+    assert followed(modes, 0.02, "thesis") < 0.5 * followed(modes, 0.02, "second_order")
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_of_a_sine_the_step_misses_what_it_is_off_by_and_of_a_constant_nothing(method):
+    modes, h = np.array([2.1, 40.0]), 0.02
+    time = h * np.arange(2001)
+    loads = np.stack([5.0 + np.sin(2 * np.pi * 0.75 * time), 0 * time + 3.0, np.sin(2 * np.pi * 11.0 * time)], axis=1)
+    slow, none, quick = missed(loads, modes, h, method)
+    assert slow == pytest.approx(max(relative_error(np.array([0.75]), f, h, method)[0] for f in modes), rel=0.02)
+    assert none == 0.0
+    assert quick > 0.1
+
+
+def test_two_loads_in_one_miss_as_their_energies_say():
+    modes, h = np.array([2.1]), 0.05
+    time = h * np.arange(4001)
+    parts = [np.sin(2 * np.pi * f * time) for f in (0.3, 1.7)]
+    one, other = (missed(part[:, None], modes, h, "second_order")[0] for part in parts)
+    both = missed((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
+    assert both == pytest.approx(np.sqrt((9 * one**2 + other**2) / 10), rel=1e-3)

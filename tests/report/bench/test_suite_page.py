@@ -28,6 +28,7 @@ from strainsight.report.suite.results import RED, counts
 from strainsight.report.suite.statements import measured, statements_table, target
 from strainsight.report.suite.studies import study_figures
 
+from ...models import compute_once
 from ..outline import names_of_regions, nothing_comes_from_outside, steps_in_order, words
 
 TIME = np.linspace(0.0, 2.0, 41)
@@ -214,7 +215,7 @@ def test_a_study_is_drawn_over_what_it_varies_a_line_a_group_zero_beside_the_log
         for group, factor in (("iterated", 1e-6), ("one-shot", 1.0))
         for at, error in ((0.0, 1e-3 * factor), (0.01, 2e-3 * factor), (0.1, 3e-3 * factor), (1.0, 5e-3 * factor))
     ]
-    drawings = study_figures(suite(runs, over="estimate.h"), suite(runs, over="estimate.h").studies[0])
+    drawings = compute_once(study_figures, suite(runs, over="estimate.h"), suite(runs, over="estimate.h").studies[0])
     sweep = drawings[0]
     text = sweep.svg.decode()
     assert "estimate.h" in text
@@ -231,7 +232,7 @@ def test_a_study_is_drawn_over_what_it_varies_a_line_a_group_zero_beside_the_log
 
 def test_a_study_of_few_runs_has_one_pair_and_the_component_that_moves_most():
     own = suite([run("a"), run("b", 0.1)])
-    pair = study_figures(own, own.studies[0])
+    pair = compute_once(study_figures, own, own.studies[0])
     assert [drawing.title for drawing in pair] == ["F$z: estimate", "relative: measured against estimated"]
     assert "relative, y: measured" in pair[1].caption
 
@@ -239,7 +240,7 @@ def test_a_study_of_few_runs_has_one_pair_and_the_component_that_moves_most():
 def test_named_numbers_are_drawn_instead_of_errors():
     runs = [run(str(at), at=at, **{"slope.F$z": 1.0 + at}) for at in (1.0, 2.0)]
     own = suite(runs, over="k", numbers=("slope.F$z",))
-    (sweep, *_) = study_figures(own, own.studies[0])
+    (sweep, *_) = compute_once(study_figures, own, own.studies[0])
     assert "slope.F$z: 1 2, 2 3" in sweep.alt
 
 
@@ -277,8 +278,8 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
     runs = [run("<a>"), run("b", **{"identified.F$z": False}), BenchRun("c", "c", study="s", reached="simulate")]
     own = suite(runs, (claim(1.0, above=2.0),))
     pages = [
-        suite_page(own, suite_figures(own), {}),
-        bench_page(runs[1], bench_figures(runs[1]), {"k": "<v>"}.items()),
+        suite_page(own, compute_once(suite_figures, own), {}),
+        bench_page(runs[1], compute_once(bench_figures, runs[1]), {"k": "<v>"}.items()),
     ]
     for page in pages:
         outline = nothing_comes_from_outside(page)

@@ -18,44 +18,52 @@ from strainsight.report.picture.markers import arrow, free_end
 from strainsight.report.picture.picture import LINES
 from strainsight.report.placement.data import Layout, Load
 
+from ..conftest import layout, mixed_layout
 
-def colours(png):
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGBA"))
-
-
-def test_a_beam_with_four_gauges_is_pictured(beam):
-    pixels = colours(scene.render(beam))
-    assert pixels.shape == (840, 1280, 4)
-    assert np.mean(pixels[..., 3] == 0) > 0.3
-    for i in range(len(beam.gauges)):
-        wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
-        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+NOWHERE = np.zeros(3)
+PLATE = Layout(
+    np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float),
+    np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]]),
+    np.empty((0, 3)),
+    (),
+)
+"""Other facets, without loads, clamps, pool or gauges."""
 
 
-def test_several_pictures_from_one_child_process_are_those_of_one_each(beam):
-    other = replace(beam, gauges=beam.gauges[:2])
-    assert scene.render_all([beam, other]) == [scene.render(beam), scene.render(other)]
-
-
-def test_a_plate_of_other_facets_without_loads_clamps_pool_or_hostile_labels_is_pictured():
-    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float)
-    faces = np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]])
-    scene.render(Layout(points, faces, np.empty((0, 3)), ()))
-
-
-def test_a_structure_without_facets_is_pictured_with_its_nodes_and_gauges_of_no_direction(beam):
+def without_facets(beam):
     """What comes as matrices: nodes on a line, gauges that lie on no surface."""
     points = np.column_stack([np.linspace(0, 2, 41), np.zeros(41), np.zeros(41)])
-    nowhere = np.zeros(3)
     gauges = tuple(
-        replace(gauge, position=np.array([0.4 * (i + 1), 0, 0.02]), normal=nowhere, direction=direction)
-        for i, (gauge, direction) in enumerate(zip(beam.gauges, [*np.eye(3), nowhere], strict=True))
+        replace(gauge, position=np.array([0.4 * (i + 1), 0, 0.02]), normal=NOWHERE, direction=direction)
+        for i, (gauge, direction) in enumerate(zip(beam.gauges, [*np.eye(3), NOWHERE], strict=True))
     )
-    bare = Layout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
-    pixels = colours(scene.render(bare))
-    for colour in (*map(gauge_colour, range(4)), LINES):
+    return Layout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    """Name → layout and picture, all by one child process."""
+    beam = layout()
+    two = replace(beam, gauges=beam.gauges[:2])
+    shown = {"beam": beam, "sensors": mixed_layout(), "plate": PLATE, "no facets": without_facets(beam), "two gauges": two}
+    return {name: (shown[name], png) for name, png in zip(shown, scene.render_all(list(shown.values())), strict=True)}
+
+
+@pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,)), ("plate", ())])
+def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
+    """Four strain gauges; every kind of sensor; gauges of no direction at nodes without facets; a plate without gauges."""
+    shown, png = pictures[name]
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGBA"))
+    assert pixels.shape == (840, 1280, 4)
+    assert np.mean(pixels[..., 3] == 0) > 0.3
+    for colour in (*map(gauge_colour, range(len(shown.gauges))), *more):
         wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
         assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
+
+
+def test_the_last_picture_of_a_child_process_is_that_of_its_own(pictures):
+    two, png = pictures["two gauges"]
+    assert scene.render(two) == png
 
 
 def test_a_large_pool_is_thinned_and_a_small_one_is_not(beam):
@@ -70,14 +78,6 @@ def test_layouts_look_alike_unless_something_that_is_drawn_differs(beam):
     for gauge in (replace(first, label="A"), replace(first, bonded=True), replace(first, position=first.position + 1e-3)):
         assert scene.look(replace(beam, gauges=(gauge, *others))) != scene.look(beam)
     assert scene.look(replace(beam, pool=beam.pool[1:])) != scene.look(beam)
-
-
-def test_every_kind_of_sensor_is_pictured(mixed):
-    layout = mixed().layout
-    pixels = colours(scene.render(layout))
-    for i in range(len(layout.gauges)):
-        wanted = [int(gauge_colour(i)[k : k + 2], 16) for k in (1, 3, 5)]
-        assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
 
 
 def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, monkeypatch, tmp_path):

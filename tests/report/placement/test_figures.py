@@ -1,4 +1,4 @@
-"""Every figure is well-formed, small, says what it shows, and survives what a filter can throw at it."""
+"""Every figure of a placement is well-formed, small, says what it shows, and survives what a filter can throw at it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 from strainsight.report.arrays import History
+from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.chart.histories import closing_figure, estimate_figure
 from strainsight.report.chart.panels import last_periods
 from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
-from strainsight.report.placement.data import Claim, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Claim, GaugeSignal, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
 from strainsight.report.placement.figures import elbow, placement_figures, trend_figure
+from strainsight.report.placement.signals import owner, signal_figure, signal_figures
+
+from ...models import compute_once
 
 
 def words(drawing):
@@ -21,7 +25,7 @@ def words(drawing):
 
 
 def test_a_full_report_has_every_figure_once_small_and_with_units(full):
-    drawings = placement_figures(full())
+    drawings = compute_once(placement_figures, full())
     keys = [drawing.key for drawing in drawings]
     assert len(keys) == len(set(keys))
     assert {"trend", "noise", "repeats-E", "signal-G4", "estimate-tip", "closing-E", "posterior-E"} < set(keys)
@@ -35,8 +39,7 @@ def test_a_full_report_has_every_figure_once_small_and_with_units(full):
 
 
 def test_figures_are_the_same_bytes_each_time(full):
-    first, second = placement_figures(full()), placement_figures(full())
-    assert first == second
+    assert placement_figures(full()) == compute_once(placement_figures, full())
 
 
 def test_a_long_run_gives_no_larger_figures():
@@ -124,3 +127,46 @@ def test_repeats_are_judged_all_together():
     drawing = repeats_figure(Repeats("E", error, np.full(4, 0.001), "not identified"), claim)
     assert "than before: not identified. RMS of error over claimed σ 29.2, 0.16 to 2.1 where" in drawing.caption
     assert drawing.caption.endswith("overconfident.")
+
+
+def test_every_channel_has_the_colour_of_its_gauge(mixed):
+    report = mixed()
+    drawings = compute_once(signal_figures, report.gauge_signals, report.layout.gauges)
+    for drawing in drawings:
+        number = int(drawing.key.removeprefix("signal-G")[0]) - 1
+        assert gauge_colour(number) in drawing.svg.decode()
+        others = {gauge_colour(i) for i in range(6)} - {gauge_colour(number)}
+        assert not any(colour in drawing.svg.decode() for colour in others)
+
+
+def test_a_channel_belongs_to_the_longest_label_that_it_begins_with():
+    labels = ["G1", "G1 left", "G10"]
+    assert [owner(name, labels, 7) for name in ("G1", "G10", "G10 45°", "G1 left 0°", "G1 0°", "other", "G100")] == [
+        0, 2, 2, 1, 0, 7, 7,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("peak", "unit", "label", "residual"),
+    [
+        (9e-5, "strain", "strain [µm/m]", "0.9 µm/m"),
+        (4e-4, "m", "displacement [µm]", "4 µm"),
+        (12.0, "m/s^2", "acceleration [m/s²]", "0.12 m/s²"),
+        (5e3, "V", "reading [V]", "50 V"),
+    ],
+)
+def test_readings_have_the_name_and_unit_of_what_is_read(peak, unit, label, residual):
+    time = np.arange(1000) * 1e-3
+    wave = peak * np.sin(2 * np.pi * 20 * time)
+    drawing = signal_figure(GaugeSignal("G1", time, wave + 0.01 * peak, None, wave, 0 * time, unit), "#0072b2")
+    assert f">{label}<" in drawing.svg.decode()
+    assert f"RMS {residual} over the run" in drawing.caption
+    assert unit != "V" or "peak 4990 V" in drawing.alt
+
+
+def test_a_channel_that_is_no_number_at_times_or_always_is_drawn(full):
+    signal = full().gauge_signals[0]
+    for bad in (np.nan, np.inf):
+        signal_figure(replace(signal, measured=np.where(signal.time > 0.9, bad, signal.measured)), "#0072b2")
+        lost = np.full_like(signal.time, bad)
+        signal_figure(replace(signal, measured=lost, estimated=lost, std=lost, truth=lost), "#0072b2")

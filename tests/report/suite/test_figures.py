@@ -11,6 +11,7 @@ import pytest
 
 from strainsight.report.suite.figures import suite_figures
 
+from ...models import compute_once
 from ..conftest import suite_report
 
 
@@ -21,11 +22,11 @@ def words(drawing):
 @cache
 def usual():
     """Figures of the suite of `suite()`, drawn once."""
-    return suite_figures(suite_report())
+    return compute_once(suite_figures, suite_report())
 
 
 def drawn(report):
-    return {drawing.key: drawing for drawing in suite_figures(report)}
+    return {drawing.key: drawing for drawing in compute_once(suite_figures, report)}
 
 
 def test_a_suite_has_every_figure_once_small_and_with_units():
@@ -75,7 +76,7 @@ def test_only_wrong_results_are_crosses(suite):
 
 
 def test_nothing_to_draw_is_no_figure(suite):
-    assert suite_figures(suite(runs=())) == ()
+    assert compute_once(suite_figures, suite(runs=())) == ()
     assert list(drawn(suite(runs=suite().runs[3:]))) == ["pbh"]
 
 
@@ -96,7 +97,7 @@ def test_numbers_that_are_none_are_survived(suite, lost):
         trend=replace(second.trend, value=late, final=lost),
         unknowns=tuple(replace(unknown, std=lost, smoothed_error=0.1) for unknown in second.unknowns),
     )
-    keys = [drawing.key for drawing in suite_figures(suite(runs=(broken, broken_end, third, seen)))]
+    keys = [drawing.key for drawing in compute_once(suite_figures, suite(runs=(broken, broken_end, third, seen)))]
     assert {"pbh", "errors", "trends"} < set(keys)
     assert "trends" not in drawn(suite(runs=(broken,)))
 
@@ -107,6 +108,6 @@ def test_many_runs_fit(suite):
         run = suite().runs[i % 3]
         trend = replace(run.trend, value=run.trend.value ** (1 + i / 12))
         runs.append(replace(run, name=f"run-{i}", label=f"run number {i}", trend=trend, histories=()))
-    drawings = suite_figures(suite(runs=tuple(runs)))
+    drawings = compute_once(suite_figures, suite(runs=tuple(runs)))
     assert [drawing.key for drawing in drawings] == ["pbh", "errors", "trends"]
     assert all(len(drawing.svg) < 400 * 1024 for drawing in drawings)

@@ -15,6 +15,7 @@ from strainsight.report.suite.data import Statement, Study
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
 
+from ...models import compute_once
 from ..conftest import suite_report
 from ..outline import Outline, names_of_regions, nothing_comes_from_outside, own_scripts, steps_in_order, words
 
@@ -30,7 +31,7 @@ def page(report, scenes=SCENES, drawings=()):
 @cache
 def usual():
     """Figures of the suite of `suite()`, drawn once."""
-    return suite_figures(suite_report())
+    return compute_once(suite_figures, suite_report())
 
 
 def first_screen(text):
@@ -56,7 +57,7 @@ def test_placements_have_studies_and_statements_too(suite):
         studies=(Study("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
         statements=(Statement("E is known.", ((0, "error.E", 0.01),), below=0.05),),
     )
-    drawings = suite_figures(own)
+    drawings = compute_once(suite_figures, own)
     (sweep,) = (drawing for drawing in drawings if drawing.key.startswith("study-"))
     assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
     text = page(own, drawings=drawings)
@@ -222,7 +223,7 @@ def test_hostile_names_come_out_escaped(suite, hostile):
         for run in report.runs
     )
     report = replace(report, name=hostile, title=hostile, runs=runs, provenance={hostile: hostile})
-    text = page(report, {}, suite_figures(replace(report, runs=runs[1:])))
+    text = page(report, {}, compute_once(suite_figures, replace(report, runs=runs[1:])))
     outline = nothing_comes_from_outside(text)
     assert own_scripts(outline) == own_scripts(Outline(page(suite(), {})))
     assert "img" not in outline.tags
@@ -238,6 +239,6 @@ def test_results_that_are_no_numbers_have_a_page(suite):
         trend=replace(run.trend, final=np.inf, gap=np.nan, value=np.full_like(run.trend.value, np.inf)),
         cases=tuple(replace(case, condition=np.nan) for case in run.cases),
     )
-    text = page(suite(runs=(broken,)), drawings=suite_figures(suite(runs=(broken,))))
+    text = page(suite(runs=(broken,)), drawings=compute_once(suite_figures, suite(runs=(broken,))))
     Outline(text)
     assert "diverged" in text

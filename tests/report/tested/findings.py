@@ -203,8 +203,8 @@ def biased():
 
 
 def many():
-    """Twenty channels of four gauges' marks."""
-    labels = [f"G{i + 1}" for i in range(20)]
+    """Fourteen channels of four gauges' marks."""
+    labels = [f"G{i + 1}" for i in range(14)]
     return findings(
         readings=tuple(reading(label, i % 4) for i, label in enumerate(labels)),
         residuals=tuple(spectrum(label) for label in labels),
@@ -240,7 +240,7 @@ CASES = {
     "sensors": sensors,
     "missing samples": missing,
     "offsets": biased,
-    "twenty channels": many,
+    "many channels": many,
     "held out": held_out,
     "bare": bare,
 }

@@ -1,0 +1,201 @@
+"""Motion against closed forms and other integrators: a pendulum, mechanisms, Radau's method."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from strainsight.errors import InfeasibleError
+from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.forces import Gravity
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
+from strainsight.multibody.joints import pin, revolute
+from strainsight.multibody.radau import simulate_radau
+from strainsight.multibody.simulate import simulate
+from strainsight.multibody.system import assemble
+
+from .inverse.benches import bench
+from .inverse.test_smoother import walked
+from .mechanisms import at, extrapolated, planar, turned
+
+
+def pendulum(metre=1.0, kilogram=1.0):
+    """A point mass on a massless rod of 1 m, released from x = −1; in other units of length and mass."""
+    inertia = np.diag([0.0, 1.0, 1.0]) * kilogram * metre**2
+    bob = RigidBody("bob", kilogram, np.array([metre, 0.0, 0.0]), inertia)
+    system = assemble(
+        [bob], [revolute("pivot", Frame("wall"), Frame("end", "bob"))], [Gravity(np.array([0.0, -9.81 * metre, 0.0]))]
+    )
+    return system, *state(system, {"bob": Pose(rotation=np.diag([-1.0, -1.0, 1.0]))})
+
+
+def swing(steps, method="second_order", **units):
+    system, q, v = pendulum(**units)
+    return system, simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0), method)
+
+
+@pytest.mark.parametrize(("method", "order"), [("second_order", 2), ("thesis", 1)])
+def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_the_order_of_the_method(method, order):
+    exact = np.array([0.98629175, -0.16501085])
+    ends = [swing(n, method)[1].q[-1, 3:5] for n in (100, 200, 400, 800)]
+    errors = [np.linalg.norm(end - exact) for end in ends]
+    assert np.log2(errors[2] / errors[3]) == pytest.approx(order, abs=0.06)
+    np.testing.assert_allclose(extrapolated(ends, order), exact, atol=2e-6)
+
+
+def test_bob_is_right_to_a_tenth_of_a_millimetre_with_steps_of_2_5_ms():
+    assert np.linalg.norm(swing(400)[1].q[-1, 3:5] - [0.98629175, -0.16501085]) < 1e-4
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+def test_constraints_hold_to_rounding_in_position_and_velocity(method):
+    system, run = swing(200, method)
+    for q, v in zip(run.q, run.v, strict=True):
+        phi, B = constraints_at(system, q)
+        assert np.abs(phi).max() < 1e-14
+        assert np.abs(B @ v).max() < 1e-13 * max(1.0, np.abs(v).max())
+
+
+def test_energy_falls_at_every_step_of_implicit_euler_and_not_at_all_as_the_step_shrinks():
+    lost = []
+    for steps in (200, 400):
+        _, run = swing(steps, "thesis")
+        energy = 0.5 * np.sum(run.v[:, 3:6] ** 2, axis=1) + 9.81 * run.q[:, 4]
+        assert np.all(np.diff(energy) < 0)
+        lost.append(energy[0] - energy[-1])
+    assert lost[0] / lost[1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_nothing_depends_on_the_units():
+    _, run = swing(100)
+    _, other = swing(100, metre=1000.0, kilogram=1e-3)
+    np.testing.assert_allclose(other.q[:, 3:12], run.q[:, 3:12], atol=1e-11)
+    np.testing.assert_allclose(other.v[:, 3:12], run.v[:, 3:12], atol=1e-10)
+
+
+def test_multiplier_of_the_pivot_is_the_reaction():
+    system, q, v = pendulum()
+    q, v = state(system, {"bob": Pose(rotation=np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]))})
+    run = simulate(system, q, v, np.zeros((2, 0)), 0.01, np.zeros(0))
+    assert system.constraints[7] == "pivot: y of end on wall"
+    np.testing.assert_allclose(run.lam[0, 6:9], [0.0, 9.81, 0.0], atol=1e-12)
+
+
+def four_bars(windows=2):
+    """N windows of rods of 1 m and 1 kg: uprights A_kB_k from the ground, couplers B_kB_{k+1}."""
+    rod = np.array([0.5, 0.0])
+    bodies = [planar(f"up{k}", 1.0, rod, 1 / 12) for k in range(windows + 1)]
+    bodies += [planar(f"across{k}", 1.0, rod, 1 / 12) for k in range(windows)]
+    joints = [revolute(f"A{k}", at(f"ground{k}", None, k), at(f"foot{k}", f"up{k}")) for k in range(windows + 1)]
+    for k in range(windows):
+        joints.append(revolute(f"B{k}", at(f"top{k}", f"up{k}", 1), at(f"left{k}", f"across{k}")))
+        # the loop is closed in the plane: a third revolute joint would hold what the others hold already
+        joints.append(pin(f"C{k}", at(f"top{k + 1}", f"up{k + 1}", 1), at(f"right{k}", f"across{k}", 1)))
+    system = assemble(bodies, joints, [Gravity(np.array([0.0, -9.81, 0.0]))])
+    poses = {
+        f"up{k}": Pose(np.array([k, 0, 0.0]), turned(np.pi / 2), spin=np.array([0, 0, -1.0]))
+        for k in range(windows + 1)
+    }
+    poses |= {f"across{k}": Pose(np.array([k, 1.0, 0]), velocity=np.array([1.0, 0, 0])) for k in range(windows)}
+    return system, *state(system, poses)
+
+
+def exact_four_bars(time, windows=2):
+    """B₀ = (cos θ, sin θ): uprights turn, couplers only translate, so one angle moves all of the mass."""
+    uprights, couplers = windows + 1, windows
+    inertia, weight = uprights / 3 + couplers, 9.81 * (uprights / 2 + couplers)
+    run = solve_ivp(
+        lambda t, y: [y[1], -weight / inertia * np.cos(y[0])], (0, time), [np.pi / 2, -1.0], rtol=1e-12, atol=1e-12
+    )
+    return np.array([np.cos(run.y[0, -1]), np.sin(run.y[0, -1])])
+
+
+def test_reduction_of_the_four_bars_gives_the_published_place():
+    np.testing.assert_allclose(exact_four_bars(10.0), [0.3284581115, 0.9445185382], atol=1e-8)
+
+
+def test_two_four_bars_pass_their_singular_position_and_are_where_the_reduction_has_them():
+    system, q, v = four_bars()
+    np.testing.assert_allclose(project_position(system, q), q, atol=1e-14)
+    np.testing.assert_allclose(project_velocity(system, q, v), v, atol=1e-14)
+    ends = []
+    for steps in (250, 500, 1000, 2000):
+        run = simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
+        ends.append(run.q[-1, 3:5])
+        phi, B = constraints_at(system, run.q[-1])
+        assert np.abs(phi).max() < 1e-13
+        assert np.abs(B @ run.v[-1]).max() < 1e-12
+    exact = exact_four_bars(1.0)
+    assert np.linalg.norm(ends[2] - exact) / np.linalg.norm(ends[3] - exact) == pytest.approx(4.0, abs=0.05)
+    np.testing.assert_allclose(extrapolated(ends, 2), exact, atol=1e-7)
+
+
+@pytest.mark.slow
+def test_two_four_bars_are_at_their_published_place_after_ten_seconds():
+    """They pass the singular position many times; steps of 5 ms."""
+    system, q, v = four_bars()
+    run = simulate(system, q, v, np.zeros((2001, 0)), 5e-3, np.zeros(0))
+    np.testing.assert_allclose(run.q[-1, 3:5], [0.3284581115, 0.9445185382], rtol=0, atol=1e-3)
+
+
+def test_third_revolute_joint_of_a_planar_loop_is_refused_by_name():
+    rod = np.array([0.5, 0.0])
+    bodies = [planar("left", 1.0, rod, 1 / 12), planar("top", 1.0, rod, 1 / 12), planar("right", 1.0, rod, 1 / 12)]
+    joints = [
+        revolute("A", at("ground A", None), at("foot A", "left")),
+        revolute("D", at("ground D", None, 1), at("foot D", "right")),
+        revolute("B", at("head A", "left", 1), at("start", "top")),
+        revolute("C", at("head D", "right", 1), at("end", "top", 1)),
+    ]
+    system = assemble(bodies, joints)
+    upright = {"left": Pose(rotation=turned(np.pi / 2)), "right": Pose(np.array([1.0, 0, 0]), turned(np.pi / 2))}
+    q, _ = state(system, upright | {"top": Pose(np.array([0, 1.0, 0]))})
+    with pytest.raises(InfeasibleError, match="3 of 38 constraints are redundant") as refused:
+        project_position(system, q)
+    assert "C: " in str(refused.value)
+    assert "follows from" in str(refused.value)
+    assert "pin" in str(refused.value)
+    joints[-1] = pin("C", at("head D", "right", 1), at("end", "top", 1))
+    np.testing.assert_allclose(project_position(assemble(bodies, joints), q), q, atol=1e-14)
+
+
+def radau_swing(steps):
+    system, q, v = pendulum()
+    return system, simulate_radau(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
+
+
+def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_fifth_order():
+    ends = [radau_swing(n)[1].q[-1, 3:5] for n in (10, 20, 40, 80)]
+    np.testing.assert_allclose(ends[-1], [0.98629175, -0.16501085], atol=1e-8)
+    errors = [np.linalg.norm(end - ends[-1]) for end in ends[:-1]]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(5, abs=0.5)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(5, abs=0.5)
+
+
+def test_every_step_ends_on_the_constraints():
+    system, run = radau_swing(20)
+    for q, v in zip(run.q, run.v, strict=True):
+        phi, B = constraints_at(system, q)
+        assert np.abs(phi).max() < 1e-14
+        assert np.abs(B @ v).max() < 1e-13 * max(1.0, np.abs(v).max())
+
+
+def test_a_bench_of_modes_up_to_392_hz_reads_as_by_an_explicit_method():
+    """Loads that are straight over 10 ms, from rest, 50 ms; displacements are of 5e-4 m, and their bends shake 392 Hz."""
+    b = bench()
+    corners = np.array([[0, 0, 0], [4e3, -2e3, 3e3], [9e3, -1e3, 1e3], [5e3, 2e3, -2e3], [1e3, 4e3, 2e3], [0, 3e3, 6e3]])
+
+    def loads(h):
+        t = h * np.arange(round(0.05 / h) + 1)
+        return np.column_stack([np.interp(t, 0.01 * np.arange(6), own) for own in corners.T])
+
+    explicit, off = walked(b, loads(1e-3), 1e-3), []
+    for parts in (1, 2):
+        found = simulate_radau(b.system, b.q, np.zeros_like(b.q), loads(1e-3 / parts), 1e-3 / parts, b.theta)
+        states = zip(found.q[parts::parts], found.v[parts::parts], strict=True)
+        off.append(np.abs([b.sensors.read(q, v)[0] for q, v in states] - explicit).max())
+    assert np.abs(explicit).max() > 4e-4
+    assert off[0] < 5e-9
+    assert off[1] < off[0] / 8
