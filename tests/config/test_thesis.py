@@ -21,6 +21,11 @@ def suite():
     return load_config(SUITE)
 
 
+@pytest.fixture(scope="module")
+def runs(suite):
+    return [run.config for run in runs_of(suite)]
+
+
 def named(rows, kind):
     """Numbers of the figures or tables that sources name, as in "table 6.2, figure 6.9"."""
     return {
@@ -43,20 +48,20 @@ def test_they_stand_in_the_order_of_the_thesis(suite):
     assert chapters == sorted(chapters)
 
 
-def test_every_run_is_the_side_of_a_row(suite):
+def test_every_run_is_the_side_of_a_row(suite, runs):
     """None is computed for nothing, but for what other runs take from it."""
     sides = [side for row in suite.model.comparisons for side in (row.as_printed, row.ours) if side is not None]
     used = {name for side in sides for name in ((side.run,) if isinstance(side.run, str) else side.run)}
     used |= {side.against for side in sides if side.against is not None}
     text = SUITE.read_text(encoding="utf-8")
     taken = set(re.findall(r"from: ([\w-]+)", text))
-    assert {run.config.model.name for run in runs_of(suite)} == used | taken
+    assert {run.model.name for run in runs} == used | taken
 
 
-def test_the_settings_of_the_thesis_are_its_own(suite):
+def test_the_settings_of_the_thesis_are_its_own(runs):
     """Of placements: the printed noise and columns, the plain trace, one instant, no tolerances, its own model as the truth."""
-    placements = [run for run in runs_of(suite) if run.config.data["kind"] == "placement"]
-    printed = [run.config.model for run in placements if run.config.model.name.startswith("thesis-")]
+    placements = [run for run in runs if run.data["kind"] == "placement"]
+    printed = [run.model for run in placements if run.model.name.startswith("thesis-")]
     assert len(printed) == len(placements) / 2
     for own in printed:
         assert (own.process_noise.rule, own.process_noise.model_error) == ("as_printed", 0.0)
@@ -64,9 +69,9 @@ def test_the_settings_of_the_thesis_are_its_own(suite):
         assert (own.filter.method, own.validation.truth.model) == ("extended", "rom")
 
 
-def test_the_benches_of_chapter_2_have_its_update_and_its_noise(suite):
+def test_the_benches_of_chapter_2_have_its_update_and_its_noise(runs):
     """Algorithm 1: one update a step, Q* after it, its own step as the truth; but for the one that shows what Q* costs."""
-    benches = {run.config.model.name: run.config.model for run in runs_of(suite) if run.config.data["kind"] == "bench"}
+    benches = {run.model.name: run.model for run in runs if run.data["kind"] == "bench"}
     estimates = {name: own.estimate for name, own in benches.items() if own.estimate is not None}
     printed = {name: own for name, own in estimates.items() if name.startswith("thesis-") and own.measured is None}
     assert all(own.method.update in ("one_shot", "as_printed") and own.truth.model == "own" for own in printed.values())

@@ -7,6 +7,8 @@ import pytest
 from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.decks.gmsh.mesh import read_gmsh
 from strainsight.decks.nastran.deck import read_nastran
+from strainsight.decks.other import mesh
+from strainsight.decks.other.load import load
 
 TETRAHEDRON = """\
 GRID,1,,0.,0.,0.
@@ -20,6 +22,13 @@ SPC1,1,123,1,2,3
 """
 READERS = {"nastran": ("deck.bdf", read_nastran), "abaqus": ("deck.inp", read_abaqus), "gmsh": ("part.msh", read_gmsh)}
 """Folder of the tests → name of the file, and its reader."""
+
+
+@pytest.fixture(autouse=True)
+def read_here(request, monkeypatch):
+    """meshio in the process of the tests: another one takes half a second to start for each file."""
+    if request.path.name not in ("test_sandbox.py", "test_vtu.py"):
+        monkeypatch.setattr(mesh, "load_sandboxed", load)
 
 
 @pytest.fixture

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from strainsight.cases.structure.mesh import mesh_of
 from strainsight.config.mesh import MeshFile
-from strainsight.decks.nastran.cards import read_deck
-from strainsight.decks.nastran.deck import TAKEN, UNSUPPORTED
 from strainsight.errors import DeckError
 from strainsight.mesh.sanity import sanity_warnings
 
 from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON
-
-REPOSITORY = Path(__file__).parents[2]
 
 
 def imported(tmp_path, text, ignore=(), name="deck.bdf"):
@@ -133,12 +127,6 @@ def test_types_of_elements_of_abaqus_that_are_supported_may_be_left_out_too(tmp_
     with pytest.raises(DeckError, match="SPRING1 60: no ") as caught:
         imported(tmp_path, text, ["SPRING"], name="deck.inp")
     assert caught.value.remedy.endswith("mesh.ignore: [SPRING1])")
-
-
-@pytest.mark.parametrize("deck", ["cantilever.bdf", "angle.bdf.gz", "lug.bdf.gz", "hub-coarse.bdf.gz"])
-def test_the_decks_of_the_examples_have_nothing_of_the_kind(deck):
-    cards = read_deck(REPOSITORY / "meshes" / deck).cards
-    assert not [name for name in cards if name not in TAKEN and UNSUPPORTED.match(name)]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -47,6 +48,7 @@ Sound = tuple[str, str, str]
 """Name of the deck, its text, the config."""
 
 
+@cache
 def sound() -> list[Sound]:
     """What is altered: solids, shells, laminates, beams and springs, of three formats, a rich config and a bench."""
     more = ("CONM2,50,5,,2.5", "CELAS2,60,1.+6,5,1", "FORCE,7,5,,10.,0.,0.,1.", "SET1,5,1,THRU,9", "PARAM,POST,-1")

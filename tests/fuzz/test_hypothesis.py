@@ -23,7 +23,7 @@ from .readers import fault_of
 from .readers import read_deck as read_any_deck
 from .seeds import ROOT
 
-FEW = settings(max_examples=80, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 CONFIG = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text("utf-8")
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=8),

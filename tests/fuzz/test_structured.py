@@ -12,7 +12,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the clocks are 
 
 
 def test_altered_models_are_taken_or_refused(tmp_path):
-    assert faults(2, 0, 60, tmp_path) == {}
+    assert faults(2, 0, 24, tmp_path) == {}
 
 
 def test_a_case_follows_from_its_number_and_differs_from_what_is_sound():

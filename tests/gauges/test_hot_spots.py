@@ -38,7 +38,7 @@ def cantilever(kind, n):
     return mesh, moved(mesh, force), end
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("hex8", 4), ("hex20", 2), ("tet10", 2), ("wedge6", 2), ("wedge15", 2)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("hex8", 4), ("hex20", 1), ("tet10", 1), ("wedge6", 2), ("wedge15", 1)])
 def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     mesh, field, end = cantilever(kind, n)
     own = found(mesh, field, gauges_at(mesh, [(0.45, 0.05, 0.1), (0.55, 0.0, 0.1)], (0, 0, 1), (1, 0, 0)), end)
@@ -51,12 +51,12 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     """Patch test: a block pulled along z, u = σ/E (−νx, −νy, z), by a traction on its top, of which each node has its share.
     Forces at nodes on parts of the elements would be another load."""
     size = np.array([0.3, 0.2, 0.1])
-    mesh = body(kind, (6, 4, 3), lambda u, v, w: size * (u / 6, v / 4, w / 3))
+    mesh = body(kind, (3, 2, 2), lambda u, v, w: size * (u / 3, v / 2, w / 2))
     x, y, z = mesh.position.T
     mesh, top = held(mesh, z < 1e-9), np.flatnonzero(z > 0.1 - 1e-9)
     field = 1e-3 * np.column_stack([-NU * x, -NU * y, z]).reshape(-1, 1)
-    on_top = gauges_at(mesh, [(0.125, 0.125, 0.1), (0.29, 0.19, 0.1), (0.15, 0.01, 0.1)], (0, 0, 1), (1, 0, 0))
-    beside = gauges_at(mesh, [(0.3, 0.125, 0.09), (0.3, 0.19, 0.09)], (1, 0, 0), (0, 0, 1))
+    on_top = gauges_at(mesh, [(0.15, 0.06, 0.1)], (0, 0, 1), (1, 0, 0))
+    beside = gauges_at(mesh, [(0.3, 0.16, 0.09)], (1, 0, 0), (0, 0, 1))
     for gauges in (on_top, beside):
         own = found(mesh, field, gauges, top, top)
         assert np.abs(own.refined).max() < 1e-10
@@ -72,17 +72,17 @@ def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
     shift = {}
 
     def chart(u, v, w):
-        inside = 0 < u < 4 and 0 < v < 3 and 0 < w < 2 and float(u).is_integer()
+        inside = 0 < u < 2 and 0 < v < 2 and 0 < w < 2 and float(u).is_integer()
         free = inside and kind in ("hex8", "tet4", "wedge6")
         return np.array([u, v, w]) + shift.setdefault((u, v, w), rng.uniform(-0.1, 0.1, 3) if free else np.zeros(3))
 
-    mesh = body(kind, (4, 3, 2), chart)
+    mesh = body(kind, (2, 2, 2), chart)
     field = (mesh.position @ np.array([[1.0, 0.3, 0.2], [0.1, -0.4, 0.5], [0.2, 0.7, 0.6]]) * 1e-3).reshape(-1, 1)
     facets = exterior_facets(mesh)
     surface = np.zeros(len(mesh.position), dtype=bool)
     surface[facets.nodes[facets.nodes >= 0]] = True
     gauges = candidates(mesh, facets, None)
-    own = found(held(mesh, surface), field, gauges.take(np.arange(0, len(gauges), 7)))
+    own = found(held(mesh, surface), field, gauges.take(np.arange(0, len(gauges), len(gauges) // 5)))
     assert np.abs(own.refined).max() < 1e-9
 
 
@@ -102,7 +102,7 @@ def bracket(kind, n, thick=1):
     return mesh, moved(mesh, force)
 
 
-@pytest.mark.parametrize(("kind", "sizes"), [("hex8", (4, 8, 16)), ("hex20", (4, 8)), ("tet10", (4, 8))])
+@pytest.mark.parametrize(("kind", "sizes"), [("hex8", (4, 8, 16)), ("hex20", (3, 6)), ("tet10", (3, 6))])
 def test_a_reentrant_corner_is_a_hot_spot_however_fine_the_mesh(kind, sizes):
     """Strain grows as r^−0.4555 (Williams 1952): beside it on every mesh, half the leg away on none."""
     beside, away = [], []
@@ -130,7 +130,7 @@ def slope(mesh, field, place, axis, size):
     return (4 * (at(0.5) - at(-0.5)) - (at(1) - at(-1))) / (2 * size)
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex8", 8), ("hex20", 4)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex20", 3)])
 def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
     """Beside the corner, on whole meshes of half and a quarter of the size: the sign of both changes, and the one that decides
     within a factor of two."""
@@ -157,7 +157,7 @@ def loaded_block(kind, n):
     return mesh, moved(mesh, force), node
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 6), ("tet10", 4)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 6), ("tet10", 3)])
 def test_a_load_on_one_node_makes_a_hot_spot_of_what_is_beside_it_alone(kind, n):
     """Saint-Venant: 0.4 and 1.2 elements away it matters how the force is spread, five elements away it does not."""
     mesh, field, node = loaded_block(kind, n)

@@ -147,7 +147,7 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
     position, facets = plate("quad8", 7, 6)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 5), axis=1))
-    pool = pool.take(pool.channels(inner))
+    pool = pool.take(pool.channels(inner[::3]))
     bonded = pool.gauge < 4
     pool = replace(pool, bonded=bonded)
     Q = np.random.default_rng(5).standard_normal((2, 3, 3, 3))

@@ -27,15 +27,14 @@ def sampled(name: str, n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", KINDS)
-@pytest.mark.parametrize("seed", range(3))
-def test_on_one_bent_facet_no_sample_is_nearer(name, seed):
+def test_on_one_bent_facet_no_sample_is_nearer(name):
     """Points in the facet's plane, above it, beside it, far away; the facet shaken by 10 % of its size in all directions."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     kind = KINDS[name]
     plane = kind.nodes
     corners = np.column_stack([plane, np.zeros(len(plane))]) + 0.1 * rng.uniform(-1, 1, (len(plane), 3))
-    points = rng.uniform(-1, 1, (200, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 50)[:, None] + corners.mean(axis=0)
-    xi, x = project(kind, np.broadcast_to(corners, (200, *corners.shape)), points)
+    points = rng.uniform(-1, 1, (100, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 25)[:, None] + corners.mean(axis=0)
+    xi, x = project(kind, np.broadcast_to(corners, (100, *corners.shape)), points)
     np.testing.assert_allclose(kind.shape(xi) @ corners, x, atol=1e-13)
     if name.startswith("tri"):
         assert xi.min() >= -1e-15
@@ -52,11 +51,11 @@ def test_on_one_bent_facet_no_sample_is_nearer(name, seed):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_points_on_a_surface_are_found_where_they_are(kind, tube):
-    position, facets = tube(kind, 20, 6, 1.5, 0.15)
+    position, facets = tube(kind, 12, 3, 1.5, 0.15)
     skin = skin_of(position, facets)
     rng = np.random.default_rng(0)
-    which = rng.integers(0, len(facets.kind), 300)
-    xi = rng.uniform(0.02, 0.98, (300, 2))
+    which = rng.integers(0, len(facets.kind), 80)
+    xi = rng.uniform(0.02, 0.98, (80, 2))
     xi = np.column_stack([xi[:, 0], xi[:, 1] * (1 - xi[:, 0])]) if kind.startswith("tri") else 2 * xi - 1
     nodes = facets.nodes[which][:, : len(KINDS[kind].nodes)]
     points = np.einsum("pk,pkc->pc", KINDS[kind].shape(xi), position[nodes])
@@ -70,15 +69,15 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
 def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     R = 2.0
-    position, facets = tube(kind, 32, 8, R, 0.1)
+    position, facets = tube(kind, 32, 3, R, 0.1)
     nodes = facets.nodes[:, : len(KINDS[kind].nodes)]
     lattice = np.einsum("qk,fkc->fqc", KINDS[kind].shape(sampled(kind, 15)), position[nodes])
     astray = np.abs(np.hypot(lattice[..., 0], lattice[..., 1]) - R).max()
     assert astray < 1e-3 * R
     rng = np.random.default_rng(1)
-    r, phi, z = rng.uniform(0.8, 6, 200), rng.uniform(0, 2 * np.pi, 200), rng.uniform(-3, 11, 200)
+    r, phi, z = rng.uniform(0.8, 6, 60), rng.uniform(0, 2 * np.pi, 60), rng.uniform(-3, 6, 60)
     points = np.column_stack([r * np.cos(phi), r * np.sin(phi), z])
-    along = np.maximum(np.maximum(-z, z - 8), 0)
+    along = np.maximum(np.maximum(-z, z - 3), 0)
     found = locate(skin_of(position, facets), points)
     # The facets are parabolas; two surfaces are as near to a point but for how far they are apart.
     np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
@@ -87,14 +86,14 @@ def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     """A large facet beside small ones: its centre is far, itself near."""
-    position, facets = plate(kind, 6, 5, 0.2)
+    position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
-    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 7, 2], (150, 3))
+    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (50, 3))
     found = locate(skin_of(position, facets), points)
-    least = np.full(150, np.inf)
+    least = np.full(50, np.inf)
     for nodes in facets.nodes[:, : len(KINDS[kind].nodes)]:
-        _, x = project(KINDS[kind], np.broadcast_to(position[nodes], (150, len(nodes), 3)), points)
+        _, x = project(KINDS[kind], np.broadcast_to(position[nodes], (50, len(nodes), 3)), points)
         least = np.minimum(least, np.linalg.norm(x - points, axis=1))
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 

@@ -198,9 +198,9 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
 def test_no_rounding_orders_equal_signals():
     """Pairs of equals of every size, each with its partner too near: of every pair the lower one stays."""
     rng = np.random.default_rng(2)
-    strength, x = np.repeat(rng.uniform(0.1, 1.0, 20_000), 2), np.repeat(np.arange(20_000.0), 2)
+    strength, x = np.repeat(rng.uniform(0.1, 1.0, 2_000), 2), np.repeat(np.arange(2_000.0), 2)
     shaken = strength * (1 + 1e-13 * rng.standard_normal(len(strength)))
-    np.testing.assert_array_equal(screen(shaken, 1.0, on_a_line(x), None, 0.5).kept, 2 * np.arange(20_000))
+    np.testing.assert_array_equal(screen(shaken, 1.0, on_a_line(x), None, 0.5).kept, 2 * np.arange(2_000))
 
 
 def test_each_load_case_takes_in_turn_the_strongest_that_is_free():

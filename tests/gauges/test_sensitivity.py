@@ -196,10 +196,9 @@ def kirsch_strain(position, direction):
     return np.sum((ends[0] - ends[1]) * direction, axis=1) / (2 * h)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("std", [0.0005, 0.002])
+@pytest.mark.parametrize(("kind", "std"), [("tri3", 0.0005), ("tri6", 0.002), ("quad4", 0.002), ("quad8", 0.0005)])
 def test_beside_a_hole_the_slopes_tell_the_rms_change_of_drawn_places(kind, std, bare):
-    """The oracle is Kirsch's strain at 400 drawn places of every gauge; the slopes are of the mesh, by facets of 4 mm."""
+    """The oracle is Kirsch's strain at 200 drawn places of every gauge; the slopes are of the mesh, by facets of 4 mm."""
     position, facets = surface(
         kind,
         48,
@@ -217,12 +216,12 @@ def test_beside_a_hole_the_slopes_tell_the_rms_change_of_drawn_places(kind, std,
     found = sensitivity_rows(position, gauges, kirsch(*position[:, :2].T).reshape(-1, 1), std, facets=facets)
     rng, squares = np.random.default_rng(0), np.zeros(len(gauges))
     across = np.cross(gauges.normal, gauges.direction)
-    for _ in range(400):
+    for _ in range(200):
         s = std * rng.standard_normal((len(gauges), 2))
         there = gauges.position + s[:, :1] * gauges.direction + s[:, 1:] * across
         squares += (kirsch_strain(there, gauges.direction) - kirsch_strain(gauges.position, gauges.direction)) ** 2
     claimed = std * np.hypot(found.along, found.across)[:, 0]
-    assert np.sqrt(np.sum(claimed**2) / np.sum(squares / 400)) == pytest.approx(1.0, abs=0.12)
+    assert np.sqrt(np.sum(claimed**2) / np.sum(squares / 200)) == pytest.approx(1.0, abs=0.12)
 
 
 def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plate, bare):

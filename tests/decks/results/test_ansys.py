@@ -114,10 +114,9 @@ def test_without_the_library_the_command_that_installs_it_is_named(file, monkeyp
     assert caught.value.remedy == 'install it: pip install "strainsight[results]"'
 
 
-@pytest.mark.parametrize("keep", [300, 300_000])
-def test_a_file_cut_short_is_refused(file, tmp_path, keep):
+def test_a_file_cut_short_is_refused(file, tmp_path):
     path = tmp_path / "run.rst"
-    path.write_bytes(Path(file).read_bytes()[:keep])
+    path.write_bytes(Path(file).read_bytes()[:300_000])
     with pytest.raises(DeckError) as caught:
         list(read_responses(path))
     assert "run.rst" in caught.value.where
