@@ -109,7 +109,7 @@ lowest:
 	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps -r .ci/lowest.lock
 	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-index --no-build-isolation --editable .
 	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
-		--deselect tests/config/test_schema.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
+		--deselect tests/config/test_load.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
 		tests/config tests/decks tests/measurements tests/report tests/cli tests/workflow tests/sweep $(ARGS)
 	@$(LOWEST)/$(BIN)/strainsight run configs/cantilever-youngs-modulus.yaml --results $(LOWEST)/results
 

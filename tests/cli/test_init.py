@@ -16,7 +16,7 @@ from strainsight.errors import ConfigError
 from strainsight.stages.suggestion import suggestion
 from strainsight_cli.main import app
 
-from ..decks.abaqus.test_history import DIFFERENT, ROW
+from ..decks.abaqus.test_loads import DIFFERENT, ROW
 from ..edges.beam import bricks
 from ..strips import gmsh
 

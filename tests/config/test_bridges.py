@@ -7,7 +7,7 @@ import pytest
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 
-from .test_messages import CONFIGS, refused
+from .test_plausible import CONFIGS, refused
 
 CONFIG = "cantilever-youngs-modulus.yaml"
 UP, DOWN = "{position: [0.5, 0.05, 0.095], direction: [1, 0, 0]", "{position: [0.5, 0.05, -0.095], direction: [1, 0, 0]"

@@ -1,12 +1,23 @@
-"""What the mesh of a config may say, and what contradicts it."""
+"""Meshes, load cases and types of gauges in configs."""
 
 from __future__ import annotations
 
-import pytest
+import copy
+import math
+import re
+from pathlib import Path
 
+import pytest
+import yaml
+
+from strainsight.config.gauge_types import CATALOGUE, fitting_type, gauge_type, type_gain
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 
+from ..edges.beam import PLACEMENT_CONFIG
+from ..refusals import expect_refusal
+
+# What the mesh of a config may say, and what contradicts it.
 CONFIG = """\
 kind: placement
 name: own
@@ -129,20 +140,192 @@ def test_sections_of_shells_beams_and_rods_are_accepted(load, text):
     ],
 )
 def test_a_section_is_that_of_a_shell_or_of_a_beam(load, text, key, what):
-    with pytest.raises(ConfigError, match=what) as caught:
+    with expect_refusal(ConfigError, what, remedy="", key=f"mesh.sections.own{key}") as caught:
         load(sections(f"{{own: {{{text}}}}}"))
-    assert caught.value.key == f"mesh.sections.own{key}"
     assert not caught.value.others
-    assert caught.value.remedy
 
 
 def test_a_choice_of_mass_beside_matrices_is_refused(load):
-    with pytest.raises(ConfigError, match=r"the mass is that of mesh\.matrices") as caught:
+    with expect_refusal(ConfigError, r"the mass is that of mesh\.matrices", key="mesh.mass"):
         load(CONFIG.replace("  matrices:", "  mass: lumped\n  matrices:"))
-    assert caught.value.key == "mesh.mass"
 
 
 def test_sections_beside_matrices_are_refused(load):
-    with pytest.raises(ConfigError, match=r"stiffness and mass are those of mesh\.matrices") as caught:
+    with expect_refusal(ConfigError, r"stiffness and mass are those of mesh\.matrices", key="mesh.sections"):
         load(CONFIG.replace("  matrices:", "  sections: {skin: {regions: all, thickness: 0.002}}\n  matrices:"))
-    assert caught.value.key == "mesh.sections"
+
+
+# What a config may say of load cases.
+EXAMPLE = Path(__file__).parents[2] / "configs" / "cantilever-input.yaml"
+LOADS = (
+    "loads.side={node: 2, direction: [0, 1, 0], known: false, signal: {type: sine, frequency: 30, amplitude: 100}}",
+    "place.estimate=[tip, side]",
+    "validate.initial_std={tip: 0.1, side: 0.1}",
+)
+
+
+def loaded(cases, *more):
+    return load_config(EXAMPLE, [*LOADS, *more, f"place.load_cases={cases}"]).model.place.load_cases
+
+
+def test_a_case_without_overrides_is_the_loads_as_stated():
+    found = loaded("{plain: {}, idle: {weight: 2, loads: {side: none}, duration: 0.5, settle: none}}")
+    assert found["plain"].weight == 1
+    assert found["plain"].loads == {}
+    assert found["idle"].loads == {"side": "none"}
+    assert loaded("null") is None
+
+
+@pytest.mark.parametrize(
+    ("cases", "key", "what", "remedy"),
+    [
+        ("{}", "place.load_cases", "at least 1", ""),
+        ("{a: {weight: 0}}", "place.load_cases.a.weight", "0 has to be above 0", ""),
+        ("{a: {weight: -1}}", "place.load_cases.a.weight", "above 0", ""),
+        ("{a: {loads: {sid: none}}}", "place.load_cases.a.loads.sid", "no load 'sid'", "did you mean side?"),
+        ("{a: {loads: {side: nono}}}", "place.load_cases.a.loads.side", "'nono'", "did you mean none?"),
+        ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the case"),
+        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "let side act"),
+        ("{a: {wieght: 1}}", "place.load_cases.a.wieght", "unknown key", "did you mean weight?"),
+        ("{a: {loads: {tip: {signal: {type: sin, frequency: 1, amplitude: 1}}}}}", "place.load_cases.a.loads.tip.signal.type",
+         "'sin' is not one of", "did you mean sine?"),
+        ("{a: {loads: {tip: {signal: {type: sine, frequency: 900, amplitude: 1}}}}}", "place.load_cases.a.time_step",
+         "of load 'tip' (900 Hz)", "take at most"),
+        ("{a: {loads: {tip: {signal: {type: sine, frequency: 9, amplitude: 1}, frequency: 900}}}}",
+         "place.load_cases.a.loads.tip.frequency", "900 Hz", "take at most"),
+        ("{a: {loads: {tip: {signal: {type: csv, file: f.csv, time_column: t, value_column: F}}}}}",
+         "place.load_cases.a.loads.tip.frequency", "needs a typical frequency", "[Hz]"),
+        ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
+         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap them"),
+        ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
+         "place.load_cases.a.loads.side", "30 Hz, of which the time step of this case takes 3.33 steps", "a shorter step"),
+        ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "take"),
+        ("{a: {settle: 1.0e+9}}", "place.load_cases.a.settle", "steps", "take at most"),
+        ("{'a b': {}}", "place.load_cases.a b", "", ""),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what, remedy):
+    with pytest.raises(ConfigError) as caught:
+        loaded(cases)
+    found = [error for error in (caught.value, *caught.value.others) if error.key == key]
+    assert found, [(e.key, e.what) for e in (caught.value, *caught.value.others)]
+    assert what in found[0].what
+    assert found[0].remedy
+    assert remedy in found[0].remedy
+
+
+def test_a_case_in_which_all_that_the_criterion_covers_is_silent_is_refused():
+    with pytest.raises(ConfigError, match="side is silent, and the criterion covers nothing else") as caught:
+        loaded("{a: {loads: {side: none}}, b: {}}", "place.metric_over=[side]")
+    assert caught.value.key == "place.load_cases.a.loads"
+
+
+def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated():
+    slow = "{type: sine, frequency: 1, amplitude: 1}"
+    cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
+    assert loaded(cases)["a"].time_step == 0.01
+    with expect_refusal(ConfigError, "40 Hz, of which the time step of this case", key="loads.side.process_noise.frequency"):
+        loaded(cases, "loads.side.process_noise.frequency=40")
+
+
+# What a config says by the type of its gauges: defaults, which every key of its own overrides.
+OWN = {"grid_length": 0.002, "grid_width": 0.002, "carrier_length": 0.006, "carrier_width": 0.004, "resistance": 1000.0}
+
+
+@pytest.fixture
+def gauge_types_loaded(tmp_path):
+    """loaded(*overrides): a config of a placement that states no spacing."""
+    data = copy.deepcopy(PLACEMENT_CONFIG)
+    data["screen"] = {"keep": 8}
+    (tmp_path / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    return lambda *overrides: load_config(tmp_path / "edge.yaml", overrides).model
+
+
+def test_a_config_without_a_type_is_what_it_was(gauge_types_loaded):
+    config = gauge_types_loaded()
+    assert (config.gauges.type, config.gauges.grid_length, config.gauges.range) == (None, 0.0, None)
+    assert (config.screen.minimum_spacing, config.place.minimum_spacing, config.tolerances.gain) == (0.0, 0.0, 0.01)
+    assert gauge_type(config.gauges) is None
+
+
+def test_a_type_gives_grid_spacing_range_and_gain(gauge_types_loaded):
+    """3/350 by its data sheet: a grid of 1/8 inch, a carrier of 0.42 × 0.27 inch, 5 %, 350 Ω, a gauge factor to 0.5 %."""
+    config = gauge_types_loaded("gauges.type=3/350")
+    assert config.gauges.grid_length == pytest.approx(0.0254 / 8, rel=0.002)
+    assert (config.report.gauge_factor, config.report.resistance) == (2.1, 350.0)
+    assert config.screen.minimum_spacing == config.place.minimum_spacing == pytest.approx(0.42 * 0.0254, rel=0.005)
+    assert config.gauges.range == 0.05
+    assert config.tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 350), abs=1e-6)
+    assert (config.tolerances.angle, config.gauges.clearance) == (2.0, None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("gauges.grid_length", 0.0), ("gauges.range", 1e-3), ("gauges.range", None), ("screen.minimum_spacing", 0.0),
+        ("place.minimum_spacing", 0.05), ("tolerances.gain", 0.02),
+    ],
+)
+def test_a_key_that_is_stated_wins(gauge_types_loaded, key, value):
+    config = gauge_types_loaded("gauges.type=3/350", f"{key}={'null' if value is None else value}")
+    section, name = key.split(".")
+    assert getattr(getattr(config, section), name) == value
+    others = {"gauges.grid_length", "screen.minimum_spacing", "tolerances.gain"} - {key}
+    typed = gauge_types_loaded("gauges.type=3/350")
+    for other in others:
+        section, name = other.split(".")
+        assert getattr(getattr(config, section), name) == getattr(getattr(typed, section), name)
+
+
+def test_tolerances_of_none_stay_none_and_accelerometers_keep_their_gain(gauge_types_loaded):
+    assert gauge_types_loaded("gauges.type=3/120", "tolerances=none").tolerances == "none"
+    sensor = "{quantity: acceleration, noise_std: {value: 0.01}}"
+    assert gauge_types_loaded("gauges.type=3/120", f"motion_sensors={{a: {sensor}}}").tolerances.gain == 0.01
+    assert gauge_types_loaded("gauges.type=3/120").tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 120), abs=1e-6)
+
+
+def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(gauge_types_loaded):
+    for name in ("mine", "3/350"):
+        config = gauge_types_loaded(f"gauges.type={name}", f"gauges.types={{{name}: {OWN}}}".replace("'", ""))
+        assert (config.gauges.grid_length, config.screen.minimum_spacing) == (0.002, 0.006)
+        assert config.tolerances.gain == pytest.approx(math.hypot(0.01, 1 / 1000), abs=1e-6)
+        assert gauge_type(config.gauges).bend_radius == 0
+
+
+@pytest.mark.parametrize(
+    ("overrides", "said"),
+    [
+        (["gauges.type=3/530"], r"gauges\.type: no type of gauge is called '3/530' +did you mean 3/350"),
+        (["gauges.type=3/350-rosette"], r"gauges\.type: 3/350-rosette has 3 grids, and a gauge here has 1"),
+        (
+            ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
+            r"3/350 has 1 grid, and a gauge here has 3 +take 3/350-rosette",
+        ),
+        (["gauges.type=mine", "gauges.types={mine: {grid_length: 0.002}}"], r"gauges\.types\.mine\.grid_width"),
+        (["gauges.types={a.b: {}}"], r"gauges\.types"),
+    ],
+)
+def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(gauge_types_loaded, overrides, said):
+    with pytest.raises(ConfigError) as caught:
+        gauge_types_loaded(*overrides)
+    text = "\n".join(str(problem) for problem in (caught.value, *caught.value.others))
+    assert re.search(said, text.replace("\n", " ")), text
+
+
+def test_the_catalogue_is_sound_by_its_own_names():
+    """A name says grid in mm and resistance; a carrier holds its grids; a range, a factor and a gain are those of foil gauges."""
+    for name, own in CATALOGUE.items():
+        grid, resistance = name.removesuffix("-rosette").split("/")
+        assert own.grid_length == pytest.approx(1e-3 * float(grid), rel=0.07)
+        assert own.resistance == float(resistance)
+        assert own.grid_length < own.carrier_length
+        assert own.grid_width < own.carrier_width
+        assert own.grids == (3 if name.endswith("rosette") else 1)
+        assert 0.02 < own.range < 0.06
+        assert 1.9 < own.gauge_factor < 2.2
+        assert 0.005 < type_gain(own) < 0.015
+        assert own.source
+
+
+def test_a_part_gets_the_type_whose_carrier_is_no_third_of_its_largest_face():
+    assert [fitting_type(side) for side in (1.0, 0.0322, 0.032, 0.0238, 0.0236)] == ["3/350"] * 2 + ["1.5/350"] * 2 + [None]

@@ -1,4 +1,4 @@
-"""Every number of a config has a plausible range, beyond which a warning says where it stands and what was meant."""
+"""Plausible ranges, messages, overrides, YAML text and damage settings of configs."""
 
 from __future__ import annotations
 
@@ -7,18 +7,25 @@ from pathlib import Path
 from typing import Annotated, get_args
 
 import pytest
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
+from strainsight.cases.structure.damaged_places import curve_of
 from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.damage import DamageSettings, MeanStress, SNCurve, damage_problems
 from strainsight.config.load import load_config
 from strainsight.config.marks import mark_of
+from strainsight.config.overrides import Override
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.plausible import Marker, Plausible, PlausibleBy, Unbounded, implausible
 from strainsight.config.suite import SuiteConfig
+from strainsight.config.yaml_text import YamlProblem, parse
+from strainsight.errors import ConfigError
 
+from ..refusals import expect_refusal
 from ..robustness.small import BENCH, PLACEMENT
 
+# Every number of a config has a plausible range, beyond which a warning says where it stands and what was meant.
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted([*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "docs").rglob("*.yaml")])
 BEARING = """
@@ -156,3 +163,169 @@ def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
     assert found[0].remedy == "if 190 is in GPa, write 1.9e+11"
     factor = "{property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.3]}"
     assert list(implausible(load_config(path, [f"parameters.E={factor}", "validate.truth.parameters.E=1.1"]).model)) == []
+
+
+# What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
+CONFIGS = Path(__file__).parents[2] / "configs"
+BOX = "box: [[x, y, z], [x, y, z]]: lower and upper corner [m]."
+
+
+def refused(name: str, override: str) -> list[ConfigError]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(CONFIGS / name, [override])
+    return [caught.value, *caught.value.others]
+
+
+@pytest.mark.parametrize(
+    ("zone", "key", "what", "remedy"),
+    [
+        ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "a mapping has to be a list", BOX),
+        ("{box: [[0, 0, 0], [1, 1]]}", ".box[1]", "2 entries are too few", BOX),
+        ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known here: box"),
+        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of its axis [-]."),
+        ("{normal_cone: 5}", ".normal_cone", "5 has to be a mapping", "normal_cone: The normals."),
+        (
+            "{near_edgs: 0.1}",
+            "",
+            "give exactly one of 'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'",
+            "did you mean near_edges?",
+        ),
+    ],
+)
+def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
+    """A member of the union has the name of its key: it must not be named twice, nor in place of the key at fault."""
+    (error,) = refused("cantilever-youngs-modulus.yaml", f"gauges.exclude=[{zone}]")
+    assert (error.key, error.what, error.remedy) == (f"gauges.exclude[0]{key}", what, remedy)
+
+
+@pytest.mark.parametrize(
+    ("entry", "key", "what", "remedy"),
+    [
+        ("bearing: a, inner: c", "outer", "missing", "outer: Frame of the outer ring, at the centre of the bearing."),
+        ("bearing: {a: 1}, outer: a, inner: c", "bearing", "a mapping has to be text", "bearing: Name of the bearing."),
+        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner, drag"),
+    ],
+)
+def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
+    (error,) = refused("bench-full.yaml", f"forces.b={{type: bearing, {entry}}}")
+    assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
+
+
+def test_members_of_a_union_without_names_are_one_problem_of_their_key():
+    (error,) = refused("cantilever-youngs-modulus.yaml", "parameters.E.region={id: 5}")
+    assert error.key == "parameters.E.region"
+    assert error.what == "a mapping has to be a whole number or text or a list"
+
+
+def test_a_key_is_described_by_the_member_that_the_config_names():
+    errors = refused("cantilever-youngs-modulus.yaml", "loads.tip.signal={type: sweep, end_frequency: 4, duration: 1}")
+    said = {error.key: error.remedy for error in errors}
+    # a sine's is "Amplitude a …"
+    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²]."
+
+
+# What is no YAML is refused at its line with what to do about it.
+@pytest.mark.parametrize(
+    ("text", "line", "remedy"),
+    [
+        ("a:\n  b: 1\n\tc: 2\n", 3, "with spaces, not with tabs"),
+        ("a:\t1\n", 1, "with spaces, not with tabs"),
+        ("a:\n    b: 1\n  c: 2\n", 3, "indent it exactly as its neighbours above"),
+        ("a:\n  - 1\n  b: 2\n", 3, "indent it exactly as its neighbours above"),
+        ("a:\n  b: 1\n    c: 2\n", 3, "indent it exactly as its neighbours above"),
+        ("a: b: c\n", 1, "': ' in quotes"),
+        ("a: 1\nb 2\nc: 3\n", 3, "KEY: VALUE in the line above"),
+        ("a: [1, 2\nb: 3\n", 2, "close the bracket"),
+        ("a: {b: 1\nc: 2\n", 2, "close the bracket"),
+        ("a: 'x\nb: 1\n", 3, "close the quotes"),
+        ("a: %b\n", 1, "put the value in quotes"),
+        ("a: *b\n", 1, "put the value in quotes"),
+        ('a: "C:\\data"\n', 1, "single quotes"),
+    ],
+)
+def test_a_mistake_has_a_line_and_a_remedy(text, line, remedy):
+    with expect_refusal(YamlProblem, "not valid YAML", remedy=remedy) as caught:
+        parse(text)
+    assert caught.value.line == line
+
+
+# What an override makes wrong is placed at the override, and a misspelt section is recognised.
+CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
+
+
+def overrides_refused(override: str | Override) -> list[ConfigError]:
+    with pytest.raises(ConfigError) as caught:
+        load_config(CONFIG, [override])
+    return [caught.value, *caught.value.others]
+
+
+def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
+    errors = overrides_refused("loads.tipp.signal.amplitude=3")
+    assert {error.key for error in errors} == {"loads.tipp.known", "loads.tipp.signal"}
+    for error in errors:
+        assert error.where == "--set loads.tipp.signal.amplitude"
+        assert error.remedy == "did you mean tip?"
+
+
+def test_a_section_that_only_an_override_made_has_to_be_added():
+    (error,) = overrides_refused(Override("estimate.file", "a.csv", "--measurements"))
+    assert (error.key, error.where) == ("estimate.channels", "--measurements")
+    assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
+    assert "docs/estimation.md" in error.remedy
+
+
+def test_a_section_that_is_there_stays_where_it_is():
+    config = load_config(CONFIG, ["place.keep=6"])
+    assert config.locate("place").startswith(f"{CONFIG}:")
+    assert config.locate("place.keep") == "--set place.keep"
+
+
+# What an S-N curve and a rule of the mean stress demand of each other.
+LINE = {"slope": 3.0, "stress": 1e8}
+
+
+def problems(curve=(), mean=()):
+    own = DamageSettings(curve=SNCurve(**(LINE | dict(curve))), mean_stress=MeanStress(**dict(mean)))
+    return [problem.key for problem in damage_problems(own, "estimate.damage")]
+
+
+@pytest.mark.parametrize(
+    ("curve", "mean"),
+    [
+        ({}, {}),
+        ({"knee": 5e6}, {}),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}),
+        ({"cut_off": 1e7}, {"rule": "goodman", "tensile_strength": 5e8}),
+        ({}, {"rule": "fkm", "sensitivity": 0.0}),
+    ],
+)
+def test_what_fits_together_is_taken(curve, mean):
+    assert problems(curve, mean) == []
+
+
+@pytest.mark.parametrize(
+    ("curve", "mean", "key"),
+    [
+        ({"second_slope": 5.0}, {}, "curve.second_slope"),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 5e6}, {}, "curve.cut_off"),
+        ({"knee": 5e6, "cut_off": 1e8}, {}, "curve.cut_off"),
+        ({}, {"rule": "goodman"}, "mean_stress"),
+        ({}, {"rule": "fkm", "tensile_strength": 5e8, "sensitivity": 0.1}, "mean_stress.tensile_strength"),
+        ({}, {"sensitivity": 0.1}, "mean_stress.sensitivity"),
+    ],
+)
+def test_what_does_not_is_named(curve, mean, key):
+    assert problems(curve, mean) == [f"estimate.damage.{key}"]
+
+
+def test_fewer_draws_than_an_interval_needs_are_refused():
+    with pytest.raises(ValidationError, match="greater than or equal to 40"):
+        DamageSettings(curve=SNCurve(**LINE), draws=39)
+
+
+def test_an_amplitude_is_half_a_range():
+    one, other = (
+        curve_of(DamageSettings(curve=SNCurve(slope=5.0, stress=stress, of=of, knee=1e7)))[0]
+        for stress, of in ((1e8, "range"), (5e7, "amplitude"))
+    )
+    assert one == other

@@ -1,4 +1,4 @@
-"""A suite is checked whole, with the configs of its runs: every problem has its place in the file that it stands in."""
+"""Suites and their studies."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from strainsight.config.load import load_config
-from strainsight.config.suite_runs import runs_of
+from strainsight.config.suite_runs import runs_of, value_over
 from strainsight.errors import ConfigError
+from strainsight.stages.pages.suite_entries import suite_config
 
+# A suite is checked whole, with the configs of its runs: every problem has its place in the file that it stands in.
 CONFIGS = Path(__file__).parents[2] / "configs"
 SUITE = """\
 kind: suite
@@ -58,9 +60,7 @@ def place(text: str, part: str, file: str = "suite.yaml") -> str:
 def test_every_run_gets_what_is_set_its_name_and_the_suffix(write):
     runs = runs_of(load_config(write()))
     assert [run.config.model.name for run in runs] == [
-        "cantilever-youngs-modulus-short",
-        "watched-short",
-        "cantilever-input-short",
+        "cantilever-youngs-modulus-short", "watched-short", "cantilever-input-short",
     ]
     assert [run.config.data["place"]["instants"] for run in runs] == [3, 3, 3]
     assert [run.config.data["place"]["keep"] for run in runs] == [5, 4, 4]
@@ -193,3 +193,193 @@ def test_a_name_that_no_file_can_have_is_no_file(write, name):
     (error,) = refused(write(SUITE.replace("cantilever-input.yaml", name, 1)))
     assert error.key == "runs[2].config"
     assert "no such file" in error.what
+
+
+# A suite of benches: its studies and claims are checked with the configs of its runs, each mistake at its place.
+BENCH = """\
+kind: bench
+name: bob
+bodies:
+  bob: {type: rigid, mass: 2.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}
+frames:
+  pivot: {body: ground}
+  hinge: {body: bob}
+joints:
+  hinge: {type: fixed, frames: [pivot, hinge]}
+simulate: {duration: 1.0, time_step: 0.1}
+"""
+STUDIES = """\
+kind: suite
+name: all
+title: Benches
+suffix: -x
+set: {simulate: {duration: 1.0, time_step: 0.1}}
+runs:
+  - {config: bench.yaml, name: long, label: long steps, study: steps, group: own, set: {simulate.time_step: 0.5}}
+  - {config: bench.yaml, name: short, label: short steps, study: steps, group: own}
+  - {config: bench.yaml, name: other, label: another}
+studies:
+  - {name: steps, note: What a step costs., over: simulate.time_step, numbers: [steps]}
+claims:
+  - {text: Few steps., run: long, stage: simulate, number: steps, below: 3}
+  - {text: Five times as many., run: [short], stage: simulate, number: steps, against: long, above: 4.5, below: 5.5}
+"""
+COMPARISONS = """\
+comparisons:
+  - source: figure 1
+    says: It takes few steps.
+    as_printed: {run: long, stage: simulate, number: steps, below: 9}
+  - source: figure 2
+    says: E is found.
+    printed: 1 %
+    ours: {run: other, number: error.E, below: 0.01}
+  - source: figure 3
+    says: It is drawn.
+    why: A drawing.
+"""
+
+
+@pytest.fixture
+def write_studies(tmp_path):
+    (tmp_path / "bench.yaml").write_text(BENCH, encoding="utf-8")
+    beam = CONFIGS / "cantilever-youngs-modulus.yaml"
+    (tmp_path / "beam.yaml").write_text(beam.read_text(encoding="utf-8"), encoding="utf-8")
+
+    def written(text: str = STUDIES) -> Path:
+        path = tmp_path / "suite.yaml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+def refused_studies(path: Path, stages=("import", "reduce", "simulate")) -> list[ConfigError]:
+    def checked():
+        suite = load_config(path)
+        runs = runs_of(suite)
+        suite_config(suite, runs, [list(stages)] * len(runs))
+
+    with pytest.raises(ConfigError) as caught:
+        checked()
+    return [caught.value, *caught.value.others]
+
+
+def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_studies):
+    suite = load_config(write_studies())
+    given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)
+    assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
+    assert [run["study"] for run in given["runs"]] == ["steps", "steps", ""]
+    assert given["runs"][0]["artefacts"] == {"simulate": "long-x/simulate.h5", "report": "long-x/report.h5"}
+    measures = [claim["measure"] for claim in given["claims"]]
+    assert [(own["runs"], own["against"], own["number"]) for own in measures] == [
+        ([0], None, ["steps"]),
+        ([1], 0, ["steps"]),
+    ]
+
+
+def test_a_section_that_is_set_for_all_runs_is_each_run_s_own(write_studies):
+    runs = runs_of(load_config(write_studies()))
+    assert [run.config.data["simulate"]["time_step"] for run in runs] == [0.5, 0.1, 0.1]
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "what"),
+    [
+        ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
+        ("against: long", "against: none", "claims[1].against", "no run 'none'"),
+        ("below: 3", "note: 3", "claims[0].note", "unknown key"),
+        (", below: 3", "", "claims[0]", "has no bound"),
+        ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
+        ("below: 3", "equals: true, below: 3", "claims[0].equals", "no other bound"),
+        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "no run to compare"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is no number in runs[0], 'long-x'"),
+        ("over: simulate.time_step, ", "", "studies[0].numbers", "nothing to draw them over"),
+        ("name: steps, note", "name: stops, note", "studies[0].name", "no run is of the study 'stops'"),
+        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "is listed twice"),
+        ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
+        ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
+        ("text: Few steps.", 'text: "Few\\esteps."', "claims[0].text", "control character"),
+        ("group: own", 'group: "a\\nb"', "runs[0].group", "a line break"),
+    ],
+)
+def test_a_mistake_has_its_place(write_studies, before, after, key, what):
+    assert before in STUDIES
+    (error,) = (error for error in refused_studies(write_studies(STUDIES.replace(before, after, 1))) if what in error.what)
+    assert error.key == key
+    assert "suite.yaml:" in error.where
+    assert error.remedy
+
+
+def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write_studies):
+    text = STUDIES.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
+    text = text.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
+    text = text.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0]
+    text += COMPARISONS
+    suite = load_config(write_studies(text))
+    given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
+    first, second, third = given["comparisons"]
+    assert first["as_printed"]["stage"] == "simulate"
+    assert (second["ours"]["runs"], second["ours"]["stage"]) == ([2], "validate")
+    assert second["as_printed"] is None
+    assert (third["ours"], third["as_printed"]) == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "key", "what"),
+    [
+        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
+        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
+        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
+        ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
+    ],
+)
+def test_a_mistake_of_a_comparison_has_its_place(write_studies, before, after, key, what):
+    text = STUDIES.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0] + COMPARISONS
+    text = text.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
+    assert before in text
+    found = refused_studies(write_studies(text.replace(before, after, 1)))
+    assert any(error.key == key and what in error.what and error.remedy for error in found)
+
+
+def test_placements_have_studies_and_claims_too(write_studies):
+    text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {config: beam.yaml, name: a, label: E, study: s, group: g}\n"
+    text += "studies: [{name: s, over: place.keep}]\nclaims: [{text: t, run: a, number: error.E, above: 0}]\n"
+    suite = load_config(write_studies(text))
+    given = suite_config(suite, runs_of(suite), [["import", "validate"]])
+    assert (given["runs"][0]["at"], given["claims"][0]["measure"]["stage"]) == (4.0, "validate")
+    assert list(given["runs"][0]["artefacts"]) == ["import", "validate"]
+    (error,) = refused_studies(write_studies(text), ("import", "place"))
+    assert (error.key, error.what) == (
+        "claims[0].run",
+        "runs[0], 'a', has no stage 'validate': it goes through import, place",
+    )
+
+
+def test_a_bearing_alone_has_no_page_in_a_suite(write_studies, tmp_path):
+    (tmp_path / "ball.yaml").write_text("kind: bearing\nname: ball\n", encoding="utf-8")
+    (error,) = refused_studies(write_studies(STUDIES.replace("bench.yaml, name: other", "ball.yaml, name: other")))
+    assert error.key == "runs[2].config"
+
+
+def test_the_value_at_a_dotted_key():
+    config = {"a": [{"b": 2}, {"b": True}], "c": None}
+    assert value_over(config, "a.0.b") == 2.0
+    assert [value_over(config, key) for key in ("a.1.b", "a.2.b", "c", "c.d", "a", "e")] == [None] * 6
+
+
+def test_what_is_measured_on_another_run_follows_the_suffix(write_studies, tmp_path):
+    bench = (CONFIGS / "bench-full.yaml").read_text(encoding="utf-8")
+    (tmp_path / "full.yaml").write_text(bench, encoding="utf-8")
+    estimate = (
+        "{sensors: {relative: {noise: 1.0e-7}}, inputs: {Fx: {std: 1.0, increment: 1.0}}, measured: {from: NAME}}"
+    )
+    text = "kind: suite\nname: all\ntitle: t\nsuffix: -x\nruns:\n  - {config: full.yaml, name: full, label: f}\n"
+    text += f"  - {{config: full.yaml, name: small, label: s, set: {{estimate: {estimate}}}}}\n"
+    runs = runs_of(load_config(write_studies(text.replace("NAME", "full"))))
+    assert runs[1].config.data["estimate"]["measured"]["from"] == "full-x"
+    runs = runs_of(load_config(write_studies(text.replace("NAME", "elsewhere"))))
+    assert runs[1].config.data["estimate"]["measured"]["from"] == "elsewhere"
+    later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
+    (error,) = refused_studies(write_studies(later))
+    assert error.key == "estimate.measured.from"
+    assert "which the suite runs later" in error.what

@@ -40,7 +40,9 @@ from .bars import (
 )
 
 CORD = ["CORD2R", 7, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6, 0.8, 0.0]
-Case = tuple[str, str, Callable[[Bar], str | dict[str, str]], Callable[[Bar], Reference]]
+Writer = Callable[[Bar], str | dict[str, str]]
+Oracle = Callable[[Bar], Reference]
+Case = tuple[str, str, Writer, Oracle]
 
 
 def number(node: int) -> int:
@@ -201,138 +203,78 @@ def relation(a: int, b: int) -> list:
     return ["MPC", 2, a, 1, 1.0, b, 1, -0.5, "", "", b, 3, 0.25]
 
 
+def nastran(write: Writer, reference: Oracle = plain, kind: str = "tet10") -> Case:
+    return ".bdf", kind, write, reference
+
+
+def abaqus(write: Writer, reference: Oracle = plain, kind: str = "tet10") -> Case:
+    return ".inp", kind, write, reference
+
+
+def modelled(more: str, reference: Oracle) -> Case:
+    """An Abaqus deck with more model data; {0} and {1} are the first two nodes of the tip."""
+    return abaqus(lambda own: inp(own, more=more.format(*numbers(own.tip[:2]))), reference)
+
+
+RBE2 = added(REFERENCE, lambda own: ["RBE2", 9, 900, 123, *numbers(own.tip)], CONM2)
+RBE3 = added(REFERENCE, lambda own: ["RBE3", 9, "", 900, 123456, 1.0, 123, *numbers(own.tip)], CENTRED)
+CELAS = (
+    lambda own: ["CELAS2", 91, 3e7, number(own.tip[0]), 2],
+    lambda own: ["CELAS1", 92, 93, number(own.tip[0]), 3, number(own.tip[1]), 3],
+    ["PELAS", 93, 2e8],
+)
+ROLLER = "*NSET, NSET=ROLL\n{}, {}\n*TRANSFORM, NSET=ROLL\n.6, .8, 0., -.8, .6, 0.\n*BOUNDARY\nROOT, 1, 3\nROLL, 2\n"
+SURFACE = "*SURFACE, NAME=S, TYPE=NODE\nTIP, 1.\n*COUPLING, REF NODE=900, SURFACE=S, CONSTRAINT NAME=C\n*DISTRIBUTING\n"
+SPRINGS = "*ELEMENT, TYPE=SPRING1, ELSET=S1\n91, {0}\n*SPRING, ELSET=S1\n2\n3e7\n"
+SPRINGS += "*ELEMENT, TYPE=SPRING2, ELSET=S2\n92, {0}, {1}\n*SPRING, ELSET=S2\n3, 3\n2e8\n"
+ORTHO = "*ELASTIC, TYPE=ORTHO\n9e10, 3e10, 7e10, 2e10, 2e10, 5e10, 3e10, 1e10\n2e10\n"
+STEP = "*BOUNDARY\nTIP, 1, 3\n*STEP\n*FREQUENCY\n10\n*BOUNDARY, OP=NEW\nROOT, 1, 3\n*END STEP\n"
 CASES: dict[str, Case] = {
-    **{f"bdf {kind}": (".bdf", kind, lambda own: bulk(free(cards(own))), plain) for kind in OF},
-    **{f"inp {kind}": (".inp", kind, inp, plain) for kind in OF},
-    "large fields, marks": (".bdf", "tet10", fixed_width, plain),
-    "large fields of hex20": (".bdf", "hex20", fixed_width, plain),
-    "included": (".bdf", "tet10", lambda own: {"": bulk("INCLUDE 'own.blk'\n"), "own.blk": free(cards(own))}, plain),
-    "GRDSET": (".bdf", "tet10", added(["GRDSET", "", "", "", "", "", "", 456]), plain),
-    "cylinder": (".bdf", "tet10", in_cylinder, plain),
-    "CD": (".bdf", "tet10", rolled, turned_roller),
-    "SPCADD": (
-        ".bdf",
-        "tet10",
-        lambda own: bulk(free(cards(own)) + "SPCADD,4,1\n").replace("SPC = 1", "SPC = 4"),
-        plain,
+    **{f"bdf {kind}": nastran(lambda own: bulk(free(cards(own))), kind=kind) for kind in OF},
+    **{f"inp {kind}": abaqus(inp, kind=kind) for kind in OF},
+    "large fields, marks": nastran(fixed_width),
+    "large fields of hex20": nastran(fixed_width, kind="hex20"),
+    "included": nastran(lambda own: {"": bulk("INCLUDE 'own.blk'\n"), "own.blk": free(cards(own))}),
+    "GRDSET": nastran(added(["GRDSET", "", "", "", "", "", "", 456])),
+    "cylinder": nastran(in_cylinder),
+    "CD": nastran(rolled, turned_roller),
+    "SPCADD": nastran(lambda own: bulk(free(cards(own)) + "SPCADD,4,1\n").replace("SPC = 1", "SPC = 4")),
+    "PS": nastran(permanent),
+    "left-handed": nastran(left_handed),
+    "E and G": nastran(replaced(["MAT1"], ["MAT1", 1, E, G, "", RHO])),
+    "G and NU": nastran(replaced(["MAT1"], ["MAT1", 1, "", G, NU, RHO])),
+    "WTMASS": nastran(replaced(["MAT1"], ["MAT1", 1, E, "", NU, RHO * 386.0], ["PARAM", "WTMASS", 1 / 386.0])),
+    **{f"RBE2, CONM2, {kind}": nastran(RBE2, rigid_tip, kind) for kind in ("tet10", "hex20")},
+    "RBE3": nastran(RBE3, averaged),
+    "MPC": nastran(lambda own: bulk(free([*cards(own), relation(*numbers(own.tip[:2]))]), "MPC = 2\n"), related),
+    "RBAR": nastran(added(*map(rigid_bar, (1, 2, 3))), barred),
+    "CELAS": nastran(added(*CELAS), sprung),
+    "MAT9": nastran(replaced(["MAT1"], MAT9), anisotropic),
+    "MAT9 of hex20": nastran(replaced(["MAT1"], MAT9), anisotropic, "hex20"),
+    "SPC not at zero": nastran(added(lambda own: ["SPC", 1, number(own.tip[0]), 1, 0.1]), held_tip),
+    "heat, output, PARAM": nastran(added(["TEMPD", 5, 20.0], ["PARAM", "POST", -1], ["EIGRL", 3])),
+    "CONM2 on a solid": nastran(added(lambda own: ["CONM2", 91, number(own.tip[0]), "", 12.0]), loaded),
+    "keyword, comma": abaqus(lambda own: inp(own).replace("*ELASTIC\n", "*Elastic,\n")),
+    "instance": abaqus(instance),
+    "TRANSFORM": abaqus(lambda own: inp(own, ROLLER.format(*numbers(own.tip[:2]))), turned_roller),
+    "ENCASTRE": abaqus(lambda own: inp(own, "*BOUNDARY\nROOT, ENCASTRE\nTIP, YSYMM\n"), symmetry),
+    "EQUATION": modelled("*EQUATION\n3\n{0}, 1, 1., {1}, 1, -.5, {1}, 3, .25\n", related),
+    "KINEMATIC": modelled(f"{TIP}{POINT}*KINEMATIC COUPLING, REF NODE=900\nTIP, 1, 3\n", centred),
+    "RIGID BODY": modelled(f"{TIP}{POINT}*RIGID BODY, NSET=TIP, REF NODE=900\n", centred),
+    "MPC BEAM": modelled(f"{TIP}{POINT}*MPC\nBEAM, TIP, REF\n", centred),
+    "DISTRIBUTING": modelled(f"{TIP}{POINT}{SURFACE}", averaged),
+    "SPRING": modelled(SPRINGS, sprung),
+    "MASS": modelled("*ELEMENT, TYPE=MASS, ELSET=P\n91, {0}\n*MASS, ELSET=P\n12.\n", loaded),
+    "ORTHOTROPIC": abaqus(lambda own: inp(own, elastic=ORTHO), anisotropic),
+    "not at zero in a step": abaqus(
+        lambda own: inp(own) + f"*STEP\n*STATIC\n*BOUNDARY\n{number(own.tip[0])}, 1, 1, .1\n*END STEP\n", held_tip
     ),
-    "PS": (".bdf", "tet10", permanent, plain),
-    "left-handed": (".bdf", "tet10", left_handed, plain),
-    "E and G": (".bdf", "tet10", replaced(["MAT1"], ["MAT1", 1, E, G, "", RHO]), plain),
-    "G and NU": (".bdf", "tet10", replaced(["MAT1"], ["MAT1", 1, "", G, NU, RHO]), plain),
-    "WTMASS": (
-        *(".bdf", "tet10"),
-        replaced(["MAT1"], ["MAT1", 1, E, "", NU, RHO * 386.0], ["PARAM", "WTMASS", 1 / 386.0]),
-        plain,
+    "TIE": abaqus(two),
+    "remarks": abaqus(
+        lambda own: inp(own).replace("*DENSITY\n", "*\n*DENSITY    # of steel\n")
+        + "*STEP\n*TEMPERATURE\nROOT, 20.\n*END STEP\n"
     ),
-    **{
-        f"RBE2, CONM2, {kind}": (
-            *(".bdf", kind),
-            added(REFERENCE, lambda own: ["RBE2", 9, 900, 123, *numbers(own.tip)], CONM2),
-            rigid_tip,
-        )
-        for kind in ("tet10", "hex20")
-    },
-    "RBE3": (
-        *(".bdf", "tet10"),
-        added(REFERENCE, lambda own: ["RBE3", 9, "", 900, 123456, 1.0, 123, *numbers(own.tip)], CENTRED),
-        averaged,
-    ),
-    "MPC": (
-        *(".bdf", "tet10"),
-        lambda own: bulk(free([*cards(own), relation(*numbers(own.tip[:2]))]), "MPC = 2\n"),
-        related,
-    ),
-    "RBAR": (".bdf", "tet10", added(*map(rigid_bar, (1, 2, 3))), barred),
-    "CELAS": (
-        *(".bdf", "tet10"),
-        added(
-            lambda own: ["CELAS2", 91, 3e7, number(own.tip[0]), 2],
-            lambda own: ["CELAS1", 92, 93, number(own.tip[0]), 3, number(own.tip[1]), 3],
-            ["PELAS", 93, 2e8],
-        ),
-        sprung,
-    ),
-    "MAT9": (".bdf", "tet10", replaced(["MAT1"], MAT9), anisotropic),
-    "MAT9 of hex20": (".bdf", "hex20", replaced(["MAT1"], MAT9), anisotropic),
-    "SPC not at zero": (".bdf", "tet10", added(lambda own: ["SPC", 1, number(own.tip[0]), 1, 0.1]), held_tip),
-    "heat, output, PARAM": (".bdf", "tet10", added(["TEMPD", 5, 20.0], ["PARAM", "POST", -1], ["EIGRL", 3]), plain),
-    "CONM2 on a solid": (".bdf", "tet10", added(lambda own: ["CONM2", 91, number(own.tip[0]), "", 12.0]), loaded),
-    "keyword, comma": (".inp", "tet10", lambda own: inp(own).replace("*ELASTIC\n", "*Elastic,\n"), plain),
-    "instance": (".inp", "tet10", instance, plain),
-    "TRANSFORM": (
-        *(".inp", "tet10"),
-        lambda own: inp(
-            own,
-            f"*NSET, NSET=ROLL\n{number(own.tip[0])}, {number(own.tip[1])}\n*TRANSFORM, NSET=ROLL\n.6, .8, 0., -.8, .6, 0.\n"
-            "*BOUNDARY\nROOT, 1, 3\nROLL, 2\n",
-        ),
-        turned_roller,
-    ),
-    "ENCASTRE": (".inp", "tet10", lambda own: inp(own, "*BOUNDARY\nROOT, ENCASTRE\nTIP, YSYMM\n"), symmetry),
-    "EQUATION": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, more="*EQUATION\n3\n{0}, 1, 1., {1}, 1, -.5, {1}, 3, .25\n".format(*numbers(own.tip[:2]))),
-        related,
-    ),
-    "KINEMATIC": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, more=f"{TIP}{POINT}*KINEMATIC COUPLING, REF NODE=900\nTIP, 1, 3\n"),
-        centred,
-    ),
-    "RIGID BODY": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, more=f"{TIP}{POINT}*RIGID BODY, NSET=TIP, REF NODE=900\n"),
-        centred,
-    ),
-    "MPC BEAM": (".inp", "tet10", lambda own: inp(own, more=f"{TIP}{POINT}*MPC\nBEAM, TIP, REF\n"), centred),
-    "DISTRIBUTING": (
-        *(".inp", "tet10"),
-        lambda own: inp(
-            own,
-            more=f"{TIP}{POINT}*SURFACE, NAME=S, TYPE=NODE\nTIP, 1.\n"
-            "*COUPLING, REF NODE=900, SURFACE=S, CONSTRAINT NAME=C\n*DISTRIBUTING\n",
-        ),
-        averaged,
-    ),
-    "SPRING": (
-        *(".inp", "tet10"),
-        lambda own: inp(
-            own,
-            more="*ELEMENT, TYPE=SPRING1, ELSET=S1\n91, {0}\n*SPRING, ELSET=S1\n2\n3e7\n*ELEMENT, TYPE=SPRING2, ELSET=S2\n"
-            "92, {0}, {1}\n*SPRING, ELSET=S2\n3, 3\n2e8\n".format(*numbers(own.tip[:2])),
-        ),
-        sprung,
-    ),
-    "MASS": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, more=f"*ELEMENT, TYPE=MASS, ELSET=P\n91, {number(own.tip[0])}\n*MASS, ELSET=P\n12.\n"),
-        loaded,
-    ),
-    "ORTHOTROPIC": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, elastic="*ELASTIC, TYPE=ORTHO\n9e10, 3e10, 7e10, 2e10, 2e10, 5e10, 3e10, 1e10\n2e10\n"),
-        anisotropic,
-    ),
-    "not at zero in a step": (
-        *(".inp", "tet10"),
-        lambda own: inp(own) + f"*STEP\n*STATIC\n*BOUNDARY\n{number(own.tip[0])}, 1, 1, .1\n*END STEP\n",
-        held_tip,
-    ),
-    "TIE": (".inp", "tet10", two, plain),
-    "remarks": (
-        *(".inp", "tet10"),
-        lambda own: (
-            inp(own).replace("*DENSITY\n", "*\n*DENSITY    # of steel\n")
-            + "*STEP\n*TEMPERATURE\nROOT, 20.\n*END STEP\n"
-        ),
-        plain,
-    ),
-    "supports of a step": (
-        *(".inp", "tet10"),
-        lambda own: inp(own, "*BOUNDARY\nTIP, 1, 3\n*STEP\n*FREQUENCY\n10\n*BOUNDARY, OP=NEW\nROOT, 1, 3\n*END STEP\n"),
-        plain,
-    ),
+    "supports of a step": abaqus(lambda own: inp(own, STEP)),
 }
 
 

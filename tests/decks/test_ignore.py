@@ -1,18 +1,26 @@
-"""Elements, ties and loads that are not supported have to be named, and nothing else has."""
+"""What a deck has beyond what is supported: named, left out, or listed with its effect."""
 
 from __future__ import annotations
 
 import pytest
 
-from strainsight.cases.structure.mesh import mesh_of
-from strainsight.config.mesh import MeshFile
+from strainsight.cases.structure.mesh import checked, mesh_of
+from strainsight.config.mesh import MeshFile, Tie
+from strainsight.decks.abaqus import deck as abaqus
+from strainsight.decks.effects import effects
+from strainsight.decks.nastran import deck as nastran
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.mesh.sanity import sanity_warnings
+from strainsight.stages.pages.assumed import assumed_table
 
+from ..stages.test_bad_deck import ABAQUS as STEEL_BAR
+from ..wrong.decks import bar, inp
 from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON
 
 
+# Elements, ties and loads that are not supported have to be named, and nothing else has.
 def imported(tmp_path, text, ignore=(), name="deck.bdf"):
     (tmp_path / name).write_text(text)
     return mesh_of(MeshFile(file=name, ignore=tuple(ignore)), tmp_path / name)
@@ -73,12 +81,7 @@ def test_bonded_faces_contact_and_preload_are_refused_as_ties_are(tmp_path, card
 @pytest.mark.parametrize(
     "card",
     [
-        "CBEND,70,3,1,2",
-        "RTRPLT,70,1",
-        "RSPLINE,1,.1",
-        "CDAMP2,70,1.,4,1",
-        "NSM,1",
-        "MATT1,1,9\nTEMP,9,1,1.",
+        "CBEND,70,3,1,2", "RTRPLT,70,1", "RSPLINE,1,.1", "CDAMP2,70,1.,4,1", "NSM,1", "MATT1,1,9\nTEMP,9,1,1.",
         "ACCEL1,9",
     ],
 )
@@ -168,3 +171,155 @@ def test_a_modulus_that_is_the_same_at_all_temperatures_does_not_depend_on_them(
 def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
     text = ABAQUS.replace("*DENSITY", "1.9e11, .3, 400.\n*DENSITY") + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
     assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what
+
+
+# What a card that is not supported would do, by what the manuals of Nastran and Abaqus say of it.
+@pytest.mark.parametrize("card", ["PARAM", "EIGRL", "TABDMP1", "MOMENT", "*CLOAD moment", "*DLOAD"])
+def test_cards_that_steer_or_load_change_no_structure(card):
+    reader = abaqus if card.startswith("*") else nastran
+    assert effects([card], reader.STRUCTURAL, reader.CONTROL) == {card: "none"}
+
+
+@pytest.mark.parametrize("card", ["CQUAD4", "RBAR", "MPC", "*TIE", "*ELEMENT, TYPE=S4R", "CELAS2", "DMIG"])
+def test_cards_that_add_stiffness_mass_or_ties_change_it(card):
+    reader = abaqus if card.startswith("*") else nastran
+    assert effects([card], reader.STRUCTURAL, reader.CONTROL) == {card: "structure"}
+
+
+@pytest.mark.parametrize("card", ["MPC of a set that is not selected", "MAT1 that no property refers to", "CORD3G"])
+def test_of_others_nothing_is_known(card):
+    assert effects([card], nastran.STRUCTURAL, nastran.CONTROL) == {}
+
+
+def test_the_reader_of_a_deck_says_it(tmp_path):
+    path = tmp_path / "a.bdf"
+    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
+    mesh = read_mesh(path)
+    assert mesh.ignored == {"CQUAD": 1, "PARAM POST": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
+    assert mesh.effect == {"CQUAD": "structure", "PARAM POST": "none", "PLOAD1": "none", "RSPLINE": "structure"}
+
+
+@pytest.mark.parametrize(
+    ("step", "count"), [("*STEP, NLGEOM", 1), ("*STEP, NLGEOM=YES", 1), ("*STEP, NLGEOM=NO", 0), ("*STEP", 0)]
+)
+def test_a_preload_that_stiffens_leads_the_warnings(tmp_path, step, count):
+    path = tmp_path / "a.inp"
+    path.write_text(f"{STEEL_BAR}{step}\n*STATIC\n*CLOAD\n4, 3, 100.\n*END STEP\n")
+    mesh = read_mesh(path)
+    assert mesh.ignored.get("*STEP, NLGEOM", 0) == count
+    said = sanity_warnings(mesh)
+    assert len(said) == count
+    assert all("not that under the preload of this step" in text for text in said)
+
+
+# A deck that asks for modes under a preload: an error by its name in every format, the first warning where it is ignored.
+LOADED = "*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP\n"
+MODES = "*FREQUENCY\n4\n*END STEP"
+CASES = "SPC = 1\nSUBCASE 1\n{}\nSUBCASE 2\n{}"
+ASKED = {
+    "NLGEOM": (inp(more=f"*STEP, NLGEOM\n{LOADED}*STEP\n{MODES}"), "*STEP, NLGEOM", "*STEP, NLGEOM"),
+    "NLGEOM=YES, a harmonic": (
+        inp(more=f"*STEP, NLGEOM=YES\n{LOADED}*STEP\n*STEADY STATE DYNAMICS\n1., 9.\n*END STEP"),
+        "*STEP, NLGEOM=YES",
+        "*STEP, NLGEOM",
+    ),
+    "after a step of small ones": (
+        inp(more=f"*STEP, NLGEOM=NO\n{LOADED}*STEP, NLGEOM\n{LOADED}*STEP\n{MODES}"), "*STEP, NLGEOM", "*STEP, NLGEOM",
+    ),
+    "PERTURBATION": (inp(more=f"*STEP\n{LOADED}*STEP, PERTURBATION\n{MODES}"), "*STEP, PERTURBATION", "*STEP, PERTURBATION"),
+    "STATSUB": (bar(case=CASES.format("LOAD = 2", "STATSUB = 1\nMETHOD = 3")), "STATSUB = 1", "STATSUB"),
+    "STATSUB(PRELOAD)": (bar(case=CASES.format("LOAD = 2", "  statsub (PRELOAD) = 1")), "statsub (PRELOAD) = 1", "STATSUB"),
+    "SOL 106": (
+        bar("PARAM,LGDISP,1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"), "METHOD = 3", "SOL 106",
+    ),
+    "SOL 400": (
+        bar(case=CASES.format("ANALYSIS = NLSTATICS", "ANALYSIS = MODES")).replace("SOL 103", "SOL 400"),
+        "ANALYSIS = MODES",
+        "SOL 400",
+    ),
+}  # fmt: skip
+NOT_ASKED = {
+    "no preload": inp(more=f"*STEP, PERTURBATION\n{MODES}"),
+    "a deck of Abaqus says so": inp(more=f"*STEP, NLGEOM=NO\n{LOADED}*STEP, NLGEOM=NO, PERTURBATION\n{MODES}"),
+    "a static step without PERTURBATION after it": inp(more=f"*STEP\n{LOADED}*STEP\n{MODES}"),
+    "the load comes after the modes": inp(more=f"*STEP\n{MODES}\n*STEP\n{LOADED}"),
+    "buckling": bar(case=CASES.format("LOAD = 2", "STATSUB = 1\nMETHOD = 3")).replace("SOL 103", "SOL 105"),
+    "small displacements": bar("PARAM,LGDISP,-1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"),
+    "modes alone": bar(case="SPC = 1\nANALYSIS = MODES").replace("SOL 103", "SOL 400"),
+    "temperature at the start": inp(more="*INITIAL CONDITIONS, TYPE=TEMPERATURE\nNALL, 20."),
+}
+
+
+def read(folder, text, ignore=()):
+    path = folder / ("deck.bdf" if "BEGIN BULK" in text else "deck.inp")
+    path.write_text(text)
+    return mesh_of(MeshFile(file=path.name, ignore=tuple(ignore)), path)
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_modes_under_a_preload_are_refused_with_their_line(name, tmp_path):
+    text, line, by = ASKED[name]
+    with pytest.raises(DeckError, match="the model is not the same without") as caught:
+        read(tmp_path, text)
+    assert f"1 × PRELOAD by {by} (first at" in caught.value.what
+    assert text.splitlines()[int(caught.value.where.rpartition(":")[2]) - 1].strip() == line
+    assert caught.value.remedy.endswith("mesh.ignore: [PRELOAD]")
+
+
+@pytest.mark.parametrize("name", ASKED)
+def test_named_in_the_config_it_leads_warnings_and_what_the_model_assumes(name, tmp_path):
+    text, _, by = ASKED[name]
+    mesh = read(tmp_path, text, ["PRELOAD"])
+    said = sanity_warnings(mesh)
+    assert any(own.startswith(f"1 × PRELOAD by {by} ignored: the deck asks for modes under a preload") for own in said)
+    rows = {row[0]: row[2] for row in assumed_table(mesh, "", free=False).rows}
+    assert rows[f"card PRELOAD by {by}"].startswith("not as the deck has it: the deck asks for modes under a preload")
+    assert not any("names PRELOAD" in note for note in mesh.notes)
+
+
+def test_displacements_stay_large_from_step_to_step_until_a_deck_says_no(tmp_path):
+    steps = f"*STEP, NLGEOM\n{LOADED}*STEP\n{LOADED}*STEP, NLGEOM=NO\n{LOADED}*STEP\n{MODES}"
+    assert read(tmp_path, inp(more=steps), ["PRELOAD"]).ignored == {"PRELOAD by *STEP, NLGEOM": 2}
+
+
+@pytest.mark.parametrize("name", NOT_ASKED)
+def test_modes_without_one_are_no_error_and_no_warning(name, tmp_path):
+    mesh = read(tmp_path, NOT_ASKED[name])
+    assert not any("PRELOAD" in card for card in mesh.ignored)
+    assert sanity_warnings(mesh) == ()
+
+
+# A point mass on a node that nothing holds is left out, unless the config ties it.
+LOOSE = TETRAHEDRON + "GRID,50,,1.,1.,1.\nGRID,51,,2.,1.,1.\nCONM2,90,50,,2.5\nCONM2,91,4,,3.\nSET1,7,1,2,3,4\n"
+
+
+def loose_masses_imported(tmp_path, text, **more):
+    (tmp_path / "deck.bdf").write_text(text)
+    config = MeshFile(file="deck.bdf", **more)
+    mesh = mesh_of(config, tmp_path / "deck.bdf")
+    return mesh, checked(mesh, config)[0][0]
+
+
+def test_it_is_left_out_with_a_note_and_weighs_nothing(tmp_path):
+    mesh, weight = loose_masses_imported(tmp_path, LOOSE)
+    assert [point.id for point in mesh.point_masses] == [91]
+    assert mesh.notes[-1].startswith("a point mass of 2.5 kg on nodes that no element, tie, spring or support holds, left out")
+    assert mesh.notes[-1].endswith("node 50")
+    assert weight == pytest.approx(7850 / 6 + 3)
+    mesh, _ = loose_masses_imported(tmp_path, LOOSE + "CONM2,92,51,,4.\n")
+    assert mesh.notes[-1].startswith("2 point masses of 6.5 kg on nodes")
+
+
+@pytest.mark.parametrize("card", ["RBE2,20,50,123,4", "CELAS2,20,1.+6,50,1,4,1", "MPC,1,50,1,1.,4,1,-1."])
+def test_what_holds_its_node_keeps_it(tmp_path, card):
+    (tmp_path / "deck.bdf").write_text(f"{LOOSE}{card}\n")
+    mesh = mesh_of(MeshFile(file="deck.bdf"), tmp_path / "deck.bdf")
+    assert len(mesh.point_masses) == 2
+    assert not any("left out" in note for note in mesh.notes)
+
+
+def test_a_tie_of_the_config_keeps_it(tmp_path):
+    ties = (Tie(type="averaging", set="SET1-7", reference=50),)
+    mesh, weight = loose_masses_imported(tmp_path, LOOSE, ties=ties)
+    assert len(mesh.point_masses) == 2
+    assert weight == pytest.approx(7850 / 6 + 5.5)

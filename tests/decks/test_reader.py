@@ -1,18 +1,32 @@
-"""Decks in any units are the same structure in SI."""
+"""Units, formats, included files and the order of nodes, in every format."""
 
 from __future__ import annotations
 
 import gzip
+import itertools
+import re
+from pathlib import Path
 
+import meshio
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.mesh import mesh_of
+from strainsight.config.mesh import MeshFile
 from strainsight.decks.reader import format_of, read_mesh
-from strainsight.errors import DeckError, UserError
+from strainsight.errors import ConfigError, DeckError, UserError
+from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.sanity import sanity_warnings
+from strainsight.mesh.thin import ShellSection
 from strainsight.mesh.units import LENGTH, MASS, length_factor, mass_factor
 
+from ..refusals import expect_refusal
+from ..solids import SOLIDS
+from .abaqus.test_deck import TETRAHEDRON as ABAQUS
+from .conftest import TETRAHEDRON as NASTRAN
 
+
+# Decks in any units are the same structure in SI.
 def deck(path, length, E, rho, mass):
     path.write_text(
         f"GRID,1\nGRID,2,,{length}\nGRID,3,,,{length}\nGRID,4,,,,{length}\nCTETRA,10,1,1,2,3,4\nPSOLID,1,1\n"
@@ -61,10 +75,8 @@ def test_pound_units_follow_from_the_international_pound_and_standard_gravity():
     ],
 )
 def test_an_unknown_unit_is_answered_with_the_known_ones(function, unit, key, hint):
-    with pytest.raises(UserError, match="unknown unit") as caught:
+    with expect_refusal(UserError, "unknown unit", remedy=hint, key=key):
         function(unit)
-    assert caught.value.key == key
-    assert hint in caught.value.remedy
 
 
 def test_a_wrong_unit_is_found_before_the_file_is_read(tmp_path):
@@ -149,18 +161,213 @@ def test_a_packed_gmsh_mesh_is_read(tmp_path, name):
 @pytest.mark.parametrize("name", ["part.vtu.gz", "part.med.gz"])
 def test_other_packed_meshes_are_refused_clearly(tmp_path, name):
     (tmp_path / name).write_bytes(gzip.compress(b"<VTKFile>"))
-    with pytest.raises(DeckError, match="packed") as caught:
+    with expect_refusal(DeckError, "packed", remedy="unpack it"):
         read_mesh(tmp_path / name)
-    assert "unpack it" in caught.value.remedy
 
 
-@pytest.mark.parametrize("name", ["part.bdf.gz", "part.inp.gz"])
-def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, name):
+@pytest.mark.parametrize(("name", "line"), [("part.bdf.gz", b"$ a comment\n" * 85), ("part.inp.gz", b"\0" * 1024)])
+def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, name, line):
     """80 kB of zeros, or of one comment again and again, took 80 MB, and 4 MB took the memory of the machine."""
-    for line in (b"\0" * 1024, b"$ a comment\n" * 85):
-        with gzip.open(tmp_path / name, "wb") as file:
-            for _ in range(20):
-                file.write(line * 1024)
-        with pytest.raises(DeckError, match="more than 100 times its size") as caught:
-            read_mesh(tmp_path / name)
-        assert caught.value.where.startswith(str(tmp_path / name))
+    with gzip.open(tmp_path / name, "wb", compresslevel=1) as file:
+        for _ in range(90):
+            file.write(line * 1024)
+    with pytest.raises(DeckError, match="more than 100 times its size") as caught:
+        read_mesh(tmp_path / name)
+    assert caught.value.where.startswith(str(tmp_path / name))
+
+
+# A deck takes in files of its own folder, and of those that the config names, and nothing else, whatever leads there.
+FORMS = {
+    "own.bdf": ("INCLUDE '{}'\n", NASTRAN),
+    "own.inp": ("*INCLUDE, INPUT={}\n", ABAQUS),
+}
+"""Name of the deck → how it takes in a file, and what is in that."""
+
+
+@pytest.fixture(params=FORMS)
+def project(request, tmp_path):
+    """config/ (the base), config/decks/own.*, and beside it bulk/parts/part, elsewhere/part; → what reads the deck with a name
+    in its line, and the line."""
+    line, content = FORMS[request.param]
+    for folder in ("config/decks", "bulk/parts", "elsewhere"):
+        (tmp_path / folder).mkdir(parents=True)
+    for folder in ("bulk/parts", "elsewhere"):
+        (tmp_path / folder / "part").write_text(content)
+    deck = tmp_path / "config" / "decks" / request.param
+
+    def read(name: str, *dirs: str):
+        deck.write_text(line.format(name))
+        base = tmp_path / "config"
+        return mesh_of(MeshFile(file=f"decks/{deck.name}", include_dirs=dirs), deck, base=base)
+
+    return read, line
+
+
+def test_a_file_of_a_folder_that_is_named_is_read_and_an_input(project, tmp_path):
+    for name in ("../../bulk/parts/part", str(tmp_path / "bulk" / "parts" / "part")):
+        for dirs in (["../bulk"], ["../elsewhere", "../bulk/parts"], [str(tmp_path / "bulk")]):
+            mesh = project[0](name, *dirs)
+            assert list(mesh.node_ids) == [1, 2, 3, 4]
+            assert [own.rsplit("/", 1)[-1] for own in mesh.included] == ["part"]
+
+
+@pytest.mark.parametrize("dirs", [(), ("../elsewhere",), ("../bul",), ("decks",)])
+def test_no_other_folder_is_read(project, tmp_path, dirs):
+    (tmp_path / "bul").mkdir()  # the beginning of a name is no folder above it
+    with pytest.raises(DeckError, match="leaves the folder of the deck") as caught:
+        project[0]("../../bulk/parts/part", *dirs)
+    assert f"name its folder, {tmp_path}/bulk/parts, as seen from the config" in caught.value.remedy
+    assert caught.value.remedy.endswith("mesh.include_dirs: [FOLDER]")
+    assert caught.value.where.endswith(":1")
+
+
+def test_neither_dots_nor_links_lead_out_of_it(project, tmp_path):
+    (tmp_path / "bulk" / "link").symlink_to(tmp_path / "elsewhere" / "part")
+    (tmp_path / "bulk" / "folder").symlink_to(tmp_path / "elsewhere")
+    for name in ("../../bulk/../elsewhere/part", "../../bulk/link", "../../bulk/folder/part"):
+        with pytest.raises(DeckError, match=r"leaves the folder of the deck and those of mesh\.include_dirs"):
+            project[0](name, "../bulk")
+    (tmp_path / "to_bulk").symlink_to(tmp_path / "bulk")  # a link that the config names is meant
+    assert list(project[0]("../../bulk/parts/part", "../to_bulk").node_ids) == [1, 2, 3, 4]
+
+
+def test_a_file_that_is_taken_in_is_held_to_the_same_folders(project, tmp_path):
+    read, line = project
+    (tmp_path / "bulk" / "more").write_text(line.format("../elsewhere/part"))
+    with expect_refusal(DeckError, "leaves the folder", where="more:1"):
+        read("../../bulk/more", "../bulk")
+    assert len(read("../../bulk/more", "../bulk", "../elsewhere").node_ids) == 4
+
+
+def test_a_name_is_relative_to_the_file_to_the_deck_or_to_the_folders(project, tmp_path):
+    read, line = project
+    more = tmp_path / "bulk" / "parts" / "more"
+    for name, folder in (("part", "bulk/parts"), ("beside", "config/decks"), ("parts/part", "bulk"), ("elsewhere/part", "")):
+        more.write_text(line.format(name))
+        if name == "beside":
+            (tmp_path / folder / name).write_text((tmp_path / "elsewhere" / "part").read_text())
+        mesh = read("../../bulk/parts/more", "../bulk", "..")
+        assert (tmp_path / folder / name).resolve() in [(tmp_path / own).resolve() for own in mesh.included]
+        assert not mesh.doubts
+    more.write_text(line.format("nowhere"))
+    with pytest.raises(DeckError, match="no such file"):
+        read("../../bulk/parts/more", "../bulk")
+
+
+NAMES = [
+    ("own.bdf", "part", "sub"),  # MSC and NX Nastran: a name alone is beside the file that includes it,
+    ("own.bdf", "sub/part", "."),  # a path begins at the deck
+    ("own.fem", "part", "sub"),  # OptiStruct: all at the file
+    ("own.fem", "sub/part", "sub"),
+    ("own.inp", "part", "."),  # Abaqus and CalculiX: all where the job is started
+    ("own.inp", "sub/part", "."),
+]
+
+
+@pytest.mark.parametrize(("deck", "name", "base"), NAMES)
+def test_of_two_files_of_a_name_the_one_counts_that_the_program_takes(tmp_path, deck, name, base):
+    """Node 4 of the two files is at another place; the deck includes sub/more, which includes the name."""
+    line, content = FORMS["own.inp" if deck.endswith("inp") else "own.bdf"]
+    (tmp_path / "sub" / "sub").mkdir(parents=True)
+    for folder, z in ((".", "2."), ("sub", "3.")):
+        (tmp_path / folder / name).write_text(re.sub(r"(\n(?:GRID,)?4,.*,) *1\.?\n", rf"\g<1>{z}\n", content))
+    (tmp_path / "sub" / "more").write_text(line.format(name))
+    (tmp_path / deck).write_text(line.format("sub/more"))
+    mesh = mesh_of(MeshFile(file=deck), tmp_path / deck, base=tmp_path)
+    assert mesh.position[3, 2] == (2.0 if base == "." else 3.0)
+    (doubt,) = (own for own in mesh.doubts if "INCLUDE" in own)
+    assert f"{(tmp_path / base / name).resolve()} was read" in doubt
+    (tmp_path / "sub" / name).unlink()
+    assert not [own for own in mesh_of(MeshFile(file=deck), tmp_path / deck, base=tmp_path).doubts if "INCLUDE" in own]
+
+
+def test_paths_of_windows_are_read(project, tmp_path):
+    read, _ = project
+    (tmp_path / "config" / "decks" / "Sub").mkdir()
+    part = tmp_path / "config" / "decks" / "Sub" / "Part.txt"
+    part.write_text((tmp_path / "elsewhere" / "part").read_text())
+    for name, noted in (("Sub\\Part.txt", False), (".\\Sub\\Part.txt", False), ("SUB/part.TXT", True), ("sub\\PART.txt", True)):
+        mesh = read(name)
+        assert [Path(own).resolve() for own in mesh.included] == [part.resolve()]
+        assert any("other capitals" in note for note in mesh.notes) == noted
+    odd = tmp_path / "config" / "decks" / "Sub\\Part.txt"  # a file whose name has a backslash is that file
+    odd.write_text(part.read_text())
+    assert [Path(own).resolve() for own in read("Sub\\Part.txt").included] == [odd.resolve()]
+
+
+def test_a_folder_that_is_not_there_is_named_with_its_key(project):
+    with expect_refusal(ConfigError, "no such folder", key="mesh.include_dirs"):
+        project[0]("part", "../bulk", "../none")
+
+
+# Second-order elements whose nodes are in the order of another program are refused for that reason, in every format.
+def two(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and nodes (VTK order) of two elements side by side that share no node."""
+    first = SOLIDS[kind].points()
+    return np.vstack([first, first + np.array([3.0, 0, 0])]), np.arange(2 * len(first)).reshape(2, -1)
+
+
+def rolled(nodes: np.ndarray, corners: int) -> np.ndarray:
+    return np.hstack([nodes[:, :corners], np.roll(nodes[:, corners:], 1, axis=1)])
+
+
+def write(path: Path, kind: str, x: np.ndarray, nodes: np.ndarray) -> None:
+    """A mesh of one kind, whose nodes are in the order of VTK."""
+    solid, numbered = SOLIDS[kind], list(enumerate(x.tolist(), start=1))
+    if path.suffix == ".inp":
+        lists = [[", ".join(map(str, part + 1)) for part in (own[:8], own[8:])] for own in nodes]
+        cells = "".join(f"{i}, {first},\n{rest}\n" for i, (first, rest) in enumerate(lists, 1))
+        lines = "".join(f"{i}, {p[0]}, {p[1]}, {p[2]}\n" for i, p in numbered)
+        path.write_text(f"*NODE\n{lines}*ELEMENT, TYPE={solid.abaqus}\n{cells}")
+    elif path.suffix == ".bdf":
+        corners, other = len(solid.corners), solid.nastran_edges or solid.edges
+        order = [*range(corners), *(corners + solid.edges.index(edge) for edge in other)]
+        cells = "".join(f"{solid.nastran},{i},1,{','.join(map(str, own[order] + 1))}\n" for i, own in enumerate(nodes, 1))
+        path.write_text("".join(f"GRID,{i},,{p[0]},{p[1]},{p[2]}\n" for i, p in numbered) + cells + "PSOLID,1,1\n")
+    else:
+        options = {"file_format": "gmsh", "binary": False} if path.suffix == ".msh" else {}
+        meshio.write(path, meshio.Mesh(x, [(solid.meshio, nodes)]), **options)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ending"),
+    [
+        *itertools.product(["tet10", "hex20", "wedge15"], ["inp", "bdf"]),
+        *itertools.product(["tet10", "hex20"], ["vtu", "vtk", "msh"]),
+    ],
+)
+def test_mid_side_nodes_in_another_order_are_named(tmp_path, kind, ending):
+    path, (x, nodes) = tmp_path / f"part.{ending}", two(kind)
+    for order, wrong in ((nodes, False), (rolled(nodes, len(SOLIDS[kind].corners)), True)):
+        write(path, kind, x, order)
+        if not wrong:
+            assert read_mesh(path, materials=False).blocks[0].kind == kind
+            continue
+        with pytest.raises(DeckError, match=r"in all 2 .* the order of the nodes is another one") as caught:
+            read_mesh(path, materials=False)
+        assert "merge" not in caught.value.remedy
+
+
+def test_uprights_before_the_top_mid_sides_are_named(tmp_path):
+    """The order of Nastran and Exodus in a VTU; the two share a face, so that this is not only seen at their facets."""
+    solid = SOLIDS["hex20"]
+    first = solid.points(solid.nastran_edges)
+    points = np.round(np.vstack([first, first + np.array([1.0, 0, 0])]), 9)
+    x, number = np.unique(points, axis=0, return_inverse=True)
+    meshio.write(tmp_path / "two.vtu", meshio.Mesh(x, [("hexahedron20", number.reshape(2, 20))]))
+    with pytest.raises(DeckError, match="the order of the nodes is another one"):
+        read_mesh(tmp_path / "two.vtu", materials=False)
+
+
+@pytest.mark.parametrize(("cell", "corners"), [("quad8", 4), ("triangle6", 3)])
+def test_shells_in_another_order_are_named(tmp_path, cell, corners):
+    ring = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])[:corners]
+    x = np.vstack([ring, (ring + np.roll(ring, -1, axis=0)) / 2])
+    given = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))}
+    for order in (np.arange(2 * corners), np.r_[0:corners, np.roll(np.arange(corners, 2 * corners), 1)]):
+        meshio.write(tmp_path / "skin.vtu", meshio.Mesh(x, [(cell, order[None])]))
+        if order[corners] == corners:
+            assert read_mesh(tmp_path / "skin.vtu", solids=False, materials=False, given=given).shells
+            continue
+        with pytest.raises(DeckError, match=r"in all 1 .* the order of the nodes is another one"):
+            read_mesh(tmp_path / "skin.vtu", solids=False, materials=False, given=given)

@@ -15,8 +15,6 @@ from strainsight.decks.gmsh.mesh import read_gmsh
 from strainsight.decks.nastran.deck import read_nastran
 from strainsight.decks.other.mesh import read_meshio
 from strainsight.fem.assembly import assemble
-from strainsight.fem.constraints import constraint_transform
-from strainsight.fem.model import build_model
 from strainsight.mesh.model import Material, Mesh
 
 from ..solids import HEX, SOLIDS, SQUARE, WEDGE, Solid
@@ -88,9 +86,9 @@ class Model:
 MODEL = Model()
 
 
-def nastran(path, turned=(), more=()):
+def nastran(path):
     lines = ["SOL 103", "CEND", "SPC = 4", "BEGIN BULK"]
-    lines += [f"GRID,{i},,{x!r},{y!r},{z!r}{',7' * (i in turned)}" for i, (x, y, z) in MODEL.x.items()]
+    lines += [f"GRID,{i},,{x!r},{y!r},{z!r}" for i, (x, y, z) in MODEL.x.items()]
     for e in MODEL.elements:
         fields = [str(e.id), str(e.region), *map(str, e.nodes("nastran"))]
         rows = [fields[i : i + 8] for i in range(0, len(fields), 8)]
@@ -100,7 +98,6 @@ def nastran(path, turned=(), more=()):
     lines += [
         "SPC1,4,123," + ",".join(map(str, MODEL.foot)),
         "SET1,5," + ",".join(map(str, MODEL.foot)),
-        *more,
         "ENDDATA",
         "",
     ]
@@ -108,7 +105,7 @@ def nastran(path, turned=(), more=()):
     return read_nastran(path)
 
 
-def abaqus(path, more=()):
+def abaqus(path):
     lines = ["*NODE", *(f"{i}, {x!r}, {y!r}, {z!r}" for i, (x, y, z) in MODEL.x.items())]
     for e in MODEL.elements:
         fields = [str(e.id), *map(str, e.nodes("abaqus"))]
@@ -119,7 +116,7 @@ def abaqus(path, more=()):
     for name, m in REGIONS.values():
         lines += [f"*MATERIAL, NAME=M-{name}", "*ELASTIC", f"{m.youngs_modulus!r}, {m.poisson_ratio!r}"]
         lines += ["*DENSITY", f"{m.density!r}", f"*SOLID SECTION, ELSET={name}, MATERIAL=M-{name}"]
-    path.write_text("\n".join([*lines, *more, "*BOUNDARY", "FOOT, 1, 3", ""]))
+    path.write_text("\n".join([*lines, "*BOUNDARY", "FOOT, 1, 3", ""]))
     return read_abaqus(path)
 
 
@@ -272,79 +269,3 @@ def test_supports_are_the_same_where_the_format_has_them(meshes):
     ]
     assert held[0] == held[1] == sorted((node, component) for node in MODEL.foot for component in range(3))
     assert meshes["nastran"].node_sets["SET1-5"].tolist() == sorted(MODEL.foot)
-
-
-TURNED = MODEL.elements[3].corners[:4]
-TOP = ",".join(map(str, MODEL.elements[1].corners[4:]))
-AVERAGED = ",".join(map(str, MODEL.elements[4].corners[:3]))
-FACE = ",".join(map(str, TURNED))
-TIED_NASTRAN = (
-    "CORD2R,7,,0.,0.,0.,2.,-2.,1.",
-    "+,1.,2.,2.",
-    "GRID,1001,,.5,.5,3.,7",
-    "GRID,1002,,6.,2.,.5",
-    f"RBE2,30,1001,123456,{TOP}",
-    f"RBE3,31,,1002,123456,1.,123,{AVERAGED.split(',')[0]},{AVERAGED.split(',')[1]}",
-    f"+,{AVERAGED.split(',')[2]}",
-    f"SPC1,4,2,{FACE}",
-    "SPC1,4,15,1001",
-    "CONM2,2001,1001,,3.5",
-    "+,1.5,.1,2.5,.2,.3,3.5",
-    "CONM2,2002,1002,,.25",
-)
-TIED_ABAQUS = (
-    "*NODE",
-    "1001, .5, .5, 3.",
-    "1002, 6., 2., .5",
-    "*NSET, NSET=TURNED",
-    f"{FACE}, 1001",
-    "*TRANSFORM, NSET=TURNED",
-    "1., 2., 2., -2., -1., 2.",
-    "*NSET, NSET=TOP",
-    TOP,
-    "*RIGID BODY, REF NODE=1001, TIE NSET=TOP",
-    "*SURFACE, NAME=AVERAGED, TYPE=NODE",
-    *AVERAGED.split(","),
-    "*COUPLING, REF NODE=1002, SURFACE=AVERAGED",
-    "*DISTRIBUTING",
-    "*ELEMENT, TYPE=MASS, ELSET=P",
-    "2001, 1001",
-    "*MASS, ELSET=P",
-    "3.5",
-    "*ELEMENT, TYPE=MASS, ELSET=Q",
-    "2002, 1002",
-    "*MASS, ELSET=Q",
-    ".25",
-    "*ELEMENT, TYPE=ROTARYI, ELSET=I",
-    "2003, 1001",
-    "*ROTARY INERTIA, ELSET=I",
-    "1.5, 2.5, 3.5, -.1, -.2, -.3",
-    "*BOUNDARY",
-    *(f"{node}, 2" for node in TURNED),
-    "1001, 1",
-    "1001, 5",
-)
-
-
-@pytest.fixture(scope="module")
-def tied(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("tied")
-    return nastran(folder / "part.bdf", TURNED, TIED_NASTRAN), abaqus(folder / "part.inp", TIED_ABAQUS)
-
-
-def test_ties_axes_and_supports_of_two_decks_are_one_transformation(tied):
-    own, other = (constraint_transform(mesh) for mesh in tied)
-    np.testing.assert_array_equal(own.free_rows, other.free_rows)
-    assert own.reference_rows == other.reference_rows
-    assert len(own.reference_rows) == 2
-    np.testing.assert_allclose(own.transform.toarray(), other.transform.toarray(), atol=1e-13)
-    bare = constraint_transform(replace(tied[0], axes={})).transform
-    assert np.abs(own.transform.toarray() - bare.toarray()).max() > 0.1  # the axes matter
-
-
-def test_point_masses_of_two_decks_weigh_alike(tied):
-    own, other = (build_model(mesh, supported=False) for mesh in tied)
-    for a, b in ((own.mass, other.mass), (own.stiffness, other.stiffness)):
-        assert abs(a.constant - b.constant).max() <= 1e-12 * abs(a.constant).max()
-    bare = build_model(replace(tied[0], point_masses=()), supported=False)
-    assert abs(own.mass.constant - bare.mass.constant).max() > 3.0

@@ -36,7 +36,7 @@ TOKENS = st.sampled_from(
 )
 
 
-@FEW
+@settings(FEW, max_examples=12)
 @given(st.dictionaries(st.sampled_from(KEYS), JSON, max_size=4))
 def test_any_values_below_the_keys_of_a_config(tmp_path_factory, values):
     path = tmp_path_factory.getbasetemp() / "made.yaml"

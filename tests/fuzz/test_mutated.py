@@ -1,6 +1,6 @@
 """Damaged files of every format end in a message of the product, soon, in little memory, and touch nothing else.
 
-A small share of `make fuzz`, which reads 20 000 of each group.
+A small share of `make fuzz`, which reads 20 000 of each group, and 3000 altered models.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ import pytest
 
 from strainsight.errors import UserError
 
+from ..robustness.processes import Launcher
+from . import structured
 from .campaign import faults
 from .cases import Group, companions
+from .commands import command_faults
 from .guard import Hung, Watch, soon
 from .mutation import mutated
 from .readers import READERS, fault_of
@@ -101,3 +104,19 @@ def test_what_a_reader_may_not_do_is_seen(tmp_path):
         watch.on = False
     assert own == []
     assert [said.split()[0] for said in watch.found] == ["writes", "reads", "os.rename", "os.rename"]
+
+
+@pytest.mark.slow
+def test_no_damaged_file_is_an_internal_error_of_the_command_line(seeds, tmp_path):
+    """Damaged configs, decks and tables: exit code 0 or 2, one message, nothing left elsewhere."""
+    with Launcher(tmp_path) as launcher:
+        assert command_faults(launcher, seeds, tmp_path / "work", seed=10, first=0, last=12) == []
+
+
+def test_altered_models_are_taken_or_refused(tmp_path):
+    assert structured.faults(2, 0, 16, tmp_path) == {}
+
+
+def test_a_case_follows_from_its_number_and_differs_from_what_is_sound():
+    assert structured.case(1, 7) == structured.case(1, 7)
+    assert sum(structured.case(1, i) not in structured.sound() for i in range(100)) > 90

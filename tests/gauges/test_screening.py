@@ -1,14 +1,27 @@
-"""Screening keeps the strongest signals that are not too near to one another."""
+"""Which candidates are kept: strength, spacing, zones and outlines."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from strainsight.errors import InfeasibleError
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.outline import edge_lines, seen_from
 from strainsight.gauges.screening import screen, strongest_first
+from strainsight.gauges.surface import facet_centres
+from strainsight.gauges.zones import Box, Cylinder, NearSet, NormalCone, On, inside, on_surface
+from strainsight.mesh.facets import exterior_facets
+
+from ..bodies import body
+from ..refusals import expect_refusal
 
 
+# Screening keeps the strongest signals that are not too near to one another.
 def on_a_line(x) -> np.ndarray:
     return np.column_stack([x, np.zeros(len(x)), np.zeros(len(x))])
 
@@ -20,27 +33,23 @@ def test_the_strongest_signals_are_kept_and_the_others_say_why():
     np.testing.assert_array_equal(result.reason, ["snr", "", "snr", ""])
 
 
-def test_a_cluster_is_thinned_to_its_strongest():
-    result = screen(np.array([3.0, 5.0, 4.0, 1.0]), 1.0, on_a_line([0.0, 0.1, 0.2, 5.0]), 2, 0.15)
-    np.testing.assert_array_equal(result.kept, [1, 3])
-    np.testing.assert_array_equal(result.reason, ["spacing", "", "spacing", ""])
+TIES = 1 + 1e-13 * np.array([0.0, 3.0, 1.0, 2.0])
+KEPT = {  # rms over the noise, places, how many to keep, spacing, which are kept
+    "a cluster is thinned to its strongest": ([3.0, 5.0, 4.0, 1.0], [0.0, 0.1, 0.2, 5.0], 2, 0.15, [1, 3]),
+    "one that is crowded out crowds out nobody": ([3.0, 2.0, 1.0], [0.0, 0.1, 0.2], None, 0.15, [0, 2]),
+    "exactly the spacing apart": (np.ones(11), 0.1 * np.arange(11), None, 0.1, np.arange(11)),
+    "ties go to the lower index, also when rounding splits them": (TIES, np.arange(4.0), 2, 0.0, [0, 1]),
+    "silent ones are all alike": (np.zeros(3), np.arange(3.0), 2, 0.0, [0, 1]),
+    "fewer than asked for, by spacing": (np.ones(5), np.arange(5.0), 4, 1.5, [0, 2, 4]),
+    "fewer than asked for": (np.ones(5), np.arange(5.0), 6, 0.0, [0, 1, 2, 3, 4]),
+}
 
 
-def test_one_that_is_crowded_out_crowds_out_nobody():
-    """1 is dropped beside 0; 2 is near to 1 only, and stays."""
-    result = screen(np.array([3.0, 2.0, 1.0]), 1.0, on_a_line([0.0, 0.1, 0.2]), None, 0.15)
-    np.testing.assert_array_equal(result.kept, [0, 2])
-
-
-def test_gauges_exactly_the_spacing_apart_both_stay():
-    result = screen(np.ones(11), 1.0, on_a_line(0.1 * np.arange(11)), None, 0.1)
-    assert len(result.kept) == 11
-
-
-def test_ties_go_to_the_lower_index_also_when_rounding_splits_them():
-    rms = 1e-5 * (1 + 1e-13 * np.array([0.0, 3.0, 1.0, 2.0]))
-    result = screen(rms, 1e-7, on_a_line([0.0, 1.0, 2.0, 3.0]), 2, 0.0)
-    np.testing.assert_array_equal(result.kept, [0, 1])
+@pytest.mark.parametrize("case", KEPT)
+@pytest.mark.parametrize("scale", [1e-300, 1.0, 1e300])
+def test_the_strongest_apart_are_kept_in_any_units(case, scale):
+    rms, x, keep, spacing, kept = KEPT[case]
+    np.testing.assert_array_equal(screen(scale * np.array(rms), scale, on_a_line(x), keep, spacing).kept, kept)
 
 
 def test_a_tie_is_a_share_of_the_strongest_and_counts_from_the_stronger():
@@ -58,46 +67,6 @@ def test_keeping_all_drops_by_spacing_only_and_nothing_without_one():
     result = screen(rms, 1e-3, position, None, 0.1)
     assert set(result.reason) == {"", "spacing"}
     assert len(screen(rms, 1e-3, position, None, 0.0).kept) == 300
-
-
-@pytest.mark.parametrize("keep", [None, 40])
-def test_the_kept_are_what_a_plain_double_loop_keeps(keep):
-    rng = np.random.default_rng(1)
-    rms, position = rng.uniform(0, 1, 400), rng.uniform(0, 1, (400, 3))
-    kept: list[int] = []
-    for i in sorted(range(400), key=lambda i: -rms[i]):
-        apart = all(np.linalg.norm(position[i] - position[j]) >= 0.12 for j in kept)
-        if apart and (keep is None or len(kept) < keep):
-            kept.append(i)
-    result = screen(rms, 1e-3, position, keep, 0.12)
-    np.testing.assert_array_equal(result.kept, sorted(kept))
-    np.testing.assert_array_equal(np.flatnonzero(result.reason == ""), sorted(kept))
-
-
-def test_every_candidate_dropped_for_its_spacing_is_near_to_a_stronger_one_that_was_kept():
-    rng = np.random.default_rng(2)
-    rms, position = rng.uniform(0, 1, 400), rng.uniform(0, 1, (400, 3))
-    result = screen(rms, 1e-3, position, 40, 0.12)
-    for i in np.flatnonzero(result.reason == "spacing"):
-        distance = np.linalg.norm(position[result.kept] - position[i], axis=1)
-        assert np.any((distance < 0.12) & (rms[result.kept] > rms[i]))
-    weakest = rms[result.kept].min()
-    assert np.all(rms[result.reason == "snr"] < weakest)
-
-
-@pytest.mark.parametrize("scale", [1e-300, 1e300])
-def test_units_do_not_matter(scale):
-    rms = np.array([1.0, 5.0, 3.0, 0.0]) * scale
-    np.testing.assert_array_equal(screen(rms, 1e-3 * scale, on_a_line(np.arange(4)), 2, 0.5).kept, [1, 2])
-
-
-def test_silent_candidates_are_all_alike():
-    np.testing.assert_array_equal(screen(np.zeros(3), 1.0, on_a_line(np.arange(3)), 2, 0.0).kept, [0, 1])
-
-
-@pytest.mark.parametrize(("keep", "spacing", "kept"), [(4, 1.5, [0, 2, 4]), (6, 0.0, [0, 1, 2, 3, 4])])
-def test_where_fewer_than_asked_for_are_left_all_of_them_are_kept(keep, spacing, kept):
-    np.testing.assert_array_equal(screen(np.ones(5), 1.0, on_a_line(np.arange(5.0)), keep, spacing).kept, kept)
 
 
 @pytest.mark.parametrize("noise", [0.0, -1.0, np.nan, np.inf])
@@ -139,9 +108,8 @@ def test_bonded_gauges_are_kept_first_and_crowd_out_the_others_but_not_one_anoth
 
 
 def test_more_bonded_than_kept_is_refused_with_the_number():
-    with pytest.raises(InfeasibleError, match="1 of 3 candidates to keep, 2 are already bonded") as caught:
+    with expect_refusal(InfeasibleError, "1 of 3 candidates to keep, 2 are already bonded", remedy="at least 2"):
         screen(np.ones(3), 1.0, on_a_line(np.arange(3)), 1, 0.0, bonded=np.array([True, True, False]))
-    assert "at least 2" in caught.value.remedy
 
 
 def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded():
@@ -159,9 +127,8 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded(
     )
     # What is dropped for its range crowds out nobody.
     np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
-    with pytest.raises(InfeasibleError, match="all 4 candidates read more than their range") as caught:
+    with expect_refusal(InfeasibleError, "all 4 candidates read more than their range", key="gauges.range"):
         screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 3, 4]), limit=np.ones(4))
-    assert caught.value.key == "gauges.range"
 
 
 @pytest.mark.parametrize("keep", [None, 25])
@@ -223,3 +190,138 @@ def test_cases_that_are_alike_keep_what_one_keeps(spacing):
     one = screen(rms, 1e-3, position, 60, spacing)
     for cases in (rms[None], np.array([rms, rms]), np.array([rms, 1e-3 * rms, 5 * rms])):
         np.testing.assert_array_equal(screen(cases, 1e-3, position, 60, spacing).kept, one.kept)
+
+
+# Zones take in what their words say.
+MESHES = Path(__file__).parents[2] / "meshes"
+
+
+@pytest.fixture(scope="module")
+def beam():
+    """The cantilever along x with a set of two nodes at its tip's corner."""
+    mesh = read_mesh(MESHES / "cantilever.bdf")
+    order = np.argsort(np.linalg.norm(mesh.position - [2.0, 0.125, 0.095], axis=1))
+    return replace(mesh, node_sets={"corner": mesh.node_ids[order[:2]]}, element_sets={"first": np.array([1])})
+
+
+def kept(mesh, axis, *zones):
+    return candidates(mesh, exterior_facets(mesh), axis, exclude=zones)
+
+
+def test_a_cone_takes_the_facets_that_face_along_its_axis_either_way(beam):
+    every = kept(beam, (1, 0, 0))
+    sides = kept(beam, (1, 0, 0), NormalCone((0, 0, -2), 1.0))
+    assert len(sides) == np.count_nonzero(np.abs(every.normal[:, 2]) < 0.5)
+    assert np.all(np.abs(sides.normal[:, 1]) > 0.99)
+    assert len(kept(beam, (1, 0, 0), NormalCone((0, 1, 1), 44.0))) == len(every)
+
+
+def test_a_cone_around_the_gauge_axis_corrects_an_axis_along_a_normal(beam):
+    with expect_refusal(InfeasibleError, "within 10° of the normal", remedy="normal_cone: {axis: [0, 0, 1], angle: 10}"):
+        kept(beam, (0, 0, 1))
+    assert np.all(np.abs(kept(beam, (0, 0, 1), NormalCone((0, 0, 1), 10.0)).normal[:, 1]) > 0.99)
+
+
+def test_a_cylinder_has_its_axis_and_no_ends(beam):
+    zone = Cylinder((1.0, 0.0, 7.0), (0, 0, -3.0), 0.3)
+    every, left = kept(beam, (1, 0, 0)), kept(beam, (1, 0, 0), zone)
+    away = np.hypot(every.position[:, 0] - 1.0, every.position[:, 1]) >= 0.3
+    np.testing.assert_array_equal(left.position, every.position[away])
+    assert 0 < len(left) < len(every)
+
+
+@pytest.mark.parametrize("name", ["corner", "first"])
+def test_a_set_keeps_gauges_at_a_distance_from_its_nodes(beam, name):
+    every, left = kept(beam, (1, 0, 0)), kept(beam, (1, 0, 0), NearSet(name, 0.2))
+    ids = beam.node_sets["corner"] if name == "corner" else beam.node_ids[beam.blocks[0].nodes[beam.blocks[0].ids == 1]]
+    nodes = beam.position[np.isin(beam.node_ids, ids)]
+    apart = np.linalg.norm(every.position[:, None] - nodes, axis=2).min(axis=1) >= 0.2
+    np.testing.assert_array_equal(left.position, every.position[apart])
+    assert 0 < len(left) < len(every)
+
+
+@pytest.mark.parametrize(
+    ("zone", "says"),
+    [
+        (NearSet("korner", 0.1), "korner"),
+        (Cylinder((0, 0, 0), (0, 0, 0), 0.1), "no direction"),
+        (NormalCone((0, 0, 0), 10.0), "no direction"),
+    ],
+)
+def test_a_zone_of_nothing_is_refused(beam, zone, says):
+    with pytest.raises(UserError, match=says):
+        kept(beam, (1, 0, 0), zone)
+    assert len(kept(beam, (1, 0, 0), Box((5, 5, 5), (6, 6, 6)))) == len(kept(beam, (1, 0, 0)))
+
+
+@pytest.mark.parametrize("name", ["below", "above"])
+def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
+    """Two plates of 4 × 4 bricks, meshed alike, one on the other without a common node: each has its side of the contact."""
+    one = body("hex8", (4, 4, 1), lambda u, v, w: (u, v, w))
+    cells, n = one.blocks[0], len(one.position)
+    nodes, ids = np.vstack([cells.nodes, cells.nodes + n]), np.arange(1, n + 1)
+    both = replace(cells, ids=np.arange(1, 33), nodes=nodes, region=np.ones(32, dtype=np.int64))
+    z = one.position[:, 2]
+    mesh = replace(
+        one,
+        node_ids=np.arange(1, 2 * n + 1),
+        position=np.vstack([one.position, one.position + np.eye(3)[2]]),
+        blocks=(both,),
+        node_sets={"below": ids[z == 1], "above": n + ids[z == 0]},
+    )
+    facets = exterior_facets(mesh)
+    centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
+    there = on_surface(mesh, facets, name)
+    assert np.count_nonzero(there) == 16
+    np.testing.assert_array_equal(inside(On(name), mesh, facets, centre, normal), there)
+
+
+def test_a_face_of_a_mesh_without_solids_is_refused(beam):
+    nothing = np.zeros((1, 3))
+    with pytest.raises(UserError, match="no surface that a zone could be on"):
+        inside(On("first"), replace(beam, blocks=()), None, nothing, nothing)
+
+
+# What a draughtsman would draw of a box and of a tube.
+SIZE = np.array([1.0, 0.3, 0.2])
+
+
+def length(segments):
+    return np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum()
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("side", [1, -1])
+def test_of_a_box_the_far_face_is_behind(box_mesh, axis, side):
+    """Twelve edges: the four of the far face behind, the other eight in view."""
+    lines = edge_lines(box_mesh.position, exterior_facets(box_mesh))
+    toward = side * np.eye(3)[axis]
+    seen, hidden = seen_from(lines, toward)
+    rest = np.delete(SIZE, axis)
+    assert length(hidden) == pytest.approx(2 * rest.sum())
+    assert length(seen) == pytest.approx(2 * rest.sum() + 4 * SIZE[axis])
+    far = 0.0 if side > 0 else SIZE[axis]
+    np.testing.assert_allclose(hidden[..., axis], far, atol=1e-12)
+
+
+def test_from_aslant_three_edges_of_a_box_are_behind(box_mesh):
+    """Those that meet in the corner farthest away."""
+    lines = edge_lines(box_mesh.position, exterior_facets(box_mesh))
+    seen, hidden = seen_from(lines, np.array([1.0, 2.0, 3.0]))
+    assert length(hidden) == pytest.approx(SIZE.sum())
+    assert np.sum(~hidden.reshape(-1, 3).any(axis=1)) == 3
+    assert length(seen) == pytest.approx(3 * SIZE.sum())
+
+
+@pytest.mark.parametrize("kind", ["quad4", "quad8", "tri6"])
+def test_a_tube_seen_across_is_bounded_where_its_skin_turns_away(tube, kind):
+    """At y = ±r, as far as an edge of the mesh lies there, and by its rims at both ends."""
+    radius, along, around = 2.0, 5, 48
+    lines = edge_lines(*tube(kind, around, along, radius))
+    seen, _ = seen_from(lines, np.array([1.0, 0.0, 0.0]))
+    straight = seen[np.abs(seen[:, 0, 2] - seen[:, 1, 2]) > 1e-9]
+    # of triangles the diagonals, too, where the skin turns between two of one cell
+    assert np.abs(straight[..., 1]).min() > radius * np.cos(2 * np.pi / around) - 1e-9
+    np.testing.assert_allclose(length(straight), 2 * along, rtol=0.05)
+    rims = seen[np.abs(seen[:, 0, 2] - seen[:, 1, 2]) < 1e-9]
+    assert set(np.round(rims[..., 2].ravel(), 9)) >= {0.0, float(along)}

@@ -1,4 +1,4 @@
-"""A test as it comes from the rig: every format, shuffled, in mV/V, with holes, a jump and drift, and back to the truth."""
+"""A test as it comes from the rig, and its bridges, back to the truth."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import pytest
 
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import assemble
-from strainsight.measurements.bridges import Bridge
+from strainsight.measurements.bridges import ARRANGEMENTS, Bridge, strain_of
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.delay import Delay
+from strainsight.measurements.held import held_samples, release
 from strainsight.measurements.reader import read_recording
 from strainsight.measurements.records import Recording
 
+from ..refusals import expect_refusal
+
+# A test as it comes from the rig: every format, shuffled, in mV/V, with holes, a jump and drift, and back to the truth.
 COUNT, STEP = 2000, 1e-3
 TIME = 5.0 + STEP * np.arange(COUNT)
 RNG = np.random.default_rng(7)
@@ -129,9 +133,8 @@ def test_decimal_commas_are_refused_with_the_line_or_read_where_stated(tmp_path)
 
     path = tmp_path / "rig.csv"
     write_csv(path, mark=";", decimal=",")
-    with pytest.raises(UserError, match="is no number") as caught:
+    with expect_refusal(UserError, "is no number", where="rig.csv:4"):
         read_recording(path, list(SETTINGS), time="time")
-    assert caught.value.where.endswith("rig.csv:4")
     expect_truth(assemble(read_recording(path, list(SETTINGS), time="time", form=TextFormat(decimal=",")), SETTINGS))
 
 
@@ -139,16 +142,14 @@ def test_a_clock_with_a_jump_that_is_no_whole_number_is_refused_with_the_line(tm
     path = tmp_path / "rig.csv"
     rows = [f"{t + (0.0104 if k >= 300 else 0):.6f},1" for k, t in enumerate(TIME)]
     path.write_text("time [s],g1 [um/m]\n" + "\n".join(rows))
-    with pytest.raises(UserError, match=r"the clock jumps by 0.0114 s from 5.299 to 5.3104 s: 11.4 steps") as caught:
+    with expect_refusal(UserError, r"the clock jumps by 0.0114 s from 5.299 to 5.3104 s: 11.4 steps", where="rig.csv:302"):
         assemble(read_recording(path, ["g1"], time="time"), {"g1": SETTINGS["g1"]})
-    assert caught.value.where.endswith("rig.csv:302")
 
 
 def test_mv_per_v_is_not_taken_for_strain():
     recording = Recording(TIME, {"g1": STRAIN}, {"g1": "mV/V"}, "rig.csv")
-    with pytest.raises(UserError, match="stated in um/m, the file has it in mV/V") as caught:
+    with expect_refusal(UserError, "stated in um/m, the file has it in mV/V", key="g1"):
         assemble(recording, {"g1": ChannelSettings("um/m")})
-    assert caught.value.key == "g1"
     with pytest.raises(UserError, match="no channel 'g3'") as caught:
         assemble(recording, {"g3": ChannelSettings("um/m")})
     assert caught.value.remedy == "did you mean g1?"
@@ -223,6 +224,161 @@ def test_a_delay_is_in_samples_of_the_file_whatever_the_step_of_the_filter(step)
     ],
 )
 def test_a_delay_that_does_not_fit_the_record_is_refused(delay, what):
-    with pytest.raises(UserError, match=what) as caught:
+    with expect_refusal(UserError, what, key="b"):
         assemble(late_record(), {"b": ChannelSettings("m/m", delay=delay)})
-    assert caught.value.key == "b"
+
+
+# Channels whose last value is repeated, and those that only look so.
+HELD_COUNT = 400
+INDEX = np.arange(HELD_COUNT)
+MOVING = 50 * np.sin(0.05 * INDEX) + np.random.default_rng(1).standard_normal(HELD_COUNT)
+
+
+def held(n, values=MOVING, phase=0):
+    return values[np.maximum((INDEX - phase) // n * n + phase, 0)]
+
+
+@pytest.mark.parametrize("n", [2, 5, 20])
+@pytest.mark.parametrize("phase", [0, 1])
+def test_first_sample_of_every_run_remains(n, phase):
+    found, notes = release("F", held(n, phase=phase), 1e-3)
+    fresh = np.flatnonzero(np.isfinite(found))
+    np.testing.assert_array_equal(np.diff(fresh), n)
+    assert fresh[0] == phase
+    np.testing.assert_array_equal(found[fresh], MOVING[fresh])
+    assert f"runs of {n} equal ones, a channel of {1000 / n:.4g} Hz" in notes[0]
+    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples late" in notes[0]
+
+
+def test_rest_and_missing_samples_hide_no_repetition():
+    values = held(4, np.where(INDEX < 100, 0.0, MOVING))
+    values[[0, 250]] = np.nan
+    found, _ = release("F", values, 1e-3)
+    assert np.isfinite(found).sum() == HELD_COUNT // 4 - 1
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        MOVING,
+        np.zeros(HELD_COUNT),
+        np.round(INDEX / 5.0),  # a slow ramp in steps of the resolution
+        np.round(5 * np.sin(0.02 * INDEX)),
+        np.where(INDEX % 2 == 0, MOVING, np.nan),
+        np.repeat(np.arange(4.0) ** 2, 100),  # four dead weights
+        np.clip(MOVING, -20, 20),
+    ],
+)
+def test_other_equal_samples_are_left_alone(values):
+    assert held_samples(values) is None
+    found, notes = release("F", values, 1e-3)
+    assert found is values
+    assert notes == ()
+
+
+def test_rates_without_a_whole_ratio_are_refused():
+    values = MOVING[np.floor(np.floor(INDEX / 3.4) * 3.4).astype(int)]
+    with pytest.raises(UserError, match=r"runs of 3 and 4 equal ones: a channel of 250 to 333\.3 Hz"):
+        release("F", values, 1e-3)
+
+
+# The inverse of an exact Wheatstone bridge, solved by Kirchhoff's laws.
+NU = 0.29
+GAUGES = {
+    # Where the resistors R1 to R4 sit: "+" along in tension, "-" along in compression, "t" across a "+", "c" across a "-", "q"
+    # and "p" where a quarter of the sum is, in tension and in compression.
+    "quarter": "+   ",
+    "half": "+-  ",
+    "half-opposite": "+ + ",
+    "half-poisson": "+t  ",
+    "full": "+-+-",
+    "full-bending-poisson": "+-ct",
+    "full-poisson": "+t+t",
+    "sum": "qpqp",
+}
+
+
+def output(places: str, gauge_factor: float, strain: float) -> float:
+    """Output over excitation: the two node voltages of four resistors under 1 V.
+
+    R1 from the supply to node A, R2 from A to ground, R4 from the supply to node B, R3 from B to ground.
+    """
+    local = {"+": strain, "-": -strain, "t": -NU * strain, "c": NU * strain, " ": 0.0}
+    local |= {"q": strain / 4, "p": -strain / 4}
+    return wheatstone(gauge_factor * np.array([local[place] for place in places]))
+
+
+def wheatstone(x: np.ndarray) -> float:
+    """Of relative changes (4,) of the four resistances."""
+    R1, R2, R3, R4 = 350.0 * (1 + x)
+    conductance = np.diag([1 / R1 + 1 / R2, 1 / R3 + 1 / R4])
+    node = np.linalg.solve(conductance, [1 / R1, 1 / R4])
+    return node[1] - node[0]
+
+
+@pytest.mark.parametrize("arrangement", ARRANGEMENTS)
+@pytest.mark.parametrize("strain", [1e-6, 1e-3, 0.05, -1e-6, -1e-3, -0.05])
+def test_the_formula_inverts_an_exact_bridge(arrangement, strain):
+    bridge = Bridge(arrangement, 2.07, NU if "poisson" in arrangement else None)
+    r = output(GAUGES[arrangement], 2.07, strain)
+    # A difference of two voltages near 0.5 V carries 1e-16 V.
+    assert strain_of(bridge, np.array([r]))[0] == pytest.approx(strain, rel=1e-12, abs=1e-15)
+    assert r * strain > 0
+
+
+def test_a_small_output_is_linear_and_a_quarter_bridge_reads_low_in_tension():
+    r = np.array([1e-9])
+    for arrangement, factor in {
+        "quarter": 1,
+        "half": 2,
+        "half-poisson": 1 + NU,
+        "full": 4,
+        "full-poisson": 2 * (1 + NU),
+    }.items():
+        bridge = Bridge(arrangement, 2.0, NU if "poisson" in arrangement else None)
+        np.testing.assert_allclose(strain_of(bridge, r), 4 * r / (2.0 * factor), rtol=1e-8)
+    # TN-507: at 1000 microstrain, gauge factor 2, a linear reading of a quarter bridge is 0.1 % low.
+    read = output("+   ", 2.0, 1e-3) * 4 / 2.0
+    assert 1 - read / 1e-3 == pytest.approx(1e-3, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("arms", "low"),
+    [
+        ((900e-6, -900e-6, 400e-6, -400e-6), 0.0),  # neighbours that add up to zero
+        ((1000e-6, 0.0, 1000e-6, 0.0), 1e-3),  # axial, two completed by resistors: as low as a quarter bridge
+        ((1500e-6, -500e-6, 700e-6, -300e-6), (2000 * 1000 + 1000 * 400) / 3000 * 1e-6),
+    ],
+)
+def test_a_sum_is_linear_and_off_by_what_neighbouring_arms_have_in_common(arms, low):
+    """GF 2: every leg is read (ε₁ + ε₂) of its share too low, to first order; the second order is 1e-6 of it here."""
+    arms = np.array(arms)
+    total = arms @ [1, -1, 1, -1]
+    r = wheatstone(2.0 * arms)
+    read = strain_of(Bridge("sum", 2.0), np.array([r]))[0]
+    assert read == pytest.approx(4 * r / 2.0, rel=1e-14)
+    assert 1 - read / total == pytest.approx(low, rel=2e-3, abs=1e-12)
+
+
+def test_missing_samples_stay_missing_and_the_impossible_becomes_so():
+    r = np.array([np.nan, 0.0, 0.49, 0.5, 0.7, -0.49, -0.5, 9.0])
+    np.testing.assert_array_equal(np.isnan(strain_of(Bridge("quarter", 2.0), r)), [1, 0, 0, 1, 1, 0, 1, 1])
+    np.testing.assert_array_equal(
+        np.isnan(strain_of(Bridge("full", 2.0), np.array([0.99, 1.01, -0.99, -1.01]))), [0, 1, 0, 1]
+    )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        (("quartr", 2.0), "unknown bridge"),
+        (("quarter", 0.0), "gauge factor"),
+        (("quarter", float("nan")), "gauge factor"),
+        (("half-poisson", 2.0), "no Poisson's ratio"),
+        (("half", 2.0, 0.3), "no gauge across"),
+        (("full-poisson", 2.0, 0.5), "outside"),
+    ],
+)
+def test_bridges_that_cannot_be(wrong, said):
+    with pytest.raises(UserError, match=said):
+        Bridge(*wrong)

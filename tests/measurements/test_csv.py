@@ -13,6 +13,8 @@ from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import Layout, TextFormat
 from strainsight.measurements.csv_rows import plain_rows, rows_by_line
 
+from ..refusals import expect_refusal
+
 PLAIN = "time [s],a [um/m],b [um/m]\n0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
 
 
@@ -67,23 +69,18 @@ def test_the_same_table_in_many_forms(read, content):
 def test_decimal_commas_where_they_are_stated(read, mark):
     table = PLAIN.replace(",", mark).replace(".", ",")
     expect_plain(read(table, form=TextFormat(decimal=",")))
-    with pytest.raises(UserError, match=r"'1,5' under 'a' is no number") as caught:
+    with expect_refusal(UserError, r"'1,5' under 'a' is no number", where="test.csv:2", remedy="decimal mark is the comma"):
         read(table)
-    assert caught.value.where.endswith("test.csv:2")
-    assert "decimal mark is the comma" in caught.value.remedy
 
 
 def test_a_point_is_refused_where_the_comma_is_the_decimal_mark(read):
-    with pytest.raises(UserError, match=r"'1\.234' under 'a' is no number") as caught:
+    with expect_refusal(UserError, r"'1\.234' under 'a' is no number", where=":3"):
         read("time [s];a [um/m]\n0;1,5\n0,1;1.234\n", ["a"], form=TextFormat(decimal=","))
-    assert caught.value.where.endswith(":3")
 
 
 def test_decimal_commas_between_commas_are_refused_with_a_remedy(read):
-    with pytest.raises(UserError, match="4 cells where the names are 2") as caught:
+    with expect_refusal(UserError, "4 cells where the names are 2", where=":2", remedy="';'"):
         read("time [s],a [um/m]\n0,001,2,5\n", ["a"])
-    assert caught.value.where.endswith(":2")
-    assert "';'" in caught.value.remedy
 
 
 @pytest.mark.parametrize("quoted", [False, True])
@@ -178,10 +175,8 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_are_named_with_their_line(read, fault):
     body, line, said = FAULTS[fault]
-    with pytest.raises(UserError, match=said) as caught:
+    with expect_refusal(UserError, said, where=f"test.csv:{line}", remedy=""):
         read("time [s],a [um/m],b [um/m]\n" + body)
-    assert caught.value.where.endswith(f"test.csv:{line}")
-    assert caught.value.remedy
 
 
 HEADERS = {

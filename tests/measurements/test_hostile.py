@@ -75,8 +75,8 @@ CSV = {
     "rubbish without zeros": RUBBISH.replace(b"\0", b"x"),
     "rubbish behind a header": b"time [s],a [um/m]\n" + RUBBISH.replace(b"\0", b"x"),
     "zeros": bytes(1_000_000),
-    "one endless line": b"1," * 3_000_000,
-    "endless cell": b"time [s],a [um/m]\n0," + b"1" * 5_000_000 + b"\n1,2\n",
+    "one endless line": b"1," * 1_000_000,
+    "endless cell": b"time [s],a [um/m]\n0," + b"1" * 2_000_000 + b"\n1,2\n",
     "endless quote": b'time [s],a [um/m]\n0,"' + b"1,\n" * 100_000,
     "endless header": b"," * 2_000_000,
     "utf-16": "time [s],a [um/m]\n0,1\n1,2\n".encode("utf-16"),
@@ -107,8 +107,8 @@ OTHER = {
     "rubbish.uff": lambda tmp: RUBBISH,
     "marks.uff": lambda tmp: b"    -1\n" * 100_001,
     "open.uff": lambda tmp: b"    -1\n    58\n",
-    "endless dataset.uff": lambda tmp: b"    -1\n  2411\n" + b"1\n" * 500_000,
-    "one line.uff": lambda tmp: b"    -1\n    15\n" + b"x" * 3_000_000,
+    "endless dataset.uff": lambda tmp: b"    -1\n  2411\n" + b"1\n" * 100_000,
+    "one line.uff": lambda tmp: b"    -1\n    15\n" + b"x" * 1_000_000,
     "cut.uff": lambda tmp: UFF[:-100],
     "claims.uff": lambda tmp: UFF.replace(b"%10d" % 60, b"%10d" % 999_999_999),
     "cut.ufb": lambda tmp: UFB[:-100],
@@ -198,7 +198,7 @@ def refused_or_uniform(path):
         np.testing.assert_allclose(np.diff(signals.time), np.diff(signals.time).mean(), rtol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", range(15))
 def test_a_few_altered_bytes_are_refused_or_read(tmp_path, seed):
     rng = np.random.default_rng(seed)
     for name, content in {"a.csv": TABLE, "a.uff": UFF, "a.ufb": UFB}.items():

@@ -1,4 +1,4 @@
-"""Channels of MDF files as asammdf writes them come back in physical units, on the clock of their master channel."""
+"""Channels and conversion rules of MDF files as asammdf writes them."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.daq_file import read_daq
 from strainsight.measurements.reader import read_recording
 
+from ..refusals import expect_refusal
 from .written import COUNT, STEP, A, B, T, mdf, signal
 
+# Channels of MDF files as asammdf writes them come back in physical units, on the clock of their master channel.
 pytest.importorskip("asammdf")
 
 
@@ -76,13 +78,7 @@ def test_a_table_of_values_is_a_conversion_too(tmp_path):
     """A linear interpolation between raw 0, 10, 20 → 0, 1, 4."""
     raw = np.arange(COUNT, dtype="u2") % 21
     table = {
-        "raw_0": 0.0,
-        "phys_0": 0.0,
-        "raw_1": 10.0,
-        "phys_1": 1.0,
-        "raw_2": 20.0,
-        "phys_2": 4.0,
-        "interpolation": True,
+        "raw_0": 0.0, "phys_0": 0.0, "raw_1": 10.0, "phys_1": 1.0, "raw_2": 20.0, "phys_2": 4.0, "interpolation": True,
     }
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", raw, conversion=table)]))
     np.testing.assert_allclose(read(path, ["G1"]).channels["G1"], np.interp(raw, [0, 10, 20], [0, 1, 4]), rtol=1e-14)
@@ -192,3 +188,116 @@ def test_a_unit_that_contradicts_the_settings(tmp_path):
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", unit="N")]))
     with pytest.raises(UserError, match="stated in um/m, the file has it in N"):
         assemble(read(path, ["G1"]), {"G1": ChannelSettings("um/m")})
+
+
+# Conversion rules of MDF channels give the physical values of the standard, or are refused; raw values never pass for them.
+pytest.importorskip("asammdf")
+RAW = np.arange(COUNT) % 40
+"""Raw values 0 … 39."""
+
+
+def converted(tmp_path, rule, raw=RAW, version="4.10", **more):
+    """Physical values of a channel that asammdf wrote with this rule: its own form, or one of its blocks."""
+    path = tmp_path / ("a.mf4" if version > "4" else "a.mdf")
+    mdf(path, ("rig", [signal("G1", raw, conversion=rule, **more)]), version=version)
+    return read_daq("mdf", path, ["G1"], sandboxed=False).channels["G1"]
+
+
+def table(name, keys, values):
+    return {f"raw_{i}": k for i, k in enumerate(keys)} | {f"{name}_{i}": v for i, v in enumerate(values)}
+
+
+def ranges(rows, key, **more):
+    """rows: lower and upper limit, and what stands for the values between."""
+    names = ("lower", "upper", key)
+    return {f"{name}_{i}": value for i, row in enumerate(rows) for name, value in zip(names, row, strict=True)} | more
+
+
+P = {f"P{i}": float(p) for i, p in enumerate((2, 3, 5, 0.25, 7, 11), 1)}
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_a_quotient_of_parabolas(tmp_path, version):
+    x = RAW.astype(float)
+    value = (2 * x**2 + 3 * x + 5) / (0.25 * x**2 + 7 * x + 11)
+    np.testing.assert_allclose(converted(tmp_path, P, version=version), value, rtol=1e-14)
+    scaled = dict.fromkeys(P, 0.0) | {"P1": 3.0, "P5": 2.0}  # 3x² / 2x, also at 0
+    np.testing.assert_allclose(converted(tmp_path, scaled, version=version), 1.5 * x, rtol=1e-14)
+
+
+@pytest.mark.parametrize("version", ["4.10", "3.30"])
+def test_a_table_between_its_entries_and_outside(tmp_path, version):
+    keys, values = [5.0, 10.0, 20.0], [1.0, -2.0, 4.0]
+    line = table("phys", keys, values) | {"interpolation": True}
+    np.testing.assert_allclose(converted(tmp_path, line, version=version), np.interp(RAW, keys, values), rtol=1e-14)
+    nearest = [values[min(range(3), key=lambda i: (abs(x - keys[i]), keys[i]))] for x in RAW]
+    steps = table("phys", keys, values) | {"interpolation": False}
+    np.testing.assert_array_equal(converted(tmp_path, steps, version=version), nearest)
+
+
+def test_ranges_hold_their_upper_limit_for_integers_only(tmp_path):
+    rule = ranges([(0, 9, 1.5), (10, 19, -2.0), (25, 30, 7.0)], "phys", default=99.0)
+    integers = [1.5 if x <= 9 else -2.0 if x <= 19 else 7.0 if 25 <= x <= 30 else 99.0 for x in RAW]
+    np.testing.assert_array_equal(converted(tmp_path, rule, RAW.astype("u1")), integers)
+    floats = [1.5 if x < 9 else -2.0 if 10 <= x < 19 else 7.0 if 25 <= x < 30 else 99.0 for x in RAW]
+    np.testing.assert_array_equal(converted(tmp_path, rule, RAW.astype(float)), floats)
+
+
+def test_a_table_with_text_gives_numbers_where_no_sample_is_text(tmp_path):
+    """As loggers mark an error: 255 is text, all else a linear rule."""
+    from asammdf.blocks.conversion_utils import from_dict
+
+    line = from_dict({"a": 0.5, "b": 3.0})
+    rule = {"val_0": 255.0, "text_0": b"sensor error", "default_addr": line}
+    np.testing.assert_allclose(converted(tmp_path, rule, RAW.astype("u1")), 0.5 * RAW + 3)
+    spoiled = np.where(RAW == 7, 255, RAW).astype("u1")
+    with pytest.raises(UserError, match="'G1' holds text, not numbers: 255 stands for 'sensor error'"):
+        converted(tmp_path, rule, spoiled)
+    bad = spoiled == 255
+    np.testing.assert_allclose(
+        converted(tmp_path, rule, spoiled, invalidation_bits=bad), np.where(bad, np.nan, 0.5 * RAW + 3)
+    )
+    of_ranges = ranges([(0, 50, line), (255, 255, b"sensor error")], "text", default_addr=b"")
+    np.testing.assert_allclose(converted(tmp_path, of_ranges, RAW.astype("u1")), 0.5 * RAW + 3)
+    with pytest.raises(UserError, match="255 stands for 'sensor error'"):
+        converted(tmp_path, of_ranges, spoiled)
+
+
+@pytest.mark.parametrize(
+    ("rule", "message"),
+    [
+        (table("phys", [5.0, 5.0, 20.0], [1.0, 2.0, 3.0]) | {"interpolation": True}, "raw values do not increase"),
+        (ranges([(0, 9, 1.0), (5, 19, 2.0)], "phys", default=0.0), "ranges overlap"),
+        ({"formula": "X1*foo"}, "the conversion formula 'X1\\*foo', which cannot be evaluated: 'foo' is neither"),
+        ({"formula": "1/X1"}, "no physical value at sample 1: its conversion '1/X1' of the raw value 0 gives inf"),
+        (dict.fromkeys(P, 0.0), "no physical value at sample 1: its conversion rule of the raw value 0 gives nan"),
+    ],
+)
+def test_a_rule_that_gives_no_value_is_refused(tmp_path, rule, message):
+    with expect_refusal(UserError, f"'G1' has .*{message}", remedy=""):
+        converted(tmp_path, rule)
+
+
+def test_a_rule_that_is_damaged_is_refused(tmp_path):
+    """asammdf leaves such a rule out, and gives raw values."""
+    path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", B, conversion={"a": 0.5, "b": 3.0})]))
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"##CC")
+    content[at + 8 : at + 16] = (1 << 40).to_bytes(8, "little")
+    path.write_bytes(content)
+    with pytest.raises(UserError, match="the conversion rule of 'G1' cannot be read"):
+        read_daq("mdf", path, ["G1"], sandboxed=False)
+
+
+@pytest.mark.parametrize(("code", "name"), [(7, "exponential"), (8, "logarithmic"), (99, "of type 99")])
+def test_a_rule_that_programs_read_differently_is_refused(tmp_path, code, name):
+    path = mdf(tmp_path / "a.mdf", ("rig", [signal("G1", A, conversion=P)]), version="3.30")
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"CC")
+    while int.from_bytes(content[at + 42 : at + 44], "little") != 9:  # its code: rational
+        at = content.rindex(b"CC", 0, at)
+    content[at + 42 : at + 44] = code.to_bytes(2, "little")
+    content[at + 2 : at + 4] = (46 + 56).to_bytes(2, "little")
+    path.write_bytes(content)
+    with pytest.raises(UserError, match=f"'G1' has a conversion rule that is not supported, {name}"):
+        read_daq("mdf", path, ["G1"], sandboxed=False)

@@ -87,7 +87,7 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
-    for sandboxed in (True, False):
+    for sandboxed in (False, True)[: 1 + (make is zipped)]:
         recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=sandboxed)
         np.testing.assert_allclose(recording.time, T, atol=1e-12)
         np.testing.assert_array_equal(recording.channels["G1"], A)

@@ -9,6 +9,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.daq_file import read_daq
 from strainsight.measurements.reader import read_recording
 
+from ..refusals import expect_refusal
 from .written import STEP, A, B, T, tdms, waveform
 
 pytest.importorskip("nptdms")
@@ -172,9 +173,8 @@ def test_an_index_beside_the_file_is_not_believed(tmp_path):
 def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform()})
     path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(UserError, match=r"the file ends in the middle of its last segment.*G2") as caught:
+    with expect_refusal(UserError, r"the file ends in the middle of its last segment.*G2", remedy="save what there is anew"):
         read(path, ["G1"])
-    assert "save what there is anew" in caught.value.remedy
 
 
 def test_a_time_that_is_asked_for_where_the_waveform_has_its_own(tmp_path):

@@ -1,4 +1,4 @@
-"""Sanity checks speak of the mesh and of the config's keys, whatever format the file is of."""
+"""Sanity checks of a mesh, of its units and of what the config adds; a mesh of another size."""
 
 from __future__ import annotations
 
@@ -8,16 +8,29 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.decks.nastran.deck import read_nastran
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
-from strainsight.mesh.additions import node_index, with_material, with_node, with_rigid_element
+from strainsight.mesh.additions import (
+    node_index,
+    node_indices,
+    region_ids,
+    with_averaging_element,
+    with_material,
+    with_node,
+    with_rigid_element,
+    with_support,
+)
 from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement
+from strainsight.mesh.mixed_units import USUAL_UNITS, mixed_units
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
-from strainsight.mesh.units import to_si
+from strainsight.mesh.scaling import scaled
+from strainsight.mesh.units import LENGTH, to_si
 
+# Sanity checks speak of the mesh and of the config's keys, whatever format the file is of.
 GMSH = """\
 $MeshFormat
 2.2 0 8
@@ -189,3 +202,175 @@ def test_errors_of_a_mesh_without_cards_name_its_entities_and_the_keys_of_the_co
     assert what in caught.value.what
     assert remedy in (caught.value.remedy or "")
     assert not CARDS.search(f"{caught.value.what} {caught.value.remedy}")
+
+
+# Moduli and densities in units that do not belong together are warned of, with the unit; real materials never are.
+MM_KG, MM_T, IN_LB, CM_KG = ("mm", "kg"), ("mm", "t"), ("in", "lb"), ("cm", "kg")
+MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning names)
+    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "2.1e+05 looks like MPa (steel, 2.1e+11 Pa): in mm, kg and s it is 2.1e+08"),
+    "or in t": (2.1e5, 7.85e-6, MM_KG, "or give the density as 7.85e-09 with mesh.mass_unit t"),
+    "aluminium": (7e4, 2.7e-6, MM_KG, "7e+04 looks like MPa (aluminium"),
+    "titanium": (1.14e5, 4.43e-6, MM_KG, "in mm, kg and s it is 1.14e+08"),
+    "concrete": (3e4, 2.4e-6, MM_KG, "3e+04 looks like MPa (concrete"),
+    "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 looks like GPa with time in ms (steel"),
+    "in seconds": (210.0, 7.85e-6, MM_KG, "in mm, kg and s it is 2.1e+08"),
+    "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 looks like MPa with time in ms"),
+    "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 looks like g/mm³ (steel): in mm, t and s it is 7.85e-09"),
+    "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 looks like GPa"),
+    "pounds without 386": (3e7, 0.283, IN_LB, "or give the density as 0.000733 with mesh.mass_unit lbf*s2/in"),
+    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "0.283 looks like lb/in³ (steel): in in, lbf*s2/in and s it is 0.000733"),
+    "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "in in, lbf*s2/in and s it is 3e+07"),
+    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09"),
+    "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
+    "GPa in metres": (210.0, 7850.0, ("m", "kg"), "210 looks like GPa"),
+    "MPa and t in metres": (2.1e5, 7.85, ("m", "t"), "in m, t and s it is 2.1e+08"),
+    "psi and slugs": (3e7, 15.2, ("ft", "slug"), "in ft, slug and s it is 4.32e+09"),
+    "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 looks like kgf/mm²"),
+    "weight in N": (2.1e5, 7.7e-5, MM_T, "looks like N/mm³ (weight)"),
+    "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 looks like lb/ft³ (steel): in m, kg and s it is 7849"),
+}
+REAL = {  # Pa, kg/m³
+    "natural rubber": (2e6, 930), "filled rubber": (1e7, 1300), "soft foam": (2e5, 30), "rigid foam": (5e7, 60),
+    "cork": (2e7, 160), "wood": (1.1e10, 450), "wood across": (5e8, 450), "balsa": (3e9, 150), "honeycomb": (1e9, 50),
+    "soil": (5e7, 1900),
+    "gravel": (1e8, 2250), "resin filled with sand": (1e10, 2100), "concrete": (3e10, 2400), "light concrete": (1.5e10, 1800),
+    "warm asphalt": (3e8, 2400), "granite": (5e10, 2700), "glass": (7e10, 2500), "ice": (9e9, 917), "bone": (1.5e10, 1900),
+    "PTFE": (5e8, 2200), "ABS": (2.3e9, 1050), "CFRP": (7e10, 1600), "ply": (1.4e11, 1580), "GFRP": (2e10, 1900),
+    "nylon filled with tungsten": (5e9, 11000), "rubber filled with lead": (1e7, 4000), "lead": (1.6e10, 11340),
+    "solder": (3e10, 8400), "tin": (5e10, 7290), "zinc": (8.5e10, 7100), "magnesium": (4.5e10, 1780), "beryllium": (3e11, 1850),
+    "steel": (2.1e11, 7850), "cast iron": (1.1e11, 7200), "aluminium": (7e10, 2700), "titanium": (1.1e11, 4430),
+    "copper": (1.2e11, 8940), "gold": (7.9e10, 19300), "uranium": (2e11, 19000), "tungsten": (4.1e11, 19300),
+    "zirconia": (2e11, 6000), "alumina": (3.7e11, 3900), "diamond": (1.1e12, 3500), "aluminium foam": (5e9, 500),
+    "steel with smeared masses": (2.1e11, 12000), "steel that weighs little": (2.1e11, 1000),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("E", "rho", "units", "words"), MIXED.values(), ids=MIXED)
+def test_units_that_do_not_belong_together_are_named_with_the_number_that_would(E, rho, units, words):
+    found = " / ".join(sanity_warnings(to_si(tetrahedron(1.0, E, rho), *units), *units))
+    assert words in found
+
+
+def test_the_number_that_a_warning_asks_for_is_without_one():
+    for E, rho, units in ((2.1e8, 7.85e-6, MM_KG), (2.1e5, 7.85e-9, MM_T), (1.158e10, 0.283, IN_LB), (2.1e9, 7.85e-3, CM_KG)):
+        size = 0.3 / LENGTH[units[0]]
+        assert sanity_warnings(to_si(tetrahedron(size, E, rho), *units), *units) == ()
+
+
+def test_no_real_material_is_warned_of_in_any_consistent_units():
+    for units in (*USUAL_UNITS, ("mm", "g"), ("cm", "g"), ("in", "lb"), ("ft", "lb")):
+        for name, (E, rho) in REAL.items():
+            assert mixed_units(E, rho, *units) == "", (name, units)
+
+
+@pytest.mark.parametrize("material", REAL.values(), ids=REAL)
+def test_a_structure_of_a_real_material_has_no_warning(material):
+    assert sanity_warnings(tetrahedron(1.0, *material)) == ()
+
+
+def test_plies_in_kg_mm_and_n_are_named_and_an_isotropic_material_of_these_numbers_is_not():
+    E, rho = 1.35e8, 1600.0
+    assert "1.35e+05 looks like MPa (a ply of carbon fibre" in mixed_units(E, rho, *MM_KG, ply=True)
+    assert mixed_units(E, rho, *MM_KG) == ""
+
+
+# A structure of another size has the mass properties of one that is.
+def masses_of(mesh):
+    """Mass [kg], and inertia about the origin [kg m²] of the point masses; volume of the tetrahedra [m³]."""
+    total, inertia = 0.0, np.zeros((3, 3))
+    for own in mesh.point_masses:
+        r = mesh.position[own.node] + own.offset
+        total += own.mass
+        inertia += own.inertia + own.mass * (r @ r * np.eye(3) - np.outer(r, r))
+    corners = mesh.position[mesh.blocks[0].nodes]
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])).sum() / 6
+    return total, inertia, volume
+
+
+def test_masses_grow_with_the_cube_and_inertias_with_the_fifth_power_of_the_size():
+    rng = np.random.default_rng(3)
+    mesh = Mesh(
+        node_ids=np.arange(1, 7),
+        position=rng.normal(size=(6, 3)),
+        blocks=(CellBlock("tet4", np.array([1, 2]), np.array([[0, 1, 2, 3], [1, 2, 3, 4]]), np.array([1, 1])),),
+        regions={1: Region(1, "solid", 1)},
+        materials={1: Material(1, 2.1e11, 0.3, 7850.0)},
+        fixed=np.array([[0, 0], [0, 1]]),
+        point_masses=(PointMass(1, 4, 2.0, rng.normal(size=3), np.diag([0.1, 0.2, 0.25])), PointMass(2, 5, 0.5)),
+    )
+    half = scaled(mesh, 0.5)
+    (m, J, V), (small_m, small_J, small_V) = masses_of(mesh), masses_of(half)
+    np.testing.assert_allclose(small_m, m / 8, rtol=1e-14)
+    np.testing.assert_allclose(small_J, J / 32, rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(small_V, V / 8, rtol=1e-13)
+    assert half.materials == mesh.materials
+    assert scaled(mesh, 1.0) is mesh
+
+
+# What the config adds to a mesh is added, and nothing else changes.
+DECK = """\
+GRID,11,,0.,0.,0.
+GRID,2,,1.,0.,0.
+GRID,33,,0.,1.,0.
+GRID,4,,0.,0.,1.
+GRID,5,,1.,1.,1.
+CTETRA,10,1,11,2,33,4
+CTETRA,20,7,2,33,4,5
+PSOLID,1,1
+PSOLID,7,1
+MAT1,1,2.1+11,,.3,7850.
+SPC1,1,123,11
+SET1,3,33,4
+"""
+
+
+@pytest.fixture
+def mesh(tmp_path):
+    (tmp_path / "a.bdf").write_text(DECK)
+    return read_nastran(tmp_path / "a.bdf")
+
+
+def test_a_material_goes_to_the_regions_named_by_id_or_name(mesh):
+    changed = with_material(mesh, [7], 7e10, 0.33, 2700.0)
+    assert changed.materials[changed.regions[7].material].youngs_modulus == 7e10
+    assert changed.regions[1] == mesh.regions[1]
+    assert region_ids(changed, ["PSOLID 7", 1]) == (7, 1)
+
+
+def test_a_material_for_all_regions_leaves_none_of_the_file(mesh):
+    changed = with_material(mesh, None, 7e10, 0.33, 2700.0)
+    assert [m.density for m in changed.materials.values()] == [2700.0]
+    assert {r.material for r in changed.regions.values()} == set(changed.materials)
+
+
+def test_supports_add_to_those_of_the_file_each_once(mesh):
+    changed = with_support(mesh, node_indices(mesh, "SET1-3"), (0, 2))
+    again = with_support(changed, node_indices(mesh, "SET1-3"), (2,))
+    expected = {(0, 0), (0, 1), (0, 2), (2, 0), (2, 2), (3, 0), (3, 2)}
+    assert {tuple(pair) for pair in changed.fixed.tolist()} == expected
+    np.testing.assert_array_equal(changed.fixed, again.fixed)
+
+
+def test_a_tie_takes_the_nodes_of_a_set_but_its_reference(mesh):
+    changed = with_node(mesh, 900, (0.5, 0.5, 2.0))
+    reference = node_index(changed, 900)
+    assert changed.position[reference].tolist() == [0.5, 0.5, 2.0]
+    tied = with_rigid_element(changed, reference, node_indices(changed, "SET1-3"), (0, 1, 2))
+    tied = with_averaging_element(tied, node_index(tied, 4), np.array([2, 3, 4]), range(6))
+    assert tied.node_ids[tied.rigid[0].nodes].tolist() == [33, 4]
+    assert tied.node_ids[tied.averaging[0].nodes].tolist() == [33, 5]
+    assert (tied.rigid[0].id, tied.averaging[0].id) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        (lambda mesh: with_material(mesh, ["PSOLID 8"], 1.0, 0.0, 1.0), "did you mean PSOLID 7"),
+        (lambda mesh: node_indices(mesh, "SET-3"), "did you mean SET1-3"),
+        (lambda mesh: node_index(mesh, 3), "no node 3"),
+        (lambda mesh: with_node(mesh, 33, (0, 0, 0)), "already"),
+    ],
+)
+def test_what_is_not_there_is_reported(mesh, wrong, says):
+    with pytest.raises(UserError, match=says):
+        wrong(mesh)

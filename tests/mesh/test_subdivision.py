@@ -1,23 +1,37 @@
-"""A mesh cut at the middle of its edges is the same body, conforming, and holds what the coarse one holds."""
+"""Subdivided elements, ties of surfaces, and VTKHDF files."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
+import pyvista
+from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
+from vtkmodules.vtkIOHDF import vtkHDFReader
 
+from strainsight.errors import UserError
 from strainsight.fem.assembly import assemble
+from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.mass import mass_properties
-from strainsight.mesh.facets import exterior_facets
+from strainsight.fem.support import rigid_motions
+from strainsight.mesh.connectivity import connectivity_warnings
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
-from strainsight.mesh.model import CellBlock
+from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.projection import nearest
 from strainsight.mesh.subdivision import refined
+from strainsight.mesh.surface_ties import with_surface_tie
+from strainsight.mesh.vtkhdf import VTK_TYPE, facet_cells, unstructured_grid
 
-from ..bodies import RHO, body
+from ..bodies import RHO, E, body, held, moved
 from ..solids import SOLIDS
+from .boxes import FACE, TWO, both, box
 
+# A mesh cut at the middle of its edges is the same body, conforming, and holds what the coarse one holds.
 PARTS = {"tet4": 8, "tet10": 8, "hex8": 8, "hex20": 8, "wedge6": 8, "wedge15": 8, "pyra5": 10}
 
 
@@ -99,3 +113,261 @@ def test_bodies_that_only_touch_stay_apart():
                         region=np.r_[cells.region, twin.region]),),
     )  # fmt: skip
     assert len(refined(both).mesh.position) == 2 * len(refined(mesh).mesh.position)
+
+
+# Nodes that follow the faces of another mesh, near or over a gap; the nearest point of a facet.
+def tied_bar(coarse, fine):
+    """A cube of one cell and one of eight, tied, and which nodes are where they are tied."""
+    mesh = both(box(coarse, (1, 1, 1)), box(fine, (2, 2, 2), at=(1, 0, 0)))
+    steel = {i: replace(own, poisson_ratio=0.0) for i, own in mesh.materials.items()}
+    at, own = mesh.position[:, 0] == 1, np.arange(len(mesh.position)) < len(box(coarse, (1, 1, 1)).position)
+    mesh = replace(mesh, materials=steel)
+    return with_surface_tie(mesh, np.flatnonzero(at & ~own), np.flatnonzero(at & own), 1e-6, "mesh.ties.0")
+
+
+@pytest.mark.parametrize("coarse", ["tet4", "tet10", "hex8", "hex20", "wedge15"])
+@pytest.mark.parametrize("fine", ["tet4", "hex20"])
+def test_what_is_tied_to_a_surface_follows_every_linear_field_and_hangs_no_more(coarse, fine):
+    mesh = tied_bar(coarse, fine)
+    assert connectivity_warnings(mesh) == ()
+    assert all(own.value[0] == 1 for own in mesh.relations)
+    for field in (np.ones(len(mesh.position)), *mesh.position.T):
+        np.testing.assert_allclose([own.value @ field[own.node] for own in mesh.relations], 0, atol=1e-13)
+
+
+def tied_over(gap, kind="hex8", chart=lambda x, y, z: (x, y, z)):
+    """A block of eight cells and one of 27, a gap [m] above it, tied."""
+    mesh = both(box(kind), box(kind, (3, 3, 3), at=(0, 0, 1 + gap)))
+    z, first = mesh.position[:, 2], np.arange(len(mesh.position)) < len(box(kind).position)
+    fine, coarse = np.flatnonzero(~first & (z == z[~first].min())), np.flatnonzero(first & (z == 1))
+    return with_surface_tie(replace(mesh, position=np.array(chart(*mesh.position.T)).T), fine, coarse, 0.1, "t")
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-8, 1e-4])
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
+def test_a_tie_over_a_gap_follows_every_rigid_motion(gap, kind):
+    def dome(x, y, z):
+        return x + 0.1 * y * z, y, z - 0.2 * x**2 + 0.1 * x * y
+
+    mesh = tied_over(gap, kind, dome)
+    x = mesh.position
+    for axis in np.eye(3):
+        for u in (np.broadcast_to(axis, x.shape), np.cross(axis, x)):
+            np.testing.assert_allclose(
+                [own.value @ u[own.node, own.component] for own in mesh.relations], 0, atol=1e-12
+            )
+
+
+def test_blocks_that_are_tied_over_a_gap_are_one_free_structure():
+    mesh = tied_over(1e-8)
+    assert rigid_motions(mesh, constraint_transform(mesh)).shape[1] == 6
+
+
+@pytest.mark.parametrize("code", range(len(FACETS)))
+def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
+    kind = FACETS[code]
+    nodes = np.column_stack([kind.nodes, 0.2 * kind.nodes[:, 0] ** 2 + 0.1 * kind.nodes[:, 0] * kind.nodes[:, 1]])[None]
+    xi = np.array([[0.3, 0.1], [0.2, 0.6], [1.0, 0.0]])
+    N, dN = kind.functions(xi)
+    on, slopes = N @ nodes[0], np.einsum("mad,ac->mdc", dN, nodes[0])
+    n = np.cross(slopes[:, 0], slopes[:, 1])
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    feet = nearest(code, np.repeat(nodes, 3, axis=0), on + [[0.0], [1e-3], [-1e-2]] * n)
+    np.testing.assert_allclose(feet.x, on, atol=1e-12)
+    np.testing.assert_allclose(feet.apart, [0.0, 1e-3, 1e-2], atol=1e-12)
+
+
+@pytest.mark.parametrize(("fine", "coarse"), [("hex8", "hex8"), ("tet10", "hex20")])
+def test_a_bar_of_two_meshes_that_are_tied_is_stretched_as_one(fine, coarse):
+    mesh = tied_bar(coarse, fine)
+    n, end = len(mesh.position), mesh.position[:, 0] == 2
+    mesh = held(held(mesh, mesh.position[:, 0] == 0), end, (1, 2))
+    lead = RigidElement(1, n, np.flatnonzero(end), (0,))
+    x = np.vstack([mesh.position, [2, 0.5, 0.5]])
+    mesh = replace(mesh, position=x, node_ids=np.arange(1, n + 2), rigid=(lead,))
+    mesh = held(mesh, np.arange(n + 1) == n, (3, 4, 5))
+    force = np.zeros((n + 1, 3))
+    force[-1, 0] = E
+    u = moved(mesh, force).reshape(-1, 3)[:n]
+    np.testing.assert_allclose(u, x[:n] * [1, 0, 0], atol=1e-11)
+
+
+def test_a_node_beside_the_surface_is_refused():
+    with pytest.raises(UserError, match=r"node \d+ does not lie on the surface, not within 0\.1 m"):
+        with_surface_tie(TWO, np.flatnonzero(TWO.position[:, 0] == 2), FACE[0], 0.1, "mesh.ties.0")
+
+
+# What is written as VTKHDF comes back from VTK's own reader, also beside other groups in an .h5 file.
+COUNT = {"vertex": 1, "line": 2, "tri3": 3, "tri6": 6, "quad4": 4, "quad8": 8} | {
+    kind: len(solid.points()) for kind, solid in SOLIDS.items()
+}
+
+
+def write(path, grid):
+    with h5py.File(path, "w") as file:
+        file.create_dataset("/summary/other", data=np.arange(5.0))
+        for name, array in grid.datasets.items():
+            file.create_dataset(f"/VTKHDF/{name}", data=array)
+        for name, values in grid.attributes.items():
+            for key, value in values.items():
+                file[f"/VTKHDF/{name}".rstrip("/")].attrs[key] = value
+
+
+def hdf_reader(path):
+    return pyvista.HDFReader(str(path))
+
+
+def time_reader(path):
+    reader = vtkHDFReader()
+    reader.SetFileName(str(path))
+    reader.UpdateInformation()
+    return reader, reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
+
+
+def blocks():
+    offset, found = 0, []
+    for i, (kind, count) in enumerate(COUNT.items(), start=1):
+        nodes = offset + np.arange(2 * count).reshape(2, count)
+        found.append(CellBlock(kind, np.array([2 * i, 2 * i + 1]), nodes, np.array([1, 1])))
+        offset += 2 * count
+    return found, offset
+
+
+def test_cell_types_are_those_of_vtk():
+    kinds = pyvista.CellType
+    assert {
+        "vertex": kinds.VERTEX,
+        "line": kinds.LINE,
+        "beam": kinds.LINE,
+        "rod": kinds.LINE,
+        "tri3": kinds.TRIANGLE,
+        "tri6": kinds.QUADRATIC_TRIANGLE,
+        "quad4": kinds.QUAD,
+        "quad8": kinds.QUADRATIC_QUAD,
+        "shell6": kinds.QUADRATIC_TRIANGLE,
+        "shell8": kinds.QUADRATIC_QUAD,
+        "beam3": kinds.QUADRATIC_EDGE,
+    } | {kind: solid.vtk for kind, solid in SOLIDS.items()} == VTK_TYPE
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
+def test_all_kinds_come_back_with_their_data(tmp_path, suffix):
+    cells, n = blocks()
+    position = np.random.default_rng(0).random((n, 3))
+    ids = np.concatenate([block.ids for block in cells])
+    data = {"node_id": np.arange(n) + 100, "vector": 2 * position}
+    write(tmp_path / f"a{suffix}", unstructured_grid(position, cells, data, {"element_id": ids}))
+    mesh = pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else hdf_reader(tmp_path / "a.h5").read()
+    np.testing.assert_array_equal(mesh.points, position)
+    np.testing.assert_array_equal(mesh.celltypes, [VTK_TYPE[block.kind] for block in cells for _ in range(2)])
+    for cell, expected in zip(range(mesh.n_cells), (row for block in cells for row in block.nodes), strict=True):
+        np.testing.assert_array_equal(mesh.get_cell(cell).point_ids, expected)
+    np.testing.assert_array_equal(mesh.point_data["node_id"], data["node_id"])
+    np.testing.assert_array_equal(mesh.point_data["vector"], data["vector"])
+    np.testing.assert_array_equal(mesh.cell_data["element_id"], ids)
+
+
+def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
+    cells, n = blocks()
+    m = sum(len(block.ids) for block in cells)
+    rng = np.random.default_rng(1)
+    mode, strain, fixed = rng.random((3, n, 3)), rng.random((3, m)), rng.random(n)
+    frequency = np.array([40.0, 52.5, 240.0])
+    write(
+        tmp_path / "modes.h5",
+        unstructured_grid(
+            rng.random((n, 3)), cells, {"mode": mode, "fixed": fixed}, {"strain": strain}, steps=frequency
+        ),
+    )
+    reader, times = time_reader(tmp_path / "modes.h5")
+    np.testing.assert_array_equal(times, frequency)
+    for i in (2, 0, 1):
+        reader.UpdateTimeStep(frequency[i])
+        mesh = pyvista.wrap(reader.GetOutputDataObject(0))
+        np.testing.assert_array_equal(mesh.point_data["mode"], mode[i])
+        np.testing.assert_array_equal(mesh.cell_data["strain"], strain[i])
+        np.testing.assert_array_equal(mesh.point_data["fixed"], fixed)
+        assert mesh.n_cells == m
+
+
+def test_equal_steps_stay_apart_on_the_time_axis():
+    grid = unstructured_grid(np.zeros((1, 3)), [], steps=[5.0, 5.0, 5.0])
+    assert np.all(np.diff(grid.datasets["Steps/Values"]) > 0)
+    np.testing.assert_allclose(grid.datasets["Steps/Values"], 5.0, rtol=1e-14)
+
+
+def test_points_alone_are_a_grid(tmp_path):
+    write(tmp_path / "points.vtkhdf", unstructured_grid(np.eye(3), [], {"a": np.arange(3)}))
+    assert pyvista.read(tmp_path / "points.vtkhdf").n_points == 3
+
+
+@pytest.mark.parametrize("data", [np.zeros(4), np.zeros((2, 4)), np.float64(1.0)])
+def test_data_of_another_length_is_refused(data):
+    with pytest.raises(ValueError, match="PointData a"):
+        unstructured_grid(np.eye(3), [], {"a": data}, steps=[0.0, 1.0])
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
+def test_a_surface_with_many_arrays_plays_in_time(tmp_path, suffix):
+    """A hexahedron beside a wedge: scalars, vectors and tensors, single and double, on facets and on points."""
+    position = np.array(
+        [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [[2, 0, 0], [2, 0, 1]], dtype=float
+    )
+    hexahedron = CellBlock("hex8", np.array([7]), np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), np.array([1]))
+    wedge = CellBlock("wedge6", np.array([3]), np.array([[1, 8, 3, 5, 9, 7]]), np.array([2]))
+    inside = np.array([[9.0, 9.0, 9.0]])
+    mesh = Mesh(
+        np.arange(1, 12),
+        np.vstack([inside, position]),
+        tuple(CellBlock(b.kind, b.ids, b.nodes + 1, b.region) for b in (hexahedron, wedge)),
+        {},
+        {},
+        np.zeros((0, 2), dtype=np.int64),
+    )
+    facets = exterior_facets(mesh)
+    used, cells, order = facet_cells(facets)
+    np.testing.assert_array_equal(used, np.arange(1, 11))
+    assert [block.kind for block in cells] == ["tri3", "quad4"]
+    rng, T, f = np.random.default_rng(2), 5, len(facets.kind)
+    time = np.linspace(0, 1e-3, T)
+    tensor, mises = rng.random((T, f, 6)), rng.random((T, f)).astype(np.float32)
+    moved, nodal = rng.random((T, 10, 3)), rng.random((T, 10))
+    path = tmp_path / f"surface{suffix}"
+    write(
+        path,
+        unstructured_grid(
+            mesh.position[used],
+            cells,
+            {"displacement": moved, "von_mises": nodal},
+            {"stress": tensor[:, order], "von_mises": mises[:, order], "element": facets.element_id[order]},
+            steps=time,
+        ),
+    )
+    reader, times = time_reader(path)
+    np.testing.assert_array_equal(times, time)
+    for i in (3, 0, 4, 4, 1, 2):
+        reader.UpdateTimeStep(time[i])
+        grid = pyvista.wrap(reader.GetOutputDataObject(0))
+        np.testing.assert_array_equal(grid.point_data["displacement"], moved[i])
+        np.testing.assert_array_equal(grid.point_data["von_mises"], nodal[i])
+        assert grid.cell_data["von_mises"].dtype == np.float32
+        for cell, facet in enumerate(order):
+            nodes = facets.nodes[facet][facets.nodes[facet] >= 0]
+            np.testing.assert_array_equal(grid.get_cell(cell).points, mesh.position[nodes])
+            np.testing.assert_array_equal(grid.cell_data["stress"][cell], tensor[i, facet])
+            assert grid.cell_data["von_mises"][cell] == mises[i, facet]
+            assert grid.cell_data["element"][cell] == facets.element_id[facet]
+
+
+def test_points_of_a_surface_may_have_numbers_of_their_own():
+    """Two triangles that meet in an edge but have points of their own there, as where two materials meet."""
+    nodes = np.full((2, 8), -1)
+    nodes[:, :3] = [[0, 1, 2], [1, 3, 2]]
+    corner = np.full((2, 8), -1)
+    corner[:, :3] = [[10, 11, 12], [20, 22, 21]]
+    one = np.array([1, 2])
+    facets = Facets(element_id=one, facet=one, kind=np.zeros(2, dtype=np.int64), nodes=nodes, region=one)
+    used, (block,), order = facet_cells(facets, corner)
+    np.testing.assert_array_equal(used, [10, 11, 12, 20, 21, 22])
+    np.testing.assert_array_equal(block.nodes, [[0, 1, 2], [3, 5, 4]])
+    np.testing.assert_array_equal(order, [0, 1])

@@ -16,7 +16,7 @@ from strainsight.workflow.output import Output
 from strainsight.workflow.store import write_artefact
 
 from ..edges.beam import finished
-from ..records.test_mesh import DECK
+from ..records.test_record import DECK
 from ..solids import SOLIDS
 from .test_mass_loads import MESH, WEIGHT, of_density
 

@@ -24,6 +24,7 @@ from strainsight.mesh.units import to_si
 from strainsight.records.mesh import MeshColumns
 
 from ...fem.laminate_models import CARBON, by_slices, tensor_stiffness
+from ...refusals import expect_refusal
 
 E, NU, T = 2.1e11, 0.3, 0.1
 G = E / (2 + 2 * NU)
@@ -149,9 +150,8 @@ def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
     mesh = with_faces(read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1.\nMAT1,2,1.+11,,.3\n"))
     rows = facet_strain(mesh, exterior_facets(mesh))
     assert np.isfinite(rows.matrix.data).all()
-    with pytest.raises(DeckError, match=r"region 1 \(PSHELL 1\) has one material in its membrane") as caught:
+    with expect_refusal(DeckError, r"region 1 \(PSHELL 1\) has one material in its membrane", remedy="MID1 = MID2"):
         surface_model(mesh, rows, np.ones((3 * len(mesh.position), 1)))
-    assert "MID1 = MID2" in caught.value.remedy
 
 
 def test_a_factor_is_free_and_a_modulus_is_not(read):
@@ -159,9 +159,8 @@ def test_a_factor_is_free_and_a_modulus_is_not(read):
     K, M = thin_operators(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0), Parameter("r", "density", (1,), 1000.0)])
     other = operators(with_properties(mesh, [1], stiffness_factor=1.3, density=800.0))
     near([own.toarray() for own in (K.at({"s": 1.3}), M.at({"r": 800.0}))], other)
-    with pytest.raises(UserError, match="a shell of several or anisotropic materials") as caught:
+    with expect_refusal(UserError, "a shell of several or anisotropic materials", remedy="stiffness_factor"):
         assemble(mesh, [Parameter("E", "youngs_modulus", (1,), 2e11)])
-    assert "stiffness_factor" in caught.value.remedy
     with pytest.raises(UserError, match="materials of their own"):
         with_material(mesh, None, 2e11, 0.3, 7850.0)
 
@@ -193,7 +192,6 @@ def test_units_size_weight_and_records_keep_it(read):
     ],
 )
 def test_what_is_wrong_is_named_with_its_remedy(read, cards, what):
-    with pytest.raises(DeckError, match=what) as caught:
+    with expect_refusal(DeckError, what, remedy="") as caught:
         read(SKEW + cards)
-    assert caught.value.remedy
     assert "deck.bdf:" in caught.value.where

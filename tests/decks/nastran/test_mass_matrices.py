@@ -17,6 +17,8 @@ from strainsight.mesh.scaling import scaled
 from strainsight.mesh.units import to_si
 from strainsight.rom.inertia import inertia_invariants
 
+from ...refusals import expect_refusal
+
 TURNED = "CORD2R,7,,1.,2.,3.,2.,2.,3.\n+,1.,3.,3.\n"  # its z is x, its x is y, so its y is z
 RIGID = "GRID,50,,1.,4.,5.\nRBE2,99,50,123456,1,2,3,4\n"
 SPINNING = BodyForce(np.array([1.0, -2.0, 3.0]), np.array([0.3, 0.8, -0.5]), np.array([0.2, 0.1, -0.4]))
@@ -127,10 +129,9 @@ def test_rotations_that_are_not_there_are_a_note(read, tetrahedron):
     ],
 )
 def test_masses_that_cannot_be_taken_are_named(read, tetrahedron, card, what):
-    with pytest.raises(DeckError, match=what) as caught:
+    with expect_refusal(DeckError, what, remedy="") as caught:
         read(f"{tetrahedron}{card}\n")
     assert caught.value.where
-    assert caught.value.remedy
 
 
 def test_a_mass_matrix_in_a_body_that_moves_freely_is_refused(read, tetrahedron):
