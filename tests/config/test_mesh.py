@@ -233,24 +233,24 @@ OWN = {"grid_length": 0.002, "grid_width": 0.002, "carrier_length": 0.006, "carr
 
 
 @pytest.fixture
-def gauge_types_loaded(tmp_path):
-    """loaded(*overrides): a config of a placement that states no spacing."""
+def load_typed(tmp_path):
+    """load_typed(*overrides): a config of a placement that states no spacing."""
     data = copy.deepcopy(PLACEMENT_CONFIG)
     data["screen"] = {"keep": 8}
     (tmp_path / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
     return lambda *overrides: load_config(tmp_path / "edge.yaml", overrides).model
 
 
-def test_a_config_without_a_type_is_what_it_was(gauge_types_loaded):
-    config = gauge_types_loaded()
+def test_a_config_without_a_type_is_what_it_was(load_typed):
+    config = load_typed()
     assert (config.gauges.type, config.gauges.grid_length, config.gauges.range) == (None, 0.0, None)
     assert (config.screen.minimum_spacing, config.place.minimum_spacing, config.tolerances.gain) == (0.0, 0.0, 0.01)
     assert gauge_type(config.gauges) is None
 
 
-def test_a_type_gives_grid_spacing_range_and_gain(gauge_types_loaded):
+def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
     """3/350 by its data sheet: a grid of 1/8 inch, a carrier of 0.42 × 0.27 inch, 5 %, 350 Ω, a gauge factor to 0.5 %."""
-    config = gauge_types_loaded("gauges.type=3/350")
+    config = load_typed("gauges.type=3/350")
     assert config.gauges.grid_length == pytest.approx(0.0254 / 8, rel=0.002)
     assert (config.report.gauge_factor, config.report.resistance) == (2.1, 350.0)
     assert config.screen.minimum_spacing == config.place.minimum_spacing == pytest.approx(0.42 * 0.0254, rel=0.005)
@@ -266,27 +266,27 @@ def test_a_type_gives_grid_spacing_range_and_gain(gauge_types_loaded):
         ("place.minimum_spacing", 0.05), ("tolerances.gain", 0.02),
     ],
 )
-def test_a_key_that_is_stated_wins(gauge_types_loaded, key, value):
-    config = gauge_types_loaded("gauges.type=3/350", f"{key}={'null' if value is None else value}")
+def test_a_key_that_is_stated_wins(load_typed, key, value):
+    config = load_typed("gauges.type=3/350", f"{key}={'null' if value is None else value}")
     section, name = key.split(".")
     assert getattr(getattr(config, section), name) == value
     others = {"gauges.grid_length", "screen.minimum_spacing", "tolerances.gain"} - {key}
-    typed = gauge_types_loaded("gauges.type=3/350")
+    typed = load_typed("gauges.type=3/350")
     for other in others:
         section, name = other.split(".")
         assert getattr(getattr(config, section), name) == getattr(getattr(typed, section), name)
 
 
-def test_tolerances_of_none_stay_none_and_accelerometers_keep_their_gain(gauge_types_loaded):
-    assert gauge_types_loaded("gauges.type=3/120", "tolerances=none").tolerances == "none"
+def test_tolerances_of_none_stay_none_and_accelerometers_keep_their_gain(load_typed):
+    assert load_typed("gauges.type=3/120", "tolerances=none").tolerances == "none"
     sensor = "{quantity: acceleration, noise_std: {value: 0.01}}"
-    assert gauge_types_loaded("gauges.type=3/120", f"motion_sensors={{a: {sensor}}}").tolerances.gain == 0.01
-    assert gauge_types_loaded("gauges.type=3/120").tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 120), abs=1e-6)
+    assert load_typed("gauges.type=3/120", f"motion_sensors={{a: {sensor}}}").tolerances.gain == 0.01
+    assert load_typed("gauges.type=3/120").tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 120), abs=1e-6)
 
 
-def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(gauge_types_loaded):
+def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_typed):
     for name in ("mine", "3/350"):
-        config = gauge_types_loaded(f"gauges.type={name}", f"gauges.types={{{name}: {OWN}}}".replace("'", ""))
+        config = load_typed(f"gauges.type={name}", f"gauges.types={{{name}: {OWN}}}".replace("'", ""))
         assert (config.gauges.grid_length, config.screen.minimum_spacing) == (0.002, 0.006)
         assert config.tolerances.gain == pytest.approx(math.hypot(0.01, 1 / 1000), abs=1e-6)
         assert gauge_type(config.gauges).bend_radius == 0
@@ -305,9 +305,9 @@ def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(gauge_
         (["gauges.types={a.b: {}}"], r"gauges\.types"),
     ],
 )
-def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(gauge_types_loaded, overrides, said):
+def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(load_typed, overrides, said):
     with pytest.raises(ConfigError) as caught:
-        gauge_types_loaded(*overrides)
+        load_typed(*overrides)
     text = "\n".join(str(problem) for problem in (caught.value, *caught.value.others))
     assert re.search(said, text.replace("\n", " ")), text
 

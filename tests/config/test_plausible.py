@@ -253,14 +253,14 @@ def test_a_mistake_has_a_line_and_a_remedy(text, line, remedy):
 CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
 
 
-def overrides_refused(override: str | Override) -> list[ConfigError]:
+def errors_of_override(override: str | Override) -> list[ConfigError]:
     with pytest.raises(ConfigError) as caught:
         load_config(CONFIG, [override])
     return [caught.value, *caught.value.others]
 
 
 def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
-    errors = overrides_refused("loads.tipp.signal.amplitude=3")
+    errors = errors_of_override("loads.tipp.signal.amplitude=3")
     assert {error.key for error in errors} == {"loads.tipp.known", "loads.tipp.signal"}
     for error in errors:
         assert error.where == "--set loads.tipp.signal.amplitude"
@@ -268,7 +268,7 @@ def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
 
 
 def test_a_section_that_only_an_override_made_has_to_be_added():
-    (error,) = overrides_refused(Override("estimate.file", "a.csv", "--measurements"))
+    (error,) = errors_of_override(Override("estimate.file", "a.csv", "--measurements"))
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
     assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
     assert "docs/estimation.md" in error.remedy

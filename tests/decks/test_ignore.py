@@ -293,7 +293,7 @@ def test_modes_without_one_are_no_error_and_no_warning(name, tmp_path):
 LOOSE = TETRAHEDRON + "GRID,50,,1.,1.,1.\nGRID,51,,2.,1.,1.\nCONM2,90,50,,2.5\nCONM2,91,4,,3.\nSET1,7,1,2,3,4\n"
 
 
-def loose_masses_imported(tmp_path, text, **more):
+def import_checked(tmp_path, text, **more):
     (tmp_path / "deck.bdf").write_text(text)
     config = MeshFile(file="deck.bdf", **more)
     mesh = mesh_of(config, tmp_path / "deck.bdf")
@@ -301,12 +301,12 @@ def loose_masses_imported(tmp_path, text, **more):
 
 
 def test_it_is_left_out_with_a_note_and_weighs_nothing(tmp_path):
-    mesh, weight = loose_masses_imported(tmp_path, LOOSE)
+    mesh, weight = import_checked(tmp_path, LOOSE)
     assert [point.id for point in mesh.point_masses] == [91]
     assert mesh.notes[-1].startswith("a point mass of 2.5 kg on nodes that no element, tie, spring or support holds, left out")
     assert mesh.notes[-1].endswith("node 50")
     assert weight == pytest.approx(7850 / 6 + 3)
-    mesh, _ = loose_masses_imported(tmp_path, LOOSE + "CONM2,92,51,,4.\n")
+    mesh, _ = import_checked(tmp_path, LOOSE + "CONM2,92,51,,4.\n")
     assert mesh.notes[-1].startswith("2 point masses of 6.5 kg on nodes")
 
 
@@ -320,6 +320,6 @@ def test_what_holds_its_node_keeps_it(tmp_path, card):
 
 def test_a_tie_of_the_config_keeps_it(tmp_path):
     ties = (Tie(type="averaging", set="SET1-7", reference=50),)
-    mesh, weight = loose_masses_imported(tmp_path, LOOSE, ties=ties)
+    mesh, weight = import_checked(tmp_path, LOOSE, ties=ties)
     assert len(mesh.point_masses) == 2
     assert weight == pytest.approx(7850 / 6 + 5.5)

@@ -195,7 +195,7 @@ def facets_of(skin, where):
 
 
 # The room over a gauge: bores, grooves and gaps by their widths, and places that are free.
-ACCESS_KINDS = ("hex8", "tet4", "wedge15")
+OF_EVERY_FACET = ("hex8", "tet4", "wedge15")
 """With every kind of facet."""
 
 
@@ -207,7 +207,7 @@ def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     return gauges, room(skin_of(mesh.position, facets), gauges, reach)
 
 
-@pytest.mark.parametrize("kind", ACCESS_KINDS)
+@pytest.mark.parametrize("kind", OF_EVERY_FACET)
 def test_over_a_box_there_is_all_the_room_there_is(kind):
     _, found = over(box(kind))
     assert np.isinf(found).all()

@@ -176,7 +176,7 @@ def test_facets_of_another_surface_are_refused(plate, bare):
 
 
 # The nearest point of a surface, and gauges that are bonded there.
-LOCATE_KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
+FACET_KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
 
 def sampled(name: str, n: int) -> np.ndarray:
@@ -186,11 +186,11 @@ def sampled(name: str, n: int) -> np.ndarray:
     return np.column_stack([u, v * (1 - u)]) if name.startswith("tri") else 2 * np.column_stack([u, v]) - 1
 
 
-@pytest.mark.parametrize("name", LOCATE_KINDS)
+@pytest.mark.parametrize("name", FACET_KINDS)
 def test_on_one_bent_facet_no_sample_is_nearer(name):
     """Points in the facet's plane, above it, beside it, far away; the facet shaken by 10 % of its size in all directions."""
     rng = np.random.default_rng(0)
-    kind = LOCATE_KINDS[name]
+    kind = FACET_KINDS[name]
     plane = kind.nodes
     corners = np.column_stack([plane, np.zeros(len(plane))]) + 0.1 * rng.uniform(-1, 1, (len(plane), 3))
     points = rng.uniform(-1, 1, (100, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 25)[:, None] + corners.mean(axis=0)
@@ -209,7 +209,7 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
     assert np.all(own >= brute - 0.03)
 
 
-@pytest.mark.parametrize("kind", LOCATE_KINDS)
+@pytest.mark.parametrize("kind", FACET_KINDS)
 def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     position, facets = tube(kind, 12, 3, 1.5, 0.15)
     skin = skin_of(position, facets)
@@ -217,8 +217,8 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     which = rng.integers(0, len(facets.kind), 80)
     xi = rng.uniform(0.02, 0.98, (80, 2))
     xi = np.column_stack([xi[:, 0], xi[:, 1] * (1 - xi[:, 0])]) if kind.startswith("tri") else 2 * xi - 1
-    nodes = facets.nodes[which][:, : len(LOCATE_KINDS[kind].nodes)]
-    points = np.einsum("pk,pkc->pc", LOCATE_KINDS[kind].shape(xi), position[nodes])
+    nodes = facets.nodes[which][:, : len(FACET_KINDS[kind].nodes)]
+    points = np.einsum("pk,pkc->pc", FACET_KINDS[kind].shape(xi), position[nodes])
     found = locate(skin, points)
     np.testing.assert_allclose(found.distance, 0, atol=1e-12)
     np.testing.assert_allclose(found.point, points, atol=1e-12)
@@ -230,8 +230,8 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
 def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     R = 2.0
     position, facets = tube(kind, 32, 3, R, 0.1)
-    nodes = facets.nodes[:, : len(LOCATE_KINDS[kind].nodes)]
-    lattice = np.einsum("qk,fkc->fqc", LOCATE_KINDS[kind].shape(sampled(kind, 15)), position[nodes])
+    nodes = facets.nodes[:, : len(FACET_KINDS[kind].nodes)]
+    lattice = np.einsum("qk,fkc->fqc", FACET_KINDS[kind].shape(sampled(kind, 15)), position[nodes])
     astray = np.abs(np.hypot(lattice[..., 0], lattice[..., 1]) - R).max()
     assert astray < 1e-3 * R
     rng = np.random.default_rng(1)
@@ -243,7 +243,7 @@ def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
 
 
-@pytest.mark.parametrize("kind", LOCATE_KINDS)
+@pytest.mark.parametrize("kind", FACET_KINDS)
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     """A large facet beside small ones: its centre is far, itself near."""
     position, facets = plate(kind, 6, 2, 0.2)
@@ -252,8 +252,8 @@ def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (50, 3))
     found = locate(skin_of(position, facets), points)
     least = np.full(50, np.inf)
-    for nodes in facets.nodes[:, : len(LOCATE_KINDS[kind].nodes)]:
-        _, x = project(LOCATE_KINDS[kind], np.broadcast_to(position[nodes], (50, len(nodes), 3)), points)
+    for nodes in facets.nodes[:, : len(FACET_KINDS[kind].nodes)]:
+        _, x = project(FACET_KINDS[kind], np.broadcast_to(position[nodes], (50, len(nodes), 3)), points)
         least = np.minimum(least, np.linalg.norm(x - points, axis=1))
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 

@@ -229,9 +229,9 @@ def test_a_delay_that_does_not_fit_the_record_is_refused(delay, what):
 
 
 # Channels whose last value is repeated, and those that only look so.
-HELD_COUNT = 400
-INDEX = np.arange(HELD_COUNT)
-MOVING = 50 * np.sin(0.05 * INDEX) + np.random.default_rng(1).standard_normal(HELD_COUNT)
+SAMPLES = 400
+INDEX = np.arange(SAMPLES)
+MOVING = 50 * np.sin(0.05 * INDEX) + np.random.default_rng(1).standard_normal(SAMPLES)
 
 
 def held(n, values=MOVING, phase=0):
@@ -254,14 +254,14 @@ def test_rest_and_missing_samples_hide_no_repetition():
     values = held(4, np.where(INDEX < 100, 0.0, MOVING))
     values[[0, 250]] = np.nan
     found, _ = release("F", values, 1e-3)
-    assert np.isfinite(found).sum() == HELD_COUNT // 4 - 1
+    assert np.isfinite(found).sum() == SAMPLES // 4 - 1
 
 
 @pytest.mark.parametrize(
     "values",
     [
         MOVING,
-        np.zeros(HELD_COUNT),
+        np.zeros(SAMPLES),
         np.round(INDEX / 5.0),  # a slow ramp in steps of the resolution
         np.round(5 * np.sin(0.02 * INDEX)),
         np.where(INDEX % 2 == 0, MOVING, np.nan),

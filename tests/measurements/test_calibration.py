@@ -166,14 +166,14 @@ def test_settings_that_cannot_be(wrong, said):
 
 
 # One uniform clock: gaps of whole steps are filled, everything else is refused at its place.
-def clock_recording(time):
+def stamps(time):
     time = np.asarray(time, float)
     return Recording(time, {}, {}, "test.csv", np.array([[0, 2]]))
 
 
 @pytest.mark.parametrize("start", [0.0, -3.0, 1.7e9])
 def test_a_clean_clock_is_found_as_it_is(start):
-    clock = uniform_clock(clock_recording(start + np.arange(5000) / 1024))
+    clock = uniform_clock(stamps(start + np.arange(5000) / 1024))
     assert clock.step == pytest.approx(1 / 1024, rel=1e-9)
     assert clock.start == pytest.approx(start, abs=1e-6)
     assert (clock.count, clock.notes) == (5000, ())
@@ -182,7 +182,7 @@ def test_a_clean_clock_is_found_as_it_is(start):
 def test_printed_times_give_the_true_step():
     # 2048 Hz with six decimals: intervals of 488 and 489 µs, whose median is 0.06 % low, half a step after 850 samples.
     time = np.round(np.arange(200_000) / 2048, 6)
-    clock = uniform_clock(clock_recording(time))
+    clock = uniform_clock(stamps(time))
     assert clock.step == pytest.approx(1 / 2048, rel=1e-9)
     assert clock.count == 200_000
     assert abs(clock.time - time).max() < 0.6e-6
@@ -191,7 +191,7 @@ def test_printed_times_give_the_true_step():
 def test_gaps_of_whole_steps_are_filled_and_reported():
     kept = np.r_[0:100, 112:300, 301:1000]
     rng = np.random.default_rng(0)
-    clock = uniform_clock(clock_recording(kept * 1e-3 + rng.uniform(-2e-5, 2e-5, kept.size)))
+    clock = uniform_clock(stamps(kept * 1e-3 + rng.uniform(-2e-5, 2e-5, kept.size)))
     np.testing.assert_array_equal(clock.row, kept)
     # A line through n stamps with errors s has a slope known to s √12 / n^1.5.
     assert clock.step == pytest.approx(1e-3, rel=4 * 0.0116 * np.sqrt(12) / 1000**1.5)
@@ -204,13 +204,13 @@ def test_gaps_of_whole_steps_are_filled_and_reported():
     np.testing.assert_array_equal(spread[kept], kept)
     assert np.count_nonzero(np.isnan(spread)) == 13
     with pytest.raises(UserError, match=r"12 samples are missing after 0.09\d+ s, and more in 1 other places"):
-        uniform_clock(clock_recording(kept * 1e-3), fill=False)
+        uniform_clock(stamps(kept * 1e-3), fill=False)
 
 
 def test_single_stamps_off_the_clock_are_corrected_with_a_note():
     time = 0.01 * np.arange(1000)
     time[[400, 700]] += [0.004, -0.003]
-    clock = uniform_clock(clock_recording(time))
+    clock = uniform_clock(stamps(time))
     np.testing.assert_allclose(clock.time, 0.01 * np.arange(1000), atol=1e-9)
     assert clock.notes == (
         "the time 4.004 s (test.csv:402) is off the uniform clock: 4 s was taken",
@@ -221,13 +221,13 @@ def test_single_stamps_off_the_clock_are_corrected_with_a_note():
 def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
     time = 0.01 * np.arange(1000) + np.random.default_rng(0).uniform(-3e-3, 3e-3, 1000)
     with expect_refusal(UserError, "the clock jumps", remedy="time: {rate: 100, unit: Hz}"):
-        uniform_clock(clock_recording(time))
+        uniform_clock(stamps(time))
 
 
 def test_many_gaps_are_reported_briefly():
     kept = np.flatnonzero(np.random.default_rng(3).random(100_000) > 0.1)
     kept = kept - kept[0]
-    clock = uniform_clock(clock_recording(kept * 1e-3))
+    clock = uniform_clock(stamps(kept * 1e-3))
     np.testing.assert_array_equal(clock.row, kept)
     assert len(clock.notes) == 11
     assert "other gaps" in clock.notes[-1]
@@ -257,7 +257,7 @@ def jump(at, size, count=1000, step=1e-3):
 )
 def test_faults_are_refused_at_their_place(time, said, line):
     with pytest.raises(UserError, match=said) as caught:
-        uniform_clock(clock_recording(time))
+        uniform_clock(stamps(time))
     if line:
         assert caught.value.where == f"test.csv:{line}"
     assert caught.value.remedy
@@ -265,7 +265,7 @@ def test_faults_are_refused_at_their_place(time, said, line):
 
 def test_more_jitter_is_taken_where_it_is_allowed():
     time = np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700)
-    assert uniform_clock(clock_recording(time), jitter=0.1).count == 1000
+    assert uniform_clock(stamps(time), jitter=0.1).count == 1000
 
 
 def test_a_finer_step_leaves_rows_between_and_a_coarser_one_takes_every_kth():

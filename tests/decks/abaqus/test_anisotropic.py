@@ -222,7 +222,7 @@ STEEL = tensor(G * np.diag([2.0, 2, 2, 1, 1, 1]) + 1.5 * G * np.pad(np.ones((3, 
 CARBON = inverse(flexibility(*CONSTANTS))
 
 
-def composite_solids_deck(
+def layered_deck(
     lines,
     section=", ORIENTATION=O",
     axis="3, 0.",
@@ -262,16 +262,16 @@ def about(axis, degrees):
     return R
 
 
-def composite_solids_check(mesh, C):
+def check_layers(mesh, C):
     check_mesh(mesh)
     found = works_of(assemble_stiffness(mesh), mesh.position)
     np.testing.assert_allclose(found, [work(C, own) for own in strains()], rtol=1e-8)
 
 
 def test_layers_count_by_their_share_and_turn_about_the_axis_of_the_section(read):
-    mesh = read(composite_solids_deck("2., 3, CARBON, 30., Ply-1\n6., , steel\n2., 1, Carbon, -45."))
+    mesh = read(layered_deck("2., 3, CARBON, 30., Ply-1\n6., , steel\n2., 1, Carbon, -45."))
     layers = (0.2, about(3, 30)), (0.2, about(3, -45))
-    composite_solids_check(mesh, 0.6 * STEEL + sum(share * turned(CARBON, TURN @ turn) for share, turn in layers))
+    check_layers(mesh, 0.6 * STEEL + sum(share * turned(CARBON, TURN @ turn) for share, turn in layers))
     mass, centre = mass_properties(mesh)
     assert mass == pytest.approx(0.4 * 1600 + 0.6 * 7800, rel=1e-12)
     np.testing.assert_allclose(centre, 0.5, rtol=1e-12)
@@ -279,9 +279,9 @@ def test_layers_count_by_their_share_and_turn_about_the_axis_of_the_section(read
 
 @pytest.mark.parametrize("axis", [1, 2, 3])
 def test_the_angle_is_added_to_the_turn_of_the_second_line(read, axis):
-    mesh = read(composite_solids_deck("1., , CARBON, 30.\n3., , CARBON", axis=f"{axis}, 20."))
+    mesh = read(layered_deck("1., , CARBON, 30.\n3., , CARBON", axis=f"{axis}, 20."))
     parts = 0.25 * turned(CARBON, TURN @ about(axis, 50)) + 0.75 * turned(CARBON, TURN @ about(axis, 20))
-    composite_solids_check(mesh, parts)
+    check_layers(mesh, parts)
 
 
 @pytest.mark.parametrize(
@@ -289,7 +289,7 @@ def test_the_angle_is_added_to_the_turn_of_the_second_line(read, axis):
 )
 def test_the_first_layer_is_where_the_direction_begins(read, named, along):
     """Isoparametric directions of Abaqus: 1 from node 1 to 2, 2 from 1 to 4, 3 from 1 to 5; the heavier end is the first."""
-    mesh = read(composite_solids_deck("1., , STEEL\n3., , CARBON, 0., Ply-2", section=named + ", ORIENTATION=O, LAYUP=L"))
+    mesh = read(layered_deck("1., , STEEL\n3., , CARBON, 0., Ply-2", section=named + ", ORIENTATION=O, LAYUP=L"))
     _, centre = mass_properties(mesh)
     expected = np.full(3, 0.5)
     expected[along] = (0.25 * 7800 * 0.125 + 0.75 * 1600 * 0.625) / (0.25 * 7800 + 0.75 * 1600)
@@ -298,25 +298,25 @@ def test_the_first_layer_is_where_the_direction_begins(read, named, along):
 
 
 def test_symmetric_layers_are_mirrored(read):
-    mesh = read(composite_solids_deck("1., , STEEL\n3., , CARBON, 20.", section=", SYMMETRIC, ORIENTATION=O"))
+    mesh = read(layered_deck("1., , STEEL\n3., , CARBON, 20.", section=", SYMMETRIC, ORIENTATION=O"))
     assert [own.thickness for own in mesh.composites[1].layers] == [1, 3, 3, 1]
-    composite_solids_check(mesh, 0.25 * STEEL + 0.75 * turned(CARBON, TURN @ about(3, 20)))
+    check_layers(mesh, 0.25 * STEEL + 0.75 * turned(CARBON, TURN @ about(3, 20)))
 
 
 def test_a_layer_may_have_an_orientation_of_its_own(read):
     """Whatever that of the section is."""
     other = "*ORIENTATION, NAME=ACROSS\n0., 0., 1., 0., 1., 0.\n"
-    mesh = read(composite_solids_deck("1., , CARBON, ACROSS\n1., , CARBON", more=other))
+    mesh = read(layered_deck("1., , CARBON, ACROSS\n1., , CARBON", more=other))
     across = np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]])
-    composite_solids_check(mesh, 0.5 * turned(CARBON, across) + 0.5 * turned(CARBON, TURN))
+    check_layers(mesh, 0.5 * turned(CARBON, across) + 0.5 * turned(CARBON, TURN))
 
 
 def test_isotropic_layers_need_no_axes(read):
-    composite_solids_check(read(composite_solids_deck("1., , STEEL, 45.\n1., , STEEL, 0.", section="")), STEEL)
+    check_layers(read(layered_deck("1., , STEEL, 45.\n1., , STEEL, 0.", section="")), STEEL)
 
 
 def test_along_the_basic_axes_without_an_orientation(read):
-    composite_solids_check(read(composite_solids_deck("1., , STEEL\n1., , CARBON, 0.", section="")), 0.5 * STEEL + 0.5 * CARBON)
+    check_layers(read(layered_deck("1., , STEEL\n1., , CARBON, 0.", section="")), 0.5 * STEEL + 0.5 * CARBON)
 
 
 @pytest.mark.parametrize("kind", ["C3D8", "C3D8R", "C3D8I", "C3D20R", "C3D6", "C3D15"])
@@ -324,7 +324,7 @@ def test_the_elements_that_may_have_layers(read, kind):
     own = {"C3D8": [*range(1, 9)], "C3D6": [1, 2, 3, 5, 6, 7], "C3D15": None}.get(
         kind[:4] if kind[3] == "8" else kind, [*range(1, 21)]
     )
-    text = composite_solids_deck("1., , STEEL\n1., , STEEL", section="", kind=kind)
+    text = layered_deck("1., , STEEL\n1., , STEEL", section="", kind=kind)
     if own is None:
         own = [1, 2, 3, 5, 6, 7, 9, 10, 21, 13, 14, 22, 17, 18, 19]
         text = text.replace("*ELEMENT", "21, .5, .5, 0.\n22, .5, .5, 1.\n*ELEMENT")
@@ -361,7 +361,7 @@ def test_the_elements_that_may_have_layers(read, kind):
     ],
 )
 def test_what_is_wrong_is_named_with_file_line_and_remedy(read, lines, options, what, line, remedy):
-    text = composite_solids_deck(lines, **options)
+    text = layered_deck(lines, **options)
     with pytest.raises(DeckError, match=what) as error:
         read(text)
     first = 2 + text[: text.index("*SOLID SECTION")].count("\n")
@@ -371,13 +371,13 @@ def test_what_is_wrong_is_named_with_file_line_and_remedy(read, lines, options, 
 
 def test_layers_of_an_instance_turn_with_it(read):
     """A part turned by 90° about z: its orientation too; without one an anisotropic layer is refused."""
-    text = composite_solids_deck("1., , CARBON, 30.\n1., , STEEL")
+    text = layered_deck("1., , CARBON, 30.\n1., , STEEL")
     head, tail = text.split("*MATERIAL", 1)
     materials, rest = ("*MATERIAL" + tail).split("*ORIENTATION", 1)
     instance = "*INSTANCE, NAME=I, PART=P\n0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n*END INSTANCE"
     part = f"*PART, NAME=P\n{head}*ORIENTATION{rest}*END PART"
     whole = f"{part}\n*ASSEMBLY, NAME=A\n{instance}\n*END ASSEMBLY\n{materials}"
     C = 0.5 * turned(CARBON, about(3, 90) @ TURN @ about(3, 30)) + 0.5 * STEEL
-    composite_solids_check(read(whole), C)
+    check_layers(read(whole), C)
     with pytest.raises(DeckError, match="of an instance that is turned, and its section has no ORIENTATION"):
         read(whole.replace(", ORIENTATION=O", "").replace("CARBON, 30.", "CARBON"))

@@ -247,7 +247,7 @@ def member(shape, content: bytes) -> bytes:
     return stream.getvalue() + content
 
 
-def archive_archive(path, content: bytes, size: int | None = None):
+def write_archive(path, content: bytes, size: int | None = None):
     """One array; size: what both headers of the archive state in place of its true length."""
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         file.writestr("a.npy", content)
@@ -261,10 +261,10 @@ def archive_archive(path, content: bytes, size: int | None = None):
 
 
 LIES = {
-    "the array claims more than is there": lambda path: archive_archive(path, member((10**6, 10**6), b"")),
-    "the archive states less than there is": lambda path: archive_archive(path, member((SIDE, SIDE), bytes(8 * SIDE**2)), 1000),
-    "both headers state little": lambda path: archive_archive(path, member((3, 3), bytes(8 * SIDE**2)), 128 + 72),
-    "the archive states more": lambda path: archive_archive(path, member((3, 3), bytes(72)), 1 << 31),
+    "the array claims more than is there": lambda path: write_archive(path, member((10**6, 10**6), b"")),
+    "the archive states less than there is": lambda path: write_archive(path, member((SIDE, SIDE), bytes(8 * SIDE**2)), 1000),
+    "both headers state little": lambda path: write_archive(path, member((3, 3), bytes(8 * SIDE**2)), 128 + 72),
+    "the archive states more": lambda path: write_archive(path, member((3, 3), bytes(72)), 1 << 31),
 }
 
 

@@ -147,7 +147,7 @@ IN_NASTRAN = (*range(1, 13), 17, 18, 19, 20, 13, 14, 15, 16)
 PLIES = (1, 3, 0.2, 30.0, "", "", "", ""), (2, 1, 0.6, "", "", "", "", ""), (3, 3, 0.2, -45.0)
 
 
-def composite_solids_deck(head=(5, 13, "", "", "", "", ""), plies=PLIES, nodes=IN_NASTRAN, name="CHEXA", more=()):
+def layered_deck(head=(5, 13, "", "", "", "", ""), plies=PLIES, nodes=IN_NASTRAN, name="CHEXA", more=()):
     lines = [card("GRID", i, "", *x) for i, x in enumerate(NODES, start=1)]
     lines += [card(name, 10, 1, *nodes), card("PCOMPS", 1, *head, *(field for ply in plies for field in ply))]
     lines += [MAT11, "MAT1,1,2.+11,,.3,7800.", "MAT8,8,1.4+11,1.+10,.3,5.+9,4.+9,3.+9,1600."]
@@ -162,7 +162,7 @@ def check(mesh, C):
 
 
 def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
-    mesh = read(composite_solids_deck())
+    mesh = read(layered_deck())
     check(mesh, 0.6 * STEEL + 0.2 * sum(turned(CARBON, AXES @ about(3, angle)) for angle in (30, -45)))
     assert mesh.regions[1].name == "PCOMPS 1"
     mass, centre = mass_properties(mesh)
@@ -172,7 +172,7 @@ def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
 
 @pytest.mark.parametrize(("psdir", "lies"), [("", np.eye(3)), (23, np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]))])
 def test_the_first_digit_of_psdir_is_along_plies_at_0(read, psdir, lies):
-    mesh = read(composite_solids_deck((5, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)]))
+    mesh = read(layered_deck((5, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)]))
     check(mesh, turned(CARBON, AXES @ lies @ about(3, 20)))
 
 
@@ -185,7 +185,7 @@ def test_the_second_digit_is_across(read, psdir):
     rest = 3 - along - across
     system[:, rest] = np.cross(system[:, (rest + 1) % 3], system[:, (rest + 2) % 3])
     other = card("CORD2R", 6, 0, 0.0, 0.0, 0.0, *system[:, 2], *system[:, 0])
-    mesh = read(composite_solids_deck((6, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)], more=[other]))
+    mesh = read(layered_deck((6, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)], more=[other]))
     check(mesh, turned(CARBON, AXES @ about(3, 20)))
 
 
@@ -194,28 +194,28 @@ def test_the_first_ply_is_at_the_first_facet(read):
     plies = (1, 1, 1.0, "", "", "", "", ""), (2, 3, 1.0, "", "", "", "", ""), (3, "", "", 10.0)
     upward = (7800 * 1 / 6 + 1600 * (3 / 6 + 5 / 6)) / (7800 + 2 * 1600)
     for nodes in ((*range(1, 9),), (1, 4, 3, 2, 5, 8, 7, 6)):
-        mesh = read(composite_solids_deck(plies=plies, nodes=nodes))
+        mesh = read(layered_deck(plies=plies, nodes=nodes))
         _, centre = mass_properties(mesh)
         np.testing.assert_allclose(centre, [0.5, 0.5, upward] @ LEAN, rtol=1e-9)
 
 
 @pytest.mark.parametrize("nodes", [(1, 2, 3, 5, 6, 7)])
 def test_wedges_have_layers_from_triangle_to_triangle(read, nodes):
-    mesh = read(composite_solids_deck(nodes=nodes, name="CPENTA"))
+    mesh = read(layered_deck(nodes=nodes, name="CPENTA"))
     check_mesh(mesh)
     assert mass_properties(mesh)[0] == pytest.approx(0.5 * VOLUME * (0.4 * 1600 + 0.6 * 7800), rel=1e-9)
 
 
 def test_isotropic_plies_need_no_axes(read):
-    check(read(composite_solids_deck(("", "", "", "", "", "", ""), [(1, 1, 1.0, 45.0)])), STEEL)
+    check(read(layered_deck(("", "", "", "", "", "", ""), [(1, 1, 1.0, 45.0)])), STEEL)
 
 
 def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
-    assert any("off the normal of elements (10)" in note for note in read(composite_solids_deck()).notes)
+    assert any("off the normal of elements (10)" in note for note in read(layered_deck()).notes)
     with expect_refusal(DeckError, "off the axis of CORDM that PSDIR puts across them", remedy="number the nodes"):
-        read(composite_solids_deck(nodes=(5, 8, 7, 6, 1, 4, 3, 2)))
+        read(layered_deck(nodes=(5, 8, 7, 6, 1, 4, 3, 2)))
     with pytest.raises(DeckError, match="off the axis of CORDM"):
-        read(composite_solids_deck((5, 12, "", "", "", "", "")))
+        read(layered_deck((5, 12, "", "", "", "", "")))
 
 
 def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
@@ -223,14 +223,14 @@ def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
     one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
     for plies in (one, three):
         upright, turned_over = (
-            assemble_stiffness(read(composite_solids_deck(plies=plies, nodes=nodes))).toarray()
+            assemble_stiffness(read(layered_deck(plies=plies, nodes=nodes))).toarray()
             for nodes in ((*range(1, 9),), (5, 8, 7, 6, 1, 4, 3, 2))
         )
         np.testing.assert_allclose(turned_over, upright, rtol=1e-9, atol=1e-9 * abs(upright).max())
 
 
 def test_what_no_element_refers_to_is_counted(read):
-    mesh = read(composite_solids_deck(more=["PCOMPS,7", ",1,99,0."]))
+    mesh = read(layered_deck(more=["PCOMPS,7", ",1,99,0."]))
     assert mesh.ignored == {"MAT8 that no property refers to": 1, "PCOMPS that no element refers to": 1}
 
 
@@ -255,7 +255,7 @@ def test_what_no_element_refers_to_is_counted(read):
     ],
 )
 def test_what_is_wrong_is_named_with_file_line_and_remedy(read, options, what, remedy):
-    text = composite_solids_deck(**options)
+    text = layered_deck(**options)
     with pytest.raises(DeckError, match=what) as error:
         read(text)
     lines = text.split("\n")

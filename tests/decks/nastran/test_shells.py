@@ -266,7 +266,7 @@ MAT1,1,2.1+11,,.3,7850.
 """
 
 
-def composites_changed(old, new):
+def changed_plies(old, new):
     assert old in DECK
     return DECK.replace(old, new)
 
@@ -284,11 +284,11 @@ def test_plies_come_from_the_lower_face_up_and_blank_entries_from_the_ply_before
 
 
 def test_middle_is_in_the_plane_without_z0(read):
-    assert read(composites_changed("PCOMP,1,-.1", "PCOMP,1,")).shells[0].offset[0] == pytest.approx(0.5)
+    assert read(changed_plies("PCOMP,1,-.1", "PCOMP,1,")).shells[0].offset[0] == pytest.approx(0.5)
 
 
 def test_symmetric_laminate_is_written_half(read):
-    (section,) = read(composites_changed("PCOMP,1,-.1,2.5,,,,,", "PCOMP,1,,,,,,,SYM")).sections.values()
+    (section,) = read(changed_plies("PCOMP,1,-.1,2.5,,,,,", "PCOMP,1,,,,,,,SYM")).sections.values()
     assert [(ply.material, ply.angle) for ply in section.plies] == [(8, 45), (8, -45), (1, 0), (1, 0), (8, -45), (8, 45)]
     assert section.thickness == pytest.approx(0.8)
 
@@ -314,7 +314,7 @@ def test_weight_in_a_deck_of_weights(read):
 
 
 def test_material_that_does_not_shear_and_damping_are_noted(read):
-    mesh = read(composites_changed("4.+9,3.+9,1600.", ",,1600.\n,,,,,,,,\n,.02"))
+    mesh = read(changed_plies("4.+9,3.+9,1600.", ",,1600.\n,,,,,,,,\n,.02"))
     assert mesh.laminae[8].g1z == mesh.laminae[8].g2z == np.inf
     assert any("MAT8 8 (GE .02)" in note for note in mesh.notes)
     assert any("without G1Z or G2Z" in note for note in mesh.notes)
@@ -342,4 +342,4 @@ def test_material_that_does_not_shear_and_damping_are_noted(read):
 )
 def test_what_is_wrong_is_named_with_file_and_line_of_composites(read, old, new, what, line):
     with expect_refusal(DeckError, what, where=f"deck.bdf:{line}", remedy=""):
-        read(composites_changed(old, new))
+        read(changed_plies(old, new))
