@@ -193,8 +193,8 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
     kind = FACET_KINDS[name]
     plane = kind.nodes
     corners = np.column_stack([plane, np.zeros(len(plane))]) + 0.1 * rng.uniform(-1, 1, (len(plane), 3))
-    points = rng.uniform(-1, 1, (100, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 25)[:, None] + corners.mean(axis=0)
-    xi, x = project(kind, np.broadcast_to(corners, (100, *corners.shape)), points)
+    points = rng.uniform(-1, 1, (40, 3)) * np.repeat([0.3, 1.0, 2.0, 10.0], 10)[:, None] + corners.mean(axis=0)
+    xi, x = project(kind, np.broadcast_to(corners, (40, *corners.shape)), points)
     np.testing.assert_allclose(kind.shape(xi) @ corners, x, atol=1e-13)
     if name.startswith("tri"):
         assert xi.min() >= -1e-15
