@@ -60,6 +60,7 @@ def test_a_layout_takes_twelve_lines(printed):
     assert 0 < numbers(text, r"will claim: ([\d.]+) %")[0] < 5
 
 
+@pytest.mark.slow
 def test_more_gauges_cost_less_and_criteria_differ(printed, tmp_path):
     text = printed("criterion")
     cost = numbers(text, r"gauges: tr\(W P\) = ([\d.]+)")
@@ -69,6 +70,7 @@ def test_more_gauges_cost_less_and_criteria_differ(printed, tmp_path):
     assert (tmp_path / "criterion.svg").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_list_of_ones_own_knows_less_without_a_gauge(printed, tmp_path):
     text = printed("own_list")
     (own,), without = numbers(text, r"your list: σ of E ([\d.]+)"), numbers(text, r"of your list: ([\d.]+)")
@@ -78,6 +80,7 @@ def test_a_list_of_ones_own_knows_less_without_a_gauge(printed, tmp_path):
     assert (tmp_path / "own_list.svg").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_the_error_of_a_validation_is_within_three_of_its_claimed_std(printed, tmp_path):
     text = printed("validation")
     error, std = (numbers(text, pattern)[0] for pattern in (r"error ([\d.]+) %", r"claimed σ ([\d.]+)"))
@@ -85,6 +88,7 @@ def test_the_error_of_a_validation_is_within_three_of_its_claimed_std(printed, t
     assert (tmp_path / "validation.svg").stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_a_test_gives_the_force_and_the_strain_of_the_surface(printed, tmp_path):
     text = printed("estimate")
     assert numbers(text, r"error: ([\d.]+) %")[0] < 20

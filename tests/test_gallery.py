@@ -11,7 +11,7 @@ import pytest
 from .shared import ROOT
 
 DOCS = ROOT / "docs"
-QUICK = ("springs", "bench")
+QUICK = ("springs",)
 """Run every time; the others where all of it is."""
 
 

@@ -84,6 +84,7 @@ def test_the_site_loads_nothing_from_a_network(site):
         assert not re.search(r"@import\s|url\(\s*['\"]?(?:https?:)?//", text), f"{style.name} loads from elsewhere"
 
 
+@pytest.mark.slow
 def test_every_page_is_in_the_site(site):
     for page in DOCS.rglob("*.md"):
         assert (site / page.relative_to(DOCS).with_suffix(".html")).is_file(), page

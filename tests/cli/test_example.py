@@ -87,6 +87,7 @@ def wheel(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_wheel_alone_writes_and_imports_an_example_in_an_empty_folder(wheel, tmp_path):
     (tmp_path / "unpacked").mkdir()
     (tmp_path / "empty").mkdir()

@@ -18,6 +18,8 @@ from strainsight.workflow.stage import Stage
 from strainsight_cli.status import show_plan
 from strainsight_cli.work import Work
 
+from ..shared import slowly
+
 KEYS = ("a", "b", "c", "d", "e")
 
 
@@ -84,7 +86,7 @@ def test_a_terminal_does_not_obey_what_a_config_holds(table):
 
 
 @pytest.mark.parametrize(
-    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
+    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), *slowly(({"TERM": "dumb"}, False))]
 )
 def test_colours_on_a_terminal_unless_they_are_declined(tmp_path, environment, coloured):
     said = on_a_terminal(["status", str(CONFIG), "--results", str(tmp_path)], environment)

@@ -11,6 +11,8 @@ from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 from strainsight_cli.failures import failure_of
 
+from ..shared import slowly
+
 COMMAND = [sys.executable, "-m", "strainsight_cli.main"]
 posix = pytest.mark.skipif(os.name != "posix", reason="the shell and the limits of POSIX")
 
@@ -20,10 +22,10 @@ def shell(line, folder, *words):
 
 
 @posix
-@pytest.mark.parametrize("closed", ['"$@" >&-', '"$@" <&- >&- 2>&-', '"$@" 2>&-', '"$@" >&- 2>&-'])
+@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", *slowly(">&-", "2>&-", ">&- 2>&-")])
 def test_a_process_without_streams_does_its_work(closed, tmp_path):
-    assert shell(closed, tmp_path, "schema").returncode == 0
-    assert shell(closed, tmp_path, "status", "nothing.yaml").returncode == 2
+    assert shell(f'"$@" {closed}', tmp_path, "schema").returncode == 0
+    assert shell(f'"$@" {closed}', tmp_path, "status", "nothing.yaml").returncode == 2
 
 
 @posix
@@ -99,7 +101,7 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
-@pytest.mark.parametrize("words", [("import",), ("status",), ("status", "--json")])
+@pytest.mark.parametrize("words", [("import",), *slowly((("status",),), (("status", "--json"),))])
 def test_a_command_whose_output_cannot_be_written_says_that_it_is_the_output(tmp_path, words):
     shell('"$@"', tmp_path, "example", "cantilever")
     done = shell('"$@" >/dev/full', tmp_path, *words, "cantilever.yaml")

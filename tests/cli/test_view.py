@@ -34,6 +34,7 @@ def test_before_anything_has_run_it_says_what_to_run_and_writes_nothing(call, tm
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_after_import_the_mesh_is_pictured_and_a_changed_config_is_reported(call, tmp_path):
     assert call("import", CONFIG).exit_code == 0
     picture = tmp_path / "mesh.png"

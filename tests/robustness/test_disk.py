@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from ..shared import slowly
 from .small import command
 from .whole import compared, names
 
@@ -62,7 +63,7 @@ def ran(words: list[str], **more) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
 
 
-@pytest.mark.parametrize(("room", "stage"), [(0, "import"), (60, "place"), (380, "report")])
+@pytest.mark.parametrize(("room", "stage"), [(0, "import"), *slowly((60, "place"), (380, "report"))])
 def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, undisturbed, results, tmp_path, room, stage):
     """room [KiB]: for the log alone, not for what the stage writes, for report.h5 but not for the page beside it."""
     disk, after = tmp_path / "disk", tmp_path / "after"
@@ -75,6 +76,7 @@ def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, undis
 
 
 @pytest.mark.parametrize(("limit", "name"), [(30_000, "import.h5"), (300_000, "report.h5")])
+@pytest.mark.slow
 def test_a_limit_on_the_size_of_files_is_as_a_full_disk(project, undisturbed, results, limit, name):
     """Without a mount; the second is that of the page, which is written beside report.h5."""
     run = command(project / "beam.yaml", results, "--force", stage=Path(name).stem)
@@ -85,6 +87,7 @@ def test_a_limit_on_the_size_of_files_is_as_a_full_disk(project, undisturbed, re
     assert ran(command(project / "beam.yaml", results)).returncode == 0
 
 
+@pytest.mark.slow
 def test_a_read_only_folder_is_reported_and_can_be_looked_at(mounts, project, results):
     def apart(*more: str) -> subprocess.CompletedProcess[str]:
         return ran([*APART, READ_ONLY, "sh", str(results), *command(project / "beam.yaml", results, *more)])

@@ -85,6 +85,7 @@ def test_no_module_and_no_setting_of_the_working_folder_changes_a_run(hostile, u
     assert {path.name for path in hostile.iterdir()} == before | {"results"}
 
 
+@pytest.mark.slow
 def test_no_module_of_the_working_folder_reaches_a_suite_in_processes_and_the_reader_of_a_file(hostile):
     (hostile / "suite.yaml").write_text(
         "kind: suite\nname: two\ntitle: Two\nruns:\n"

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from ..shared import slowly
 from .processes import PATIENCE, of_session, until
 from .small import PLACEMENT, command
 from .whole import LOG, compared, names
@@ -58,6 +59,7 @@ def screen(config: Path, results: Path, *more: str) -> subprocess.CompletedProce
     return subprocess.run(words, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow
 def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(project, undisturbed, results, launcher):
     with held(launcher, project, results, "rom") as pid:
         before = {path: path.read_bytes() for path in (results / "beam").glob("*.h5")}
@@ -78,7 +80,7 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
     assert set(compared(results / "beam", undisturbed / "beam")) == names(results / "beam") == SCREENED
 
 
-@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("killed", [True, *slowly(False)])
 def test_runs_that_share_stages_wait_for_each_other(project, undisturbed, results, launcher, killed):
     """What one is at, the other does not begin; where the one is killed, the other does it."""
     with held(launcher, project, results, "rom") as pid:

@@ -38,6 +38,7 @@ def cantilever():
     return reduced, training, screened, layout
 
 
+@pytest.mark.slow
 def test_the_cantilever_takes_few_lines_and_has_the_layout_of_the_command_line(run_there):
     (function,) = ast.parse(inspect.getsource(cantilever)).body
     assert len(function.body) <= LINES
@@ -63,6 +64,7 @@ def same(record, there):
             np.testing.assert_array_equal(own, other)
 
 
+@pytest.mark.slow
 def test_a_validation_has_the_arrays_of_the_command_line(run_there):
     case, mesh, reduced, training, screened = before_placing(SHORT)
     found = api.validate(case, mesh, reduced, training, screened, run_there.placed.final.number)
@@ -76,6 +78,7 @@ def test_a_validation_has_the_arrays_of_the_command_line(run_there):
     np.testing.assert_allclose(own.without["E"], run_there.placed.without["E"], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     folder = next(path for path in results.iterdir() if (path / "measured.csv").exists())
     channels = [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 5)]

@@ -20,7 +20,7 @@ def project(tmp_path):
     (tmp_path / "configs").mkdir()
     (tmp_path / "meshes").mkdir()
     shutil.copy(ROOT / "configs" / "cantilever-youngs-modulus.yaml", tmp_path / "configs" / "own.yaml")
-    shutil.copy(ROOT / "meshes" / "cantilever.bdf", tmp_path / "meshes")
+    shutil.copy(ROOT / "meshes" / "cantilever-coarse.bdf", tmp_path / "meshes" / "cantilever.bdf")
     return tmp_path
 
 
@@ -187,7 +187,7 @@ def test_more_modes_than_the_model_has_is_refused_at_the_number_of_modes(project
             "tip, E and rho together: fix one of them",
         ),
         (
-            ["gauges.include=[{box: [[0.04, -1, -1], [0.11, 1, 1]]}]", "screen.keep=all", "place.keep=40"],
+            ["gauges.include=[{box: [[0.04, -1, -1], [0.3, 1, 1]]}]", "screen.keep=all", "place.keep=40"],
             "place.keep",
             "40 gauges",
         ),

@@ -160,6 +160,7 @@ def torsion_function() -> tuple[float, float]:
     return twist, twist * H * (1 - 8 / np.pi**2 * np.sum(1 / (n**2 * np.cosh(reach))))
 
 
+@pytest.mark.slow
 def test_two_bridges_alone_recover_a_bending_and_a_twisting_load(tmp_path):
     """Readings by the closed forms, 4 ε of bending and 2 γ of torsion, as mV/V; the model has 0.9 % less shear at its facets.
 
@@ -235,6 +236,7 @@ def on_measured(folder: Path, *settings: str) -> tuple[int, str]:
     return command(folder, "estimate", str(folder / "edge.yaml"), "--measurements", str(record), "--no-page", *settings)
 
 
+@pytest.mark.slow
 def test_the_bridges_of_a_layout_are_those_that_were_bonded(tested):
     code, said = on_measured(tested)
     assert code == 0, said
@@ -256,6 +258,7 @@ def test_the_bridges_of_a_layout_are_those_that_were_bonded(tested):
     assert "10 mm from there" in said
 
 
+@pytest.mark.slow
 def test_a_bridge_that_is_wired_the_other_way_round_is_named(tested):
     code, said = on_measured(tested, "--set=estimate.channels.1.sign=-1")
     assert code == 3

@@ -84,6 +84,11 @@ def test_a_wrong_sign_is_named_with_its_key_and_takes_the_sigma_away(project):
     again, said, _ = found_of(project, file)
     assert again == 3
     assert "up to date" in said
+
+
+@pytest.mark.slow
+def test_run_ends_with_3_where_the_record_contradicts_the_model(project):
+    file = wrong(project, "sign", lambda y: -y)
     run = CliRunner().invoke(
         app,
         [
@@ -98,6 +103,7 @@ def test_a_wrong_sign_is_named_with_its_key_and_takes_the_sigma_away(project):
     assert run.exit_code == 3, run.output
 
 
+@pytest.mark.slow
 def test_what_is_accepted_has_its_sigma_and_ends_with_0(project):
     file = wrong(project, "sign", lambda y: -y)
     code, said, found = found_of(project, file, "--accept")
@@ -108,6 +114,7 @@ def test_what_is_accepted_has_its_sigma_and_ends_with_0(project):
     assert found_of(project, file, "estimate.accept=true")[0] == 0
 
 
+@pytest.mark.slow
 def test_the_key_that_is_named_undoes_the_fault(project):
     sign = "estimate.channels.1.sign=-1"
     code, _, found = found_of(project, wrong(project, "sign", lambda y: -y), sign)
@@ -124,12 +131,14 @@ def test_the_key_that_is_named_undoes_the_fault(project):
         (lambda y: np.clip(y, -4e-6, 4e-6), "G2 is clipped"),
     ],
 )
+@pytest.mark.slow
 def test_other_faults_are_named_in_words_that_an_engineer_can_act_on(project, change, says):
     code, said, _ = found_of(project, wrong(project, "other", change))
     assert code == 3
     assert says in said
 
 
+@pytest.mark.slow
 def test_noise_is_spoken_of_where_no_channel_is_to_blame(project):
     """All channels five times as noisy as stated."""
     head, values = table(project, "blind")
@@ -142,6 +151,7 @@ def test_noise_is_spoken_of_where_no_channel_is_to_blame(project):
     assert found["/channel_check/candidate"].size == 0
 
 
+@pytest.mark.slow
 def test_a_clock_in_other_units_is_asked_about(project):
     head, values = table(project, "blind")
     values[:, 0] *= 1e3

@@ -93,6 +93,7 @@ def test_the_surface_opens_as_a_grid_with_damage_on_it(blind):
     assert np.isfinite(np.asarray(grid.cell_data["damage"])).sum() == POINTS
 
 
+@pytest.mark.slow
 def test_where_sigma_is_withheld_the_interval_is_too(tmp_path):
     results = changed(tmp_path, "alone", ALONE)
     code, said = estimated(tmp_path, results / "measured.csv", SETTING, config="alone.yaml")

@@ -92,6 +92,7 @@ def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_
         np.testing.assert_allclose(found[path], validate[path], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_settled_is_estimated_as_validate_did(project, known):
     """But for the load, which is straight between samples; and where nothing is known of the start σ is larger at first."""
     file = known / "measured.csv"
@@ -135,6 +136,7 @@ def test_the_variance_of_an_estimate_is_made_of_what_place_expects(known, projec
             assert share == pytest.approx(place[source] / (1 - place["frequency"]), abs=0.03), source
 
 
+@pytest.mark.slow
 def test_a_drift_and_a_temperature_are_in_every_budget(tmp_path):
     """Of place, validate and estimate, by shares that go with the square of the strain, and so with 1.1² of E. They are small:
     what grows with time is unlike a sine, and learned where it is large."""
@@ -191,6 +193,7 @@ def test_a_virtual_gauge_reads_the_true_strain_where_none_is(project, plain):
     assert virtual == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     file = project / "results" / "test" / "measured.csv"
     one = "estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"
@@ -199,6 +202,7 @@ def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     assert "cannot tell" in said
 
 
+@pytest.mark.slow
 def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
     """Everything that rests on them is NaN, and the estimates are those that have it otherwise."""
     sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
@@ -230,6 +234,7 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
         np.testing.assert_array_equal(withheld[path], given[path])
 
 
+@pytest.mark.slow
 def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_with_that(project, plain):
     """2.1e11 Pa is the truth."""
     file = project / "results" / "test" / "measured.csv"
@@ -249,6 +254,7 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
     assert not any(name.startswith("std.") for name in own.summary)
 
 
+@pytest.mark.slow
 def test_a_finer_step_of_the_filter_changes_little(project, plain):
     file = project / "results" / "test" / "measured.csv"
     code, said = estimated(project, file, "estimate.time_step=2.5e-4")
@@ -270,6 +276,7 @@ def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
     assert validate["/sweep/std/side"][1] > 1.5 * validate.summary["std.side"]
 
 
+@pytest.mark.slow
 def test_every_dataset_of_estimate_is_listed(compared):
     listed = rows("estimate")
     assert "/compared/ratio/E" in compared
@@ -320,6 +327,7 @@ def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
     assert np.abs(ours - theirs).max() < 2e-3 * np.abs(theirs).max()
 
 
+@pytest.mark.slow
 def test_a_biased_time_step_says_what_it_does(project, compared):
     """The trapezoidal rule lengthens the period by (ωh)²/12: E comes out about twice that too large, and the notes say so."""
     file = project / "results" / "test" / "measured.csv"
@@ -333,6 +341,7 @@ def test_a_biased_time_step_says_what_it_does(project, compared):
     assert result(project)["/compared/estimate/E"][0] > compared["/compared/estimate/E"][1][0]
 
 
+@pytest.mark.slow
 def test_the_square_root_form_gives_the_same_estimate(project, plain):
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "filter.form=square_root")
     assert code == 0, said

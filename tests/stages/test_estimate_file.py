@@ -39,6 +39,7 @@ def test_columns_may_stand_in_any_order_and_units_in_any_way(project, plain, tmp
     np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_millivolts_become_strain_by_the_exact_bridge(project, plain, tmp_path):
     """A quarter bridge of one active arm R(1 + GF ε): output over excitation GF ε/(4 + 2 GF ε), here in mV/V."""
     head, values = table(project)
@@ -55,6 +56,7 @@ def test_millivolts_become_strain_by_the_exact_bridge(project, plain, tmp_path):
     np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
     head, values = table(project)
     rng = np.random.default_rng(1)
@@ -68,6 +70,7 @@ def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
     assert np.linalg.norm(found - plain[1]["/smoothed/side"]) < 0.02 * np.linalg.norm(found)
 
 
+@pytest.mark.slow
 def test_a_gauge_that_drops_out_for_good_is_survived(project, plain, tmp_path):
     head, values = table(project)
     at = [h.startswith("G4") for h in head].index(True)
@@ -77,6 +80,7 @@ def test_a_gauge_that_drops_out_for_good_is_survived(project, plain, tmp_path):
     assert np.isfinite(result(project)["/smoothed/side"]).all()
 
 
+@pytest.mark.slow
 def test_an_unknown_offset_is_found(project, plain, tmp_path):
     head, values = table(project)
     at = [h.startswith("G1") for h in head].index(True)
@@ -176,6 +180,7 @@ def written(path, found):
 
 
 @pytest.mark.parametrize("name", ["a.mf4", "a.tdms", "5.mat", "73.mat"])
+@pytest.mark.slow
 def test_the_estimate_is_that_of_the_csv_file(project, plain, tmp_path, name):
     file = written(tmp_path / name, columns(project))
     code, said = estimated(project, file, *([] if file.suffix == ".mat" else ["estimate.time.channel=null"]))

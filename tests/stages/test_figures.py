@@ -7,6 +7,7 @@ import io
 from html import escape
 
 import numpy as np
+import pytest
 
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.figures import figures_of
@@ -15,6 +16,7 @@ from strainsight.stages.report import REPORT
 from .conftest import ROOT, SHORT, job_of
 
 
+@pytest.mark.slow
 def test_figures_of_a_placement_are_those_of_its_page(artefacts, config, results):
     job = job_of(config, results, *SHORT)
     files = figures_of(job.model, (REPORT,), job.folder, "own.yaml").files

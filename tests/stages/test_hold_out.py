@@ -42,6 +42,7 @@ def run(project, *settings, values=None):
     return result(project), " ".join(said.split())
 
 
+@pytest.mark.slow
 def test_a_gauge_is_predicted_as_a_virtual_one_in_its_place_by_the_others(project):
     """And the reading is off by the noise of a sample and by its own gain, which no virtual strain is."""
     gain = 0.03
@@ -73,6 +74,7 @@ def test_sound_gauges_agree_with_the_others(project):
     assert found["/hold_out/left_in"].tolist() == [""] * 4
 
 
+@pytest.mark.slow
 def test_a_gauge_that_reads_too_much_is_found(project):
     head, values = record(project)
     at = [h.startswith("G3") for h in head].index(True)
@@ -90,6 +92,7 @@ def test_a_gauge_that_the_others_cannot_do_without_stays_in_with_the_reason(proj
     assert "hold_out.inside" not in found.summary
 
 
+@pytest.mark.slow
 def test_samples_that_are_missing_are_predicted_and_not_judged(project):
     head, values = record(project)
     at = [h.startswith("G2") for h in head].index(True)

@@ -7,6 +7,7 @@ import pytest
 
 from strainsight.workflow.artefact import Artefact
 
+from ..shared import slowly
 from .tested_beam import KNOWN, changed, estimated, table, write
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
@@ -58,8 +59,7 @@ def repeated(u):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        (lambda u: u, ""),
-        (blanks, "missing samples were interpolated"),
+        *slowly((lambda u: u, ""), (blanks, "missing samples were interpolated")),
         (repeated, "tip: its samples come in runs of 4 equal ones, a channel of 500 Hz"),
     ],
 )
@@ -118,6 +118,7 @@ def test_what_is_printed_undoes_the_fault_of_a_load(project, change, says, setti
     assert right(project)
 
 
+@pytest.mark.slow
 def test_all_gauges_reversed_name_the_load(project):
     code, said = found_of(project, with_load(project, "reversed", lambda u: u, lambda y: -y))
     assert code == 3

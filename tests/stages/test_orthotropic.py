@@ -14,7 +14,7 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.workflow.runner import run
 
 from ..anisotropy import CONSTANTS, TURN, flexibility, strains, turned, work
-from ..shared import ROOT, SHORT, job_of, stages_of
+from ..shared import ROOT, SHORT, job_of, made, stages_of
 
 CONFIG = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text(encoding="utf-8")
 COARSE = ROOT / "meshes" / "cantilever-coarse.bdf"
@@ -42,9 +42,8 @@ def both(tmp_path_factory):
     found = []
     for constants in (STEEL, ALIKE):
         folder = tmp_path_factory.mktemp("run")
-        job = job_of(config_of(folder, constants), folder, *SHORT, "screen.keep=12", "rom.parameter_samples=2")
-        events = [event for event in run(stages_of(job, "place"), job) if event.artefact is not None]
-        found.append({event.stage: event.artefact for event in events})
+        settings = *SHORT, "screen.keep=12", "rom.parameter_samples=2"
+        found.append(made(config_of(folder, constants), *settings, until="place"))
     return found
 
 

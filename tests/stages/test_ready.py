@@ -18,7 +18,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..fem.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form
-from ..shared import strains
+from ..shared import slowly, strains
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 
 DECK = ROOT / "meshes" / "cantilever.bdf"
@@ -149,7 +149,7 @@ def beam(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("solids", [True, False])
+@pytest.mark.parametrize("solids", [False, *slowly(True)])
 def test_a_beam_runs_from_import_to_report(beam, solids):
     """With a solid beside it that is clamped, and with nodes alone, then without studies of the validation."""
     if not solids:
@@ -177,6 +177,7 @@ def test_a_beam_runs_from_import_to_report(beam, solids):
     assert {status for status, _, _ in again.values()} == {"up to date"}
 
 
+@pytest.mark.slow
 def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
     """In layout, measured.csv, channels and records; 101 and 102 are excluded, so that no number is a place in train.h5."""
     runner, config, results = CliRunner(), beam / "beam.yaml", beam / "results"

@@ -57,6 +57,7 @@ def placed(folder, name, *overrides, until="place"):
     return {stage: own[2] for stage, own in finished(job, stages_of(job, until)).items()}
 
 
+@pytest.mark.slow
 def test_the_layout_and_sigma_of_the_deck(folder):
     """At a guess that neither set has, for E of the root alone; measured: frequencies to 2e-7, σ to 3e-5."""
     whole, own = placed(folder, "deck"), placed(folder, "results", RESULTS)

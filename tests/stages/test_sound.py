@@ -7,6 +7,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 
 import pytest
 
+from ..shared import slowly
 from .conftest import ROOT
 
 
@@ -25,7 +26,8 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("sensors", "start"), [("accelerometer", "moving"), ("accelerometer", "settled"), ("gauges", "settled")]
+    ("sensors", "start"),
+    [("accelerometer", "settled"), *slowly(("accelerometer", "moving"), ("gauges", "settled"))],
 )
 def test_a_sound_record_of_a_modulus_is_estimated(sound, folder, sensors, start):
     """One accelerometer was refused; four gauges in a settled motion chose a resonance by their first samples."""
@@ -34,6 +36,7 @@ def test_a_sound_record_of_a_modulus_is_estimated(sound, folder, sensors, start)
     assert ratio < sound.MOST
 
 
+@pytest.mark.slow
 def test_a_record_whose_first_samples_ask_for_another_density_is_estimated(sound, folder):
     """The lattice moved on the way, and was laid finer where it had come from, without end."""
     end, ratio = sound.record(folder, sound.Study("plate", "rho", "gauges", "settled"), 50)

@@ -196,6 +196,7 @@ def test_the_field_is_that_of_the_test_and_says_so(project, found):
         view(of="validation")
 
 
+@pytest.mark.slow
 def test_without_a_surface_in_time_the_field_is_that_of_the_moment(project):
     """And the page holds one channel, which tells but one of the unknowns."""
     options = ("name=short", "estimate.channels=[{channel: G3, gauge: G3, unit: um/m}]")

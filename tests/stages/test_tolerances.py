@@ -73,6 +73,7 @@ def beam(tmp_path_factory):
                            slopes=slopes)
 
 
+@pytest.mark.slow
 def test_a_parameter_of_which_the_samples_say_nothing_keeps_the_sigma_of_its_start_which_holds(beam):
     """The guess is one σ off, which is no fault of σ."""
     found = beam.validated("validate.repeats=40", "filter.compare=false", noise=1e4).validated
