@@ -1,4 +1,4 @@
-"""`strainsight view`: what it needs, what it refuses, the picture it writes."""
+"""`view`, `figures` and the forecast of a run: what they need, what they refuse, what they write."""
 
 from __future__ import annotations
 
@@ -8,7 +8,17 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from strainsight import memory
+from strainsight.records.mesh import MeshColumns
+from strainsight.records.record import written
+from strainsight.workflow.artefact import Header
+from strainsight.workflow.output import Output
+from strainsight.workflow.store import write_artefact
+from strainsight_cli.forecast import size_in
 from strainsight_cli.main import app
+
+from ..mesh.test_shell_faces import plate, strip
+from ..robustness.small import write_project
 
 ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
@@ -69,3 +79,58 @@ def test_suites_and_bearings_have_no_picture(call):
     done = call("view", str(ROOT / "configs" / "bench" / "suite.yaml"))
     assert done.exit_code == 2
     assert "one of its runs" in said(done)
+
+
+def test_before_a_run_it_says_what_to_run_and_writes_nothing(tmp_path):
+    config = str(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
+    done = CliRunner().invoke(app, ["figures", config, "--results", str(tmp_path)])
+    assert done.exit_code == 2
+    assert f"run first: strainsight run {config}" in said(done)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_suite_has_none_of_its_own(tmp_path):
+    suite = str(ROOT / "configs" / "bench" / "suite.yaml")
+    done = CliRunner().invoke(app, ["figures", suite, "--results", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "one of its runs" in said(done)
+
+
+@pytest.fixture
+def forecast_call(tmp_path):
+    write_project(tmp_path)
+    words = (str(tmp_path / "beam.yaml"), "--results", str(tmp_path / "results"))
+    return lambda command, *more: CliRunner().invoke(app, [command, *words, *more])
+
+
+FORECAST = "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 unknowns, 0.15 GiB, processor time and memory"
+
+
+def lines(result) -> list[str]:
+    assert result.exit_code == 0, result.output
+    return [line for line in result.output.splitlines() if line.startswith("forecast")]
+
+
+def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(forecast_call, monkeypatch):
+    assert lines(forecast_call("run", "--dry-run")) == [
+        "forecast: the deck has 0.0 MB; time and memory are known once it is imported"
+    ]
+    assert lines(forecast_call("import")) == []
+    (line,) = lines(forecast_call("run", "--dry-run"))
+    assert line.startswith(FORECAST)
+    monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
+    (line,) = lines(forecast_call("run", "--dry-run"))
+    assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
+    monkeypatch.undo()
+    (line,) = lines(forecast_call("run", "--dry-run", "--set", "solver=slepc"))
+    assert line.startswith("forecast: place 4 s for 246 unknowns")
+    (line,) = lines(forecast_call("modes"))
+    assert line.startswith("forecast: modes 1 s for 246 unknowns")
+    assert lines(forecast_call("modes")) == lines(forecast_call("modes", "--force", "--json")) == []
+
+
+def test_nodes_of_shells_count_with_their_rotations_and_those_on_their_faces_do_not(tmp_path):
+    mesh = plate(*strip())
+    output = Output(written(MeshColumns.of(mesh)), {}, "toy")
+    imported = write_artefact(tmp_path / "import.h5", output, Header("import", 1, "key", {}, {}, {}))
+    assert size_in(imported).unknowns == 6 * 6

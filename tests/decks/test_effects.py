@@ -10,7 +10,7 @@ from strainsight.decks.nastran import deck as nastran
 from strainsight.decks.reader import read_mesh
 from strainsight.mesh.sanity import sanity_warnings
 
-from ..stages.test_bad_deck import ABAQUS
+from ..stages.test_bad_input import ABAQUS
 from .conftest import TETRAHEDRON
 
 

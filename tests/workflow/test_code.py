@@ -1,22 +1,30 @@
-"""The code that a stage is made of: what it reaches by imports, and what is said of artefacts that other code made."""
+"""The code and the commit that artefacts are made of, and numbers that change with the version of their stage alone."""
 
 from __future__ import annotations
 
 import ast
+import json
+import os
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import strainsight
 from strainsight.stages.modes import MODES
-from strainsight.workflow import code
+from strainsight.workflow import code, provenance
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, Job, plan
+from strainsight.workflow.provenance import commit_of
 from strainsight.workflow.runner import run as run_stages
 from strainsight.workflow.stage import Stage
+
+from .numbers import KEPT, differs, numbers_of, size
 
 ROOT = Path(strainsight.__file__).parent
 
@@ -112,3 +120,89 @@ def test_a_function_of_another_package_has_its_own_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["strainsight.no_such_module", "numpy_that_is_not_there"])
 def test_what_is_not_there_has_no_source(name):
     assert code._source(name) == b""
+
+
+NOBODY = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}
+
+
+@pytest.fixture
+def git(tmp_path):
+    """A repository with one commit → a function that calls git in it."""
+    if shutil.which("git") is None:
+        pytest.skip("no git")
+
+    def call(*words, folder=tmp_path / "own"):
+        folder.mkdir(exist_ok=True)
+        command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words]
+        done = subprocess.run(command, cwd=folder, env=os.environ | NOBODY, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    call("init", "--quiet")
+    call("commit", "--quiet", "--allow-empty", "--message", "first")
+    return call
+
+
+def test_the_commit_is_that_of_git(git, tmp_path):
+    """On a branch, packed, detached and in a worktree; none where there is no repository."""
+    head = git("rev-parse", "HEAD")
+    assert commit_of(tmp_path / "own") == head
+    git("pack-refs", "--all")
+    assert commit_of(tmp_path / "own") == head
+    git("worktree", "add", "--quiet", "-b", "other", str(tmp_path / "tree"))
+    assert commit_of(tmp_path / "tree") == head
+    git("checkout", "--quiet", "--detach")
+    assert commit_of(tmp_path / "own") == head
+    assert commit_of(tmp_path) == ""
+
+
+def test_a_system_that_says_nothing_of_its_processor(monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance, "CPU", tmp_path / "none")
+    assert isinstance(provenance._processor(), str)
+
+
+def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
+    """Those of all stages of a small beam and a small bench are kept in numbers.json, with the versions that made them."""
+    kept, found = json.loads(KEPT.read_text(encoding="utf-8")), numbers_of(tmp_path)
+    raised = [stage for stage, own in found.items() if own["version"] != kept.get(stage, {}).get("version")]
+    assert not raised, f"{raised} have a new version: renew numbers.json, python -m tests.workflow.numbers"
+    moved = {
+        stage: [
+            path
+            for path in sorted({*own["numbers"], *kept[stage]["numbers"]})
+            if differs(own["numbers"].get(path, [0, 0, 0]), kept[stage]["numbers"].get(path, [-1, 0, 0]))
+        ]
+        for stage, own in found.items()
+    }
+    moved = {stage: paths for stage, paths in moved.items() if paths}
+    first = next(iter(moved), "")
+    assert not moved, f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
+
+
+def test_a_number_that_moves_is_seen():
+    assert not differs([3, 1.0, 0.1], [3, 1.0 + 1e-6, 0.1 + 1e-6])
+    assert differs([3, 1.0, 0.1], [3, 1.0 + 1e-4, 0.1])
+    assert differs([3, 1.0, 0.1], [4, 1.0, 0.1])
+    assert differs([3, 1.0, 0.1], [3, 1.0, 0.1 + 1e-4])
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 2), (40, 25), (300, 300)])
+@pytest.mark.parametrize("change", ["sign", "one sign", "order", "two exchanged", "rounding"])
+def test_a_flipped_sign_and_a_swapped_order_are_seen_and_rounding_is_not(shape, change):
+    x = 1e-6 * np.random.default_rng(0).standard_normal(shape)
+    y = x.copy().ravel()
+    if change == "sign":
+        y = -y
+    elif change == "one sign":
+        y[np.argmax(np.abs(y))] *= -1
+    elif change == "order":
+        y = y[::-1]
+    elif change == "two exchanged":
+        low, high = np.argmin(y), np.argmax(y)
+        y[[low, high]] = y[[high, low]]
+    else:
+        y *= 1 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, y.shape)
+    assert differs(size(y.reshape(shape)), size(x)) == (change != "rounding")
+
+
+def test_where_a_number_is_missing_counts():
+    assert differs(size(np.array([np.nan, 1.0, 2.0])), size(np.array([1.0, np.nan, 2.0])))
