@@ -63,6 +63,7 @@ def test_a_name_of_the_layout_alone_does_not_say_where_a_gauge_was_bonded(projec
     assert "nothing says where it was bonded" in said
 
 
+@pytest.mark.slow
 def test_the_file_of_the_day_of_bonding_stands_for_the_layout(project):
     assert run(project)[0] == 0
     as_placed = result(project)["/smoothed/E"]

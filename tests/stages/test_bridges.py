@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..edges.beam import NU, PLACEMENT_CONFIG, SIZE, E, bricks, config_of
+from ..shared import once
 
 L, B, H = SIZE
 MIDDLE = {"top": [0.55, B / 2, H], "below": [0.55, B / 2, 0.0]}
@@ -56,10 +58,14 @@ def command(folder: Path, *words: str) -> tuple[int, str]:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """A layout of the two bridges and a gauge, with the file that says where they are."""
+
+    def make(place: Path) -> None:
+        path = written(place, {"gauges.fixed": [BENDING, TORSION], "place.keep": 3})
+        code, said = command(place, "place", str(path))
+        assert code == 0, said
+
     folder = tmp_path_factory.mktemp("bridges")
-    path = written(folder, {"gauges.fixed": [BENDING, TORSION], "place.keep": 3})
-    code, said = command(folder, "place", str(path))
-    assert code == 0, said
+    shutil.copytree(once("bridges", repr((BENDING, TORSION)), make), folder, dirs_exist_ok=True)
     return folder
 
 

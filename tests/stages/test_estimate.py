@@ -69,6 +69,7 @@ def test_estimate_finds_what_validate_found(project, plain):
     assert plain[0]["consistent"]
 
 
+@pytest.mark.slow
 def test_what_a_test_found_is_the_guess_of_another_run(project):
     summary, _ = as_written(project)
     named = ("name=next", "parameters.E.guess={from: test, stage: estimate}")

@@ -120,6 +120,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     assert "give a part of the record at a time" in said
 
 
+@pytest.mark.slow
 def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, tmp_path):
     head, values = table(project)
     gone = np.r_[0:100, 105 : len(values)]
