@@ -340,10 +340,3 @@ def test_a_biased_time_step_says_what_it_does(project, compared):
     assert stated == pytest.approx(longer, rel=0.1)
     # by the bank without tolerances: with them the damping is open, and E is what the gauges read rather than the period
     assert result(project)["/compared/estimate/E"][0] > compared["/compared/estimate/E"][1][0]
-
-
-@pytest.mark.slow
-def test_the_square_root_form_gives_the_same_estimate(project, plain):
-    code, said = estimated(project, project / "results" / "test" / "measured.csv", "filter.form=square_root")
-    assert code == 0, said
-    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-4)
