@@ -112,6 +112,11 @@ def once(name: str, text: str, make: Callable[[Path], None]) -> Path:
     return place
 
 
+def slowly(*values: object) -> list[object]:
+    """Values of a parametrisation that only the slow tests have; a tuple is one set of values."""
+    return [pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.slow) for value in values]
+
+
 @contextmanager
 def without_hot_spots() -> Iterator[None]:
     """Placements do not test their gauges for hot spots, where nobody reads of it: half of their time for a few bonded gauges.

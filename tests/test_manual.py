@@ -84,11 +84,13 @@ def test_the_site_loads_nothing_from_a_network(site):
         assert not re.search(r"@import\s|url\(\s*['\"]?(?:https?:)?//", text), f"{style.name} loads from elsewhere"
 
 
+@pytest.mark.slow
 def test_every_page_is_in_the_site(site):
     for page in DOCS.rglob("*.md"):
         assert (site / page.relative_to(DOCS).with_suffix(".html")).is_file(), page
 
 
+@pytest.mark.slow
 def test_links_to_places_on_a_page_lead_somewhere(site):
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
@@ -156,6 +158,7 @@ def test_the_reference_is_rewritten_only_where_it_changed(tmp_path):
         ("gallery", "gallery/index"),
     ],
 )
+@pytest.mark.slow
 def test_the_search_finds_what_one_would_look_for(site, word, page):
     """In the index of the site, by the stem that the search makes of a word."""
     text = (site / "searchindex.js").read_text(encoding="utf-8")

@@ -1,8 +1,11 @@
-"""What is available is the least of what the machine, the control groups and the process's own limit leave."""
+"""What the system has: memory that is available, and what `make` asks for before it sets up."""
 
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -80,3 +83,37 @@ def test_the_refusal_names_need_and_means(system):
         require_memory(9 * GIB, "the factor")
     assert refused.value.exit_code == 2
     assert "coarser mesh" in refused.value.remedy
+
+
+SYSTEM = Path(__file__).parents[1] / ".ci" / "system.py"
+WITHOUT = """
+import ctypes, glob, importlib.util, runpy, sys
+if "{lack}" == "gl":
+    def refuse(name): raise OSError(name)
+    ctypes.CDLL, glob.glob, sys.platform = refuse, lambda pattern: [], "linux"
+else:
+    found = importlib.util.find_spec
+    importlib.util.find_spec = lambda name: None if name == "ensurepip" else found(name)
+sys.argv = [{path!r}, *{words!r}]
+runpy.run_path({path!r}, run_name="__main__")
+"""
+
+
+def asked(lack: str, *words: str) -> subprocess.CompletedProcess[str]:
+    program = WITHOUT.format(lack=lack, path=str(SYSTEM), words=words)
+    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+
+
+def test_libraries_that_draw_are_a_note():
+    done = asked("gl")
+    assert (done.returncode, done.stdout) == (0, "")
+    assert done.stderr.startswith("note: pages will have no 3D pictures")
+    assert "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri" in done.stderr
+    assert asked("gl", "--packages").stdout.split()[-4:] == ["libegl1", "libgl1", "libegl-mesa0", "libgl1-mesa-dri"]
+
+
+def test_a_python_without_venv_stops_with_a_way_without_root():
+    done = asked("venv")
+    assert done.returncode == 1
+    assert "-venv" in done.stderr
+    assert "make PYTHON=/path/to/python3.11" in done.stderr

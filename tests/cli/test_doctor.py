@@ -156,6 +156,7 @@ def test_a_failure_is_exit_code_one_and_its_remedy_is_shown(capsys):
     assert "\x1b" not in said
 
 
+@pytest.mark.slow
 def test_it_speaks_where_no_greek_can_be_written():
     command = [sys.executable, "-m", "strainsight_cli.main", "doctor"]
     done = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, timeout=120)

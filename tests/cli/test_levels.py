@@ -1,15 +1,34 @@
-"""-q, -v and --log-level: what goes to the terminal; JSON, a failure and run.log stay whole."""
+"""-q, -v, --log-level and run.log: what goes to the terminal and what stands in the log."""
 
 from __future__ import annotations
 
 import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import warnings
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.errors import InfeasibleError
+from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Dataset, Output
+from strainsight.workflow.plan import UP_TO_DATE, Job, plan
+from strainsight.workflow.stage import Stage
+from strainsight_cli import runlog
 from strainsight_cli.levels import Level, now
 from strainsight_cli.main import app
+from strainsight_cli.placeless import placeless
+from strainsight_cli.runlog import append
+from strainsight_cli.work import Work, bring_up_to_date
 
 from ..robustness.small import PLACEMENT, write_project
 
@@ -108,3 +127,164 @@ def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
     assert [json.loads(line)["stage"] for line in done.stdout.splitlines()] == ["import", "modes"]
     assert done.stderr.count(ON_ONE_NODE) == 1
     assert call("-q", stage="modes").stderr == ""
+
+
+CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
+LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+ \S.*|\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+   \| .*")
+MANY = """
+import sys
+from pathlib import Path
+from strainsight_cli.runlog import append
+for i in range(400):
+    append(Path(sys.argv[1]), "".join(f"{sys.argv[2]} {i} {part} {'x' * 60}\\n" for part in range(3)))
+"""
+
+
+def good(context) -> Output:
+    warnings.warn("\x1b[2Jlook at this", stacklevel=1)
+    return Output({"/x": Dataset(np.ones(3), "m", "x")}, {}, "three numbers")
+
+
+def bad(context) -> Output:
+    raise InfeasibleError("too much", where=f"{Path.cwd()}/own.yaml:1:1", remedy="take less")
+
+
+def crash(context) -> Output:
+    return open("/no such/folder of mine/x.bdf")  # type: ignore[return-value]
+
+
+@pytest.fixture
+def work(tmp_path):
+    def made(*functions) -> Work:
+        stages = tuple(Stage(f.__name__, 1, (), (), (), f) for f in functions)
+        return Work(stages, Job({"name": "toy"}, tmp_path, tmp_path / "results", str))
+
+    return made
+
+
+def run(work: Work, forced=()) -> str:
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        warnings.showwarning = lambda *_, **__: None
+        try:
+            bring_up_to_date(work, forced, False, False, lambda _: None, lambda *_: None, lambda _: None)
+        finally:
+            text = (work.job.folder / "run.log").read_text(encoding="utf-8")
+    return text
+
+
+def texts(log: str) -> list[str]:
+    assert all(LINE.fullmatch(line) for line in log.splitlines()), log
+    return [line.split(" ", 2)[2] for line in log.splitlines()]
+
+
+def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
+    begins, starts, warning, done, ends = texts(run(work(good)))
+    assert begins.startswith("begins: toy, good; strainsight ")
+    assert starts == "good starts: never run"
+    assert warning == "warning: �[2Jlook at this"
+    assert re.fullmatch(r"good done after 0\.\d s, peak \d+\.\d\d GiB: three numbers", done)
+    assert re.fullmatch(r"ends after \d\.\d s, peak \d+\.\d\d GiB", ends)
+
+
+def test_it_is_appended_with_what_was_up_to_date_and_its_warnings(work):
+    first = run(work(good))
+    second = run(work(good))
+    assert second.startswith(first)
+    assert texts(second.removeprefix(first))[1:3] == [
+        "warning: �[2Jlook at this",
+        "good up to date: three numbers",
+    ]
+
+
+@pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])
+def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function, error, monkeypatch):
+    with pytest.raises(error):
+        run(work(good, function))
+    log = (work(good).job.folder / "run.log").read_text(encoding="utf-8")
+    said = texts(log)
+    assert re.match(rf"{function.__name__} fails after \d\.\d s", next(text for text in said if "fails" in text))
+    assert any('File "strainsight/workflow/runner.py", line ' in text for text in said)
+    assert any(error.__name__ in text for text in said)
+    assert not re.search(r"(?<![\w.…)/])/\w", log), log
+    for place in (Path.cwd(), Path.home(), Path(sys.prefix)):
+        assert f"{place}/" not in log
+    assert "folder of mine" not in log
+    assert socket.gethostname() not in log
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("/none/of these", "…/of these"),
+        ("'/none/with space/x.bdf': gone", "'…/x.bdf': gone"),
+        ("x.bdf is missing, 71.5 µm/m, 3/4, a//b", "x.bdf is missing, 71.5 µm/m, 3/4, a//b"),
+        ("/ONE/own.yaml:3:1  place.keep: 0", "own.yaml:3:1  place.keep: 0"),
+        ("in /ONE, or /ONE/", "in ., or ."),
+        ("/ONE-two/x", "…/x"),
+        ("meshes/ONE/x", "meshes/nowhere/one/x"),
+    ],
+)
+def test_paths_are_relative_or_only_a_name(text, expected):
+    one = Path("/nowhere/one")
+    assert placeless(text.replace("/ONE", str(one)), [one]) == expected
+
+
+def test_results_do_not_depend_on_it(work):
+    one = work(good)
+    run(one)
+    digest = Artefact(one.job.folder / "good.h5").digest
+    for change in (lambda log: log.write_text("altered"), lambda log: log.unlink()):
+        change(one.job.folder / "run.log")
+        assert [status.status for status in plan(one.stages, one.job)] == [UP_TO_DATE]
+    run(one, forced=["good"])
+    assert Artefact(one.job.folder / "good.h5").digest == digest
+
+
+def test_a_log_that_cannot_be_written_is_no_reason_to_fail(work):
+    one = work(good)
+    (one.job.folder / "run.log").mkdir(parents=True)
+    with pytest.raises(IsADirectoryError):  # of reading it here; the run itself went through
+        run(one)
+    assert (one.job.folder / "good.h5").exists()
+
+
+def test_no_folder_is_made_for_it(work, tmp_path):
+    with runlog.run_log(work(good).job, "good") as log:
+        log("too early")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_keeps_the_last_lines_within_its_bound(tmp_path):
+    path = tmp_path / "run.log"
+    for i in range(40):
+        append(path, f"{i} {'x' * 98}\n" * 500)
+        assert path.stat().st_size <= runlog.MOST
+    lines = path.read_text().splitlines()
+    assert lines[-1].startswith("39 ")
+    assert len({line.partition(" ")[2] for line in lines}) == 1
+    assert path.stat().st_size > runlog.KEPT // 2
+
+
+def test_two_processes_do_not_garble_it(tmp_path, monkeypatch):
+    path = tmp_path / "run.log"
+    both = [subprocess.Popen([sys.executable, "-c", MANY, str(path), name]) for name in ("a", "b")]
+    assert [process.wait(timeout=60) for process in both] == [0, 0]
+    lines = [line.split() for line in path.read_text().splitlines()]
+    assert Counter(line[0] for line in lines) == {"a": 1200, "b": 1200}
+    assert {len(line) for line in lines} == {4}
+    parts = [line[:2] for line in lines]
+    assert all(parts[i] == parts[i + 1] == parts[i + 2] for i in range(0, len(parts), 3))
+
+
+def test_an_interrupt_is_the_last_line(tmp_path):
+    command = [sys.executable, "-m", "strainsight_cli.main", "run", str(CONFIG), "--results", str(tmp_path)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    log = tmp_path / "cantilever-youngs-modulus" / "run.log"
+    for _ in range(600):
+        if log.exists() and "modes starts" in log.read_text(encoding="utf-8"):
+            break
+        time.sleep(0.05)
+    os.kill(process.pid, signal.SIGINT)
+    assert process.wait(timeout=30) == 130
+    assert texts(log.read_text(encoding="utf-8"))[-1] == "interrupted; finished stages are kept"

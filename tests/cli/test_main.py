@@ -23,6 +23,8 @@ from strainsight_cli import pipelines
 from strainsight_cli.failures import failure_of
 from strainsight_cli.main import app
 
+from ..shared import slowly
+
 ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
 
@@ -178,7 +180,7 @@ def test_a_folder_that_cannot_be_written_is_two(tmp_path):
     assert done.exit_code == 2
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.7, 1.4, 2.1])
+@pytest.mark.parametrize("delay", [0.7, *slowly(0.0, 1.4, 2.1)])
 def test_an_interrupt_ends_with_130_and_keeps_what_was_finished(tmp_path, delay):
     """Whatever library the interrupt meets: one that comes in a callback of C code is forgotten by Python."""
     command = [sys.executable, "-m", "strainsight_cli.main", "run", CONFIG, "--results", str(tmp_path)]

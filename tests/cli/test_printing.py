@@ -1,4 +1,4 @@
-"""Whatever a name holds: no control of a terminal is printed, and no line that was not meant."""
+"""What is printed: the bar, time left, completion, and no control of a terminal whatever a name holds."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import ast
 import json
 import os
 import pty
+import re
 import subprocess
 import sys
 import warnings
@@ -16,8 +17,9 @@ import pytest
 import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
 from strainsight.workflow.output import Table
+from strainsight.workflow.stage import Stage
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.clock import Left
+from strainsight_cli.clock import Left, after, ends_at, spelt
 from strainsight_cli.failures import failure_of, plain_warnings, tell
 from strainsight_cli.printing import json_line, say
 from strainsight_cli.render import failure_json, print_tables
@@ -108,3 +110,144 @@ def test_only_one_function_prints():
         calls = [ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
         prints = {"print", "typer.echo", "typer.secho", "sys.stdout.write", "sys.stderr.write"} & set(calls)
         assert not prints or path.name in ("printing.py", "render.py", "trials.py"), path
+
+
+SCRIPT = """
+import time
+from strainsight_cli.bar import progress_bar
+from strainsight_cli.clock import Left
+with progress_bar(True) as move:
+    move("run [1]", "place", "so {far} [red]", 0.5, Left(time.time() + 42.5, 75.0))
+    time.sleep(0.3)
+    move("run [1]", "", "", 1.0, Left())
+"""
+COLOUR = re.compile(rb"\x1b\[[0-9;]*[0-9]m")
+
+
+def drawn(environment: dict[str, str]) -> bytes:
+    own, its = pty.openpty()
+    clean = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "FORCE_COLOR")}
+    settings = {**clean, "TERM": "xterm", "COLUMNS": "160", **environment}
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT], stderr=its, stdout=its, env=settings)
+    os.close(its)
+    said = b""
+    while True:
+        try:
+            part = os.read(own, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        said += part
+    os.close(own)
+    assert process.wait(timeout=60) == 0
+    return said
+
+
+@pytest.mark.parametrize(("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
+def test_it_says_what_is_left_as_it_is_written(environment, coloured):
+    said = drawn(environment)
+    assert b"about 0:42 left, then 1:15" in COLOUR.sub(b"", said)
+    assert b"so {far} [red]" in COLOUR.sub(b"", said)
+    assert b"run [1]" in COLOUR.sub(b"", said)
+    assert bool([code for code in COLOUR.findall(said) if code != b"\x1b[0m"]) == coloured
+
+
+def test_there_is_none_in_a_pipe():
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+@pytest.mark.parametrize(
+    ("spent", "share", "last", "end"),
+    [
+        (5.0, 0.9, 60.0, 60.0),  # it took a minute last time: shares are no shares of the time
+        (70.0, 0.7, 60.0, 100.0),  # longer than last time: what the share says
+        (10.0, 0.25, None, 40.0),
+        (1.0, 0.5, None, None),  # too early to say
+        (10.0, 0.05, None, None),
+        (70.0, 0.0, 60.0, None),
+        (10.0, 1.5, None, 10.0),
+    ],
+)
+def test_the_end_of_a_stage(spent, share, last, end):
+    found = ends_at(1000.0, 1000.0 + spent, share, last)
+    assert found == (None if end is None else pytest.approx(1000.0 + end))
+
+
+def stage(name: str, *upstream: str) -> Stage:
+    return Stage(name, 1, (), upstream, (), lambda context: None)
+
+
+def test_only_what_follows_from_the_stage_is_added():
+    stages = (stage("import"), stage("rom", "import"), stage("other", "import"), stage("place", "rom"))
+    last = {"import": 1.0, "rom": 2.0, "other": 4.0, "place": 8.0}
+    assert after(stages, "rom", last) == 8.0
+    assert after(stages, "import", last) == 14.0
+    assert after(stages, "place", last) == 0.0
+    del last["place"]
+    assert after(stages, "rom", last) is None
+
+
+def test_it_counts_down_and_is_silent_where_nothing_is_known():
+    left = Left(1072.0, 3600.0)
+    assert left.text(1000.0) == "about 1:12 left, then 1:00:00"
+    assert left.text(1071.0) == "about 0:01 left, then 1:00:00"
+    assert left.text(1073.0) == ""
+    assert Left(None, 30.0).text(0.0) == ""
+    assert Left(1010.0, None).text(1000.0) == "about 0:10 left"
+    assert spelt(59.6) == "1:00"
+
+
+COMMAND = """\
+#!{python}
+from strainsight_cli.main import app
+app(prog_name="strainsight")
+"""
+BASH = """
+eval "$(strainsight --show-completion bash)"
+COMP_WORDS=(strainsight {words}); COMP_CWORD={last}
+_strainsight_completion strainsight
+printf '%s\\n' "${{COMPREPLY[@]}}"
+complete -p strainsight
+"""
+
+
+@pytest.fixture(scope="module")
+def completed(tmp_path_factory):
+    """A function: words as typed → what bash offers for the last one, and last the rule that it was told."""
+    folder = tmp_path_factory.mktemp("bin")
+    (folder / "strainsight").write_text(COMMAND.format(python=sys.executable), encoding="utf-8")
+    (folder / "strainsight").chmod(0o755)
+    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
+    # the name of the shell is given, as pytest was perhaps not started by one
+    environment = {**os.environ, "PATH": path, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+
+    def offered(*words: str) -> list[str]:
+        script = BASH.format(words=" ".join(words), last=len(words))
+        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, env=environment)
+        assert done.returncode == 0, done.stderr
+        return [line.strip() for line in done.stdout.splitlines() if line.strip()]
+
+    return offered
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [(("sta",), {"statics", "status"}), (("do",), {"doctor"}), (("re",), {"reduce", "report"}), (("run", "--dr"), {"--dry-run"})],
+)
+def test_bash_completes_commands_and_options(words, expected, completed):
+    assert set(completed(*words)[:-1]) == expected
+
+
+def test_bash_falls_back_to_file_names_for_a_config(completed):
+    *offered, rule = completed("run", "conf")
+    assert offered == []
+    assert "-o default" in rule
+
+
+def test_the_shell_that_asks_is_recognised():
+    """Without naming it, as the manual says."""
+    command = f"{sys.executable} -m strainsight_cli.main --show-completion; true"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
+    assert "COMP_WORDS" in done.stdout

@@ -1,4 +1,6 @@
-"""Processes without streams, without a folder, without memory, and configs that are no files."""
+"""Processes without streams, folder or memory, configs that are no files, and names that are attacks."""
+
+from __future__ import annotations
 
 import errno
 import os
@@ -6,10 +8,15 @@ import subprocess
 import sys
 
 import pytest
+from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 from strainsight_cli.failures import failure_of
+from strainsight_cli.main import app
+
+from ..pages import hostile
+from ..shared import slowly
 
 COMMAND = [sys.executable, "-m", "strainsight_cli.main"]
 posix = pytest.mark.skipif(os.name != "posix", reason="the shell and the limits of POSIX")
@@ -20,10 +27,10 @@ def shell(line, folder, *words):
 
 
 @posix
-@pytest.mark.parametrize("closed", ['"$@" >&-', '"$@" <&- >&- 2>&-', '"$@" 2>&-', '"$@" >&- 2>&-'])
+@pytest.mark.parametrize("closed", ["<&- >&- 2>&-", *slowly(">&-", "2>&-", ">&- 2>&-")])
 def test_a_process_without_streams_does_its_work(closed, tmp_path):
-    assert shell(closed, tmp_path, "schema").returncode == 0
-    assert shell(closed, tmp_path, "status", "nothing.yaml").returncode == 2
+    assert shell(f'"$@" {closed}', tmp_path, "schema").returncode == 0
+    assert shell(f'"$@" {closed}', tmp_path, "status", "nothing.yaml").returncode == 2
 
 
 @posix
@@ -99,10 +106,44 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
-@pytest.mark.parametrize("words", [("import",), ("status",), ("status", "--json")])
+@pytest.mark.parametrize("words", [("import",), *slowly((("status",),), (("status", "--json"),))])
 def test_a_command_whose_output_cannot_be_written_says_that_it_is_the_output(tmp_path, words):
     shell('"$@"', tmp_path, "example", "cantilever")
     done = shell('"$@" >/dev/full', tmp_path, *words, "cantilever.yaml")
     assert done.returncode == 2
     assert "standard output cannot be written: No space left on device" in done.stderr
     assert "make room on the disk" not in done.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("hostile")
+
+
+@pytest.fixture(scope="module")
+def config(folder):
+    return hostile.config(folder)
+
+
+@pytest.mark.parametrize("name", hostile.NAMES)
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("name: beam-hostile", "name: {}", "name"),
+        ("  " + "E" * 64 + ":", "  {}:", "parameters"),
+        ("  " + "F" * 64 + ":", "  {}:", "loads"),
+    ],
+)
+def test_what_becomes_a_path_or_a_key_is_refused_with_its_place(folder, config, old, new, key, name):
+    text = config.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    changed = folder / "refused.yaml"
+    changed.write_text(text.replace(old, new.format(hostile.quoted(name))), encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(changed), "--results", str(folder / "none")])
+    said = done.output + (done.stderr or "")
+    assert done.exit_code == 2, said
+    line = text[: text.index(old)].count("\n") + 1
+    assert f"refused.yaml:{line}:" in said
+    assert key in said
+    assert "Traceback" not in said
+    assert not (folder / "none").exists()

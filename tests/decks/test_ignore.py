@@ -14,7 +14,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.stages.pages.assumed import assumed_table
 
-from ..stages.test_bad_deck import ABAQUS as STEEL_BAR
+from ..stages.test_bad_input import ABAQUS as STEEL_BAR
 from ..wrong.decks import bar, inp
 from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,15 @@ from typing import Any
 import numpy as np
 import yaml
 
+from strainsight.cases.structure import placement
 from strainsight.config.load import load_config
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
+
+from ..shared import once
 
 SIZE, E, NU, RHO, TIP = (1.0, 0.1, 0.08), 2.1e11, 0.3, 7850.0, 900_001
 # Half steps from an element's first corner to its nodes: corners, then mid-sides in Nastran's order.
@@ -178,20 +182,30 @@ def of_material(modulus: float) -> dict[str, Any]:
 def finished(
     folder: Path, until: str, text: str, changes: Mapping[str, Any] = {}, base: Mapping[str, Any] = PLACEMENT_CONFIG
 ) -> dict[str, Artefact]:
-    """stage → artefact of a run up to a stage; a RuntimeWarning is an error (pyproject.toml)."""
+    """stage → artefact of a run up to a stage, made once for all tests; a RuntimeWarning is an error (pyproject.toml).
+
+    The run reads the files that lie in the folder; its results are copied there."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "beam.bdf").write_text(text, encoding="ascii")
     path = folder / "edge.yaml"
     path.write_text(yaml.safe_dump(config_of(base, changes)), encoding="utf-8")
-    loaded = load_config(path, ())
-    job = Job(loaded.data, folder, folder / "results", loaded.locate, loaded.model)
-    stages = PLACEMENT if base["kind"] == "placement" else bench_stages(job.config)
-    found: dict[str, Artefact] = {}
-    for event in run(stages[: [stage.name for stage in stages].index(until) + 1], job):
-        if event.artefact is not None:
-            found[event.stage] = event.artefact
-    assert not (strange := infinite(found)), strange
-    return found
+    files = sorted(file for file in folder.iterdir() if file.is_file())
+    # tests may run without the test for hot spots (`without_hot_spots`)
+    inputs = [until, placement.tested_hot_spots.__name__, *(f"{file.name}\n{file.read_bytes()!r}" for file in files)]
+    stages = PLACEMENT if base["kind"] == "placement" else bench_stages(load_config(path, ()).data)
+    stages = stages[: [stage.name for stage in stages].index(until) + 1]
+
+    def make(place: Path) -> None:
+        for file in files:
+            shutil.copy(file, place)
+        loaded = load_config(place / path.name, ())
+        job = Job(loaded.data, place, place / "results", loaded.locate, loaded.model)
+        found = {event.stage: event.artefact for event in run(stages, job) if event.artefact is not None}
+        assert not (strange := infinite(found)), strange
+
+    shutil.copytree(once("edge", "\n".join(inputs), make) / "results", folder / "results", dirs_exist_ok=True)
+    results = folder / "results" / load_config(path, ()).data["name"]
+    return {stage.name: Artefact(results / f"{stage.name}.h5") for stage in stages}
 
 
 def infinite(found: Mapping[str, Artefact]) -> list[str]:

@@ -1,12 +1,16 @@
-"""Units and sizes change no answer: what is dimensionless stays, what has a dimension scales by it."""
+"""Units, sizes and numbers of loads change no answer; the smallest and the fullest models."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+import skfem
+from scipy.linalg import eigh
+from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from ..shared import strains
-from .beam import BENCH_CONFIG, RHO, E, apart, bricks, finished, of_material
+from .beam import BENCH_CONFIG, NU, RHO, TIP, E, apart, bricks, deck, finished, of_material
+from .beam import SIZE as models_SIZE
 
 COUNTS = (6, 2, 2)
 
@@ -87,3 +91,164 @@ def test_a_bench_of_a_microgram_and_one_of_a_kiloton_place_the_same_gauges(tmp_p
         assert np.array_equal(own["place"]["/layouts/place/candidate"], usual["place"]["/layouts/place/candidate"])
         assert apart(own["place"]["/layouts/place/std"] / s, usual["place"]["/layouts/place/std"]) < 1e-8
         assert apart(own["simulate"]["/sensors/gauges"], usual["simulate"]["/sensors/gauges"]) < 1e-8
+
+
+SIZE = {"side": 1000.0, "down": 5.0, "along": 0.0}
+"""Amplitude of the true load [N]; the filter takes 20 N for the last one."""
+
+
+def test_each_load_is_judged_by_its_own_size_and_one_that_is_zero_by_its_amplitude(tmp_path):
+    """RMS of error and σ after the first tenth, read off the histories."""
+    (tmp_path / "zero.csv").write_text("time [s],force [N]\n0,0\n0.05,0\n0.1,0\n", encoding="ascii")
+    loads = {
+        name: {
+            "node": TIP,
+            "direction": np.roll([1.0, 0.0, 0.0], i).tolist(),
+            "known": False,
+            "signal": {"type": "sine", "frequency": 20.0 + 5.0 * i, "amplitude": size}
+            if size
+            else {"type": "csv", "file": "zero.csv", "time_column": "time", "value_column": "force"},
+            "process_noise": {"model": "integrated_random_walk"}
+            | ({} if size else {"frequency": 20.0, "amplitude": 20.0}),
+        }
+        for i, (name, size) in enumerate(SIZE.items(), start=1)
+    }
+    names = list(loads)
+    changes = {
+        "parameters": {},
+        "loads": loads,
+        "screen.keep": "all",
+        "place.estimate": names,
+        "place.keep": 5,
+        "validate.truth.parameters": {},
+        "validate.initial_std": dict.fromkeys(names, 0.1),
+        "validate.repeats": 3,
+        "tolerances": "none",
+    }
+    validate = finished(tmp_path, "validate", bricks((6, 2, 2)), changes)["validate"]
+    for name, size in SIZE.items():
+        truth, late = validate[f"/truth/{name}"], slice(11, None)  # of 101 instants
+        own = np.sqrt(np.mean(truth[late] ** 2)) if size else 20.0
+        assert validate.summary[f"scale.{name}"] == pytest.approx(own)
+        assert validate.summary[f"zero.{name}"] == (size == 0)
+        for key, history in (
+            ("error", validate[f"/estimate/{name}"] - truth),
+            ("std", validate[f"/std/{name}"]),
+            ("smoothed", validate[f"/smoothed/{name}"] - truth),
+            ("smoothed_std", validate[f"/smoothed_std/{name}"]),
+        ):
+            assert validate.summary[f"{key}.{name}"] == pytest.approx(np.sqrt(np.mean(history[late] ** 2)) / own)
+        # Nothing here is nonlinear: with everything exact σ is the same whatever the noise and the start.
+        np.testing.assert_allclose(validate[f"/repeats/std/{name}"], validate.summary[f"std.{name}"], rtol=1e-6)
+    assert "of its amplitude, 20 N," in validate.message
+
+
+ONE_PLACE = {"screen.keep": "all", "screen.minimum_spacing": 0.0, "place.keep": 1, "gauges.direction.angles": [0.0]}
+
+
+def elasticity(mesh, element, modulus):
+    """Basis, K and M of scikit-fem on a mesh."""
+    basis = skfem.Basis(mesh, skfem.ElementVector(element), intorder=6)
+
+    @skfem.BilinearForm
+    def inertia(u, v, _):
+        return RHO * (u[0] * v[0] + u[1] * v[1] + u[2] * v[2])
+
+    return basis, linear_elasticity(*lame_parameters(modulus, NU)).assemble(basis), inertia.assemble(basis)
+
+
+def beam_of(counts, modulus):
+    """The free part of K and M of a beam of hex20, held at x = 0; its basis, and the free dofs."""
+    mesh = skfem.MeshHex.init_tensor(*(np.linspace(0, length, n + 1) for length, n in zip(models_SIZE, counts, strict=True)))
+    basis, K, M = elasticity(mesh, skfem.ElementHexS2(), modulus)
+    free = basis.complement_dofs(basis.get_dofs(lambda x: np.isclose(x[0], 0.0)))
+    return basis, K.toarray()[np.ix_(free, free)], M.toarray()[np.ix_(free, free)], free
+
+
+@pytest.mark.parametrize(
+    ("counts", "modes"), [((1, 1, 1), 1), ((1, 1, 1), 36), ((4, 2, 1), 200)], ids=["one", "as many as unknowns", "200"]
+)
+def test_frequencies_are_those_of_scikit_fem_whatever_their_number(tmp_path, counts, modes):
+    """One brick with one mode, with all its 36; 200 of 264. The guess is 0.9 E."""
+    changes = {"rom.modes": modes, "loads.tip.node": last_corner(counts), "gauges.direction.axis": [0, 1, 0]}
+    changes["gauges.exclude"] = [{"normal_cone": {"axis": [0, side, 0], "angle": 20}} for side in (1, -1)]
+    own = finished(
+        tmp_path, "observe" if modes < 200 else "train", bricks(counts, "hex20", tip=False), changes | ONE_PLACE
+    )
+    _, K, M, _ = beam_of(counts, 0.9 * E)
+    expected = np.sqrt(eigh(K, M, eigvals_only=True)[:modes]) / (2 * np.pi)
+    assert np.allclose(own["modes"]["/frequency"], expected, rtol=1e-8)
+
+
+def test_more_modes_than_unknowns_are_refused_with_their_number(tmp_path):
+    changes = {"rom.modes": 37, "loads.tip.node": last_corner((1, 1, 1))}
+    with pytest.raises(Exception, match="37 modes of a model with 36 unknowns"):
+        finished(tmp_path, "modes", bricks((1, 1, 1), "hex20", tip=False), changes)
+
+
+def test_a_gauge_on_one_stiff_brick_reads_the_static_strain_of_scikit_fem(tmp_path):
+    """One hex20 of 1e15 Pa, first mode 5.3 kHz, under 20 Hz: the strain across the end is that of K⁻¹f, ε = S(x) u."""
+    modulus = 1e15
+    changes = of_material(modulus) | ONE_PLACE
+    changes |= {
+        "rom.modes": 2,
+        "damping.ratio": 0.9,
+        "loads.tip.node": last_corner((1, 1, 1)),
+        "gauges.direction.axis": [0, 1, 0],
+    }
+    own = finished(tmp_path, "validate", bricks((1, 1, 1), "hex20", modulus=modulus, tip=False), changes)
+    basis, K, _, free = beam_of((1, 1, 1), 0.9 * modulus)
+    loaded = basis.nodal_dofs[:, np.argmin(np.linalg.norm(basis.mesh.p.T - models_SIZE, axis=1))]
+    force, u = np.zeros(basis.N), np.zeros(basis.N)
+    force[loaded] = np.array([0.2, 0.5, 1.0]) / np.linalg.norm([0.2, 0.5, 1.0])
+    u[free] = np.linalg.solve(K, force[free])
+    end = basis.mesh.facets_satisfying(lambda x: np.isclose(x[0], models_SIZE[0]))
+    middle = skfem.FacetBasis(
+        basis.mesh, basis.elem, facets=end, quadrature=(np.array([[0.5], [0.5]]), np.array([1.0]))
+    )
+    expected = float(middle.interpolate(u).grad[1, 1, 0, 0])
+    load, strain = own["train"]["/input"][:, 0], strains(own["train"])[:, 0]
+    assert own["train"]["/gauges/position"][0] == pytest.approx([models_SIZE[0], models_SIZE[1] / 2, models_SIZE[2] / 2])
+    assert load @ strain / (load @ load) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_one_tetrahedron_goes_through_every_stage_and_its_page(tmp_path):
+    """tet10, three modes, one gauge, one training instant: frequencies of scikit-fem, an estimate near the truth, a page."""
+    corner = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.08]])
+    middle = [0.5 * (corner[a] + corner[b]) for a, b in ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))]
+    position = np.vstack([corner, middle])
+    cards = [["GRID", n, "", *map(repr, x)] for n, x in enumerate(position.tolist(), start=1)]
+    held = 1 + np.flatnonzero(position[:, 2] > 0)
+    cards += [["CTETRA", 1, 1, *range(1, 11)], ["SPC1", 1, 123, *held]]
+    changes = ONE_PLACE | {"rom.modes": 3, "place.instants": 1, "loads.tip.node": 2, "validate.truth.modes": 18}
+    own = finished(tmp_path, "report", deck(cards, E, RHO), changes | {"validate.truth.model": "modes", "tolerances": "none"})
+    mesh = skfem.MeshTet(corner.T, np.array([[0], [1], [2], [3]]))
+    basis, K, M = elasticity(mesh, skfem.ElementTetP2(), 0.9 * E)
+    free = basis.get_dofs(lambda x: np.isclose(x[2], 0.0)).all()
+    expected = eigh(K.toarray()[np.ix_(free, free)], M.toarray()[np.ix_(free, free)], eigvals_only=True)
+    assert np.allclose(own["modes"]["/frequency"], np.sqrt(expected[:3]) / (2 * np.pi), rtol=1e-9)
+    assert own["validate"]["/estimate/E"][-1] == pytest.approx(E, rel=0.02)
+    page = (tmp_path / "results" / "edge" / "report.html").read_text(encoding="utf-8")
+    assert ">nan" not in page.lower()
+
+
+def last_corner(counts):
+    """Number of the node at the far corner, which `bricks` numbers last."""
+    half = np.stack(np.meshgrid(*(np.arange(2 * c + 1) for c in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    return int(((half % 2).sum(axis=1) <= 1).sum())
+
+
+def test_a_heavy_mass_that_hardly_moves_hides_no_modulus(tmp_path):
+    """A million tonnes at the end swing once in two minutes; the beam between them and its root, 300 times a second."""
+    text = bricks((4, 1, 1)).replace("ENDDATA", f"CONM2,1,{TIP},,1.+9\nENDDATA")
+    load = {"node": 9, "direction": [0.2, 0.5, 1.0], "known": True}
+    load["signal"] = {"type": "sine", "frequency": 100.0, "amplitude": 1000.0}
+    times = {"train.duration": 0.05, "validate.duration": 0.05, "train.time_step": 2e-4, "validate.time_step": 2e-4}
+    # the modulus hangs on small differences of readings here: 2 mm are 15 % of it
+    changes = {"loads.tip": load, "rom.modes": 6, "tolerances": "none", **times}
+    found = finished(tmp_path, "validate", text, changes)
+    frequency, own = found["modes"]["/frequency"], found["validate"].summary
+    assert frequency[0] * 0.05 < 1e-3
+    assert frequency[5] * 0.05 > 10
+    assert own["estimate.E"] == pytest.approx(E, rel=3 * own["std.E"])

@@ -76,6 +76,7 @@ def test_without_pardiso_a_warning_says_what_that_costs():
     assert "more than 100 000 unknowns are refused" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_second_run_is_refused_with_the_first_and_a_killed_one_is_reported(project):
     folder = project / "locked" / "beam"
     words = ("import", str(project / "beam.yaml"), "--results", str(folder.parent))

@@ -187,6 +187,7 @@ def bench_by_default(tmp_path_factory, bench_runs):
     return run(tmp_path_factory.mktemp("bench"), DEFAULT, bench_runs)
 
 
+@pytest.mark.slow
 def test_an_older_processor_has_the_same_bench(bench_by_default, bench_runs):
     asked(bench_by_default, run(bench_by_default.parent, "OpenBLAS Sandybridge", bench_runs))
 

@@ -121,6 +121,7 @@ def ended(launcher, number: int, everybody: bool = False) -> float:
     return spent
 
 
+@pytest.mark.slow
 def test_in_every_stage(project, undisturbed, results, launcher):
     spent = {}
     for run, stage in STAGES:

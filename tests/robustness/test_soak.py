@@ -165,6 +165,7 @@ def same(one: FilterRun, other: FilterRun) -> bool:
     return all(a is b or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
+@pytest.mark.slow
 def test_the_filter_over_many_steps(capsys):
     """A stream of one run: in the end P is that of SciPy's Riccati solver, errors and innovations are as large as claimed."""
     model, nothing = beam(), np.zeros((BLOCK, 3, 0))

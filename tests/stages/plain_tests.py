@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .conftest import ROOT
+from ..shared import ROOT, once
 
+DECK = ROOT / "meshes" / "cantilever.bdf"
 FORMATS = {"csv": "test.csv", "hdf5": "test.h5", "uff58": "test.uff"}
 E, DENSITY = 2.1e11, 7850.0
 """The truth [Pa, kg/m³]."""
@@ -130,11 +132,16 @@ def node_at(deck: Path, place: tuple[float, float, float]) -> int:
 
 
 def recorded(folder: Path, name: str) -> Path:
-    """The folder with readings of a case in three formats, a config for each, and its results up to validate."""
-    case, deck = CASES[name], ROOT / "meshes" / "cantilever.bdf"
-    node = node_at(deck, (1.0, 0.0, 0.095))
+    """The folder with readings of a case in three formats, a config for each, and its results up to validate, in a copy."""
+    text = config(name, CASES[name], DECK, 0, "csv")
+    shutil.copytree(once("plain", text, lambda place: _record(place, name)), folder, dirs_exist_ok=True)
+    return folder / name
+
+
+def _record(folder: Path, name: str) -> None:
+    node = node_at(DECK, (1.0, 0.0, 0.095))
     for form in FORMATS:
-        (folder / f"{name}-{form}.yaml").write_text(config(name, case, deck, node, form))
+        (folder / f"{name}-{form}.yaml").write_text(config(name, CASES[name], DECK, node, form))
     invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
     with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
         head, *rows = csv.reader(lines)
@@ -145,7 +152,6 @@ def recorded(folder: Path, name: str) -> Path:
     _as_csv(own / FORMATS["csv"], values)
     _as_hdf5(own / FORMATS["hdf5"], values)
     _as_uff58(own / FORMATS["uff58"], values)
-    return own
 
 
 def estimated(own: Path, form: str) -> tuple[Artefact, str]:

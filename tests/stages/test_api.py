@@ -1,23 +1,41 @@
-"""The library computes what the command line writes, and reads it again."""
+"""The library computes what the command line writes and reads it again; tables of channels and element sets of layouts."""
 
 from __future__ import annotations
 
 import ast
+import csv
 import inspect
 import json
 import shutil
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
+from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import pyvista
+from scipy import sparse
 from typer.testing import CliRunner
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import api
-from strainsight.errors import ArtefactError, ConfigError, UserError
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
+from strainsight.cases.layout.exports.element_sets import elements_of
+from strainsight.cases.layout.gauge_lines import gauge_lines
+from strainsight.cases.layout.gauge_list import BridgeArms, GaugeList
+from strainsight.cases.layout.workshop import Workshop
+from strainsight.cases.structure.given_gauges import read_given
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import ArtefactError, ConfigError, DeckError, InfeasibleError, UserError
+from strainsight.gauges.edge_dimensions import no_edges
+from strainsight.gauges.given import without
+from strainsight.gauges.zones import Box, NearEdges
+from strainsight.stages.pages.sheets import sheet_files, sheets_of
+from strainsight.stages.pages.workshop import exported
 from strainsight_cli.main import app
 
+from ..robustness.small import write_project
 from .conftest import LOADS, ROOT, SHORT
 
 LINES = 12
@@ -38,6 +56,7 @@ def cantilever():
     return reduced, training, screened, layout
 
 
+@pytest.mark.slow
 def test_the_cantilever_takes_few_lines_and_has_the_layout_of_the_command_line(run_there):
     (function,) = ast.parse(inspect.getsource(cantilever)).body
     assert len(function.body) <= LINES
@@ -63,6 +82,7 @@ def same(record, there):
             np.testing.assert_array_equal(own, other)
 
 
+@pytest.mark.slow
 def test_a_validation_has_the_arrays_of_the_command_line(run_there):
     case, mesh, reduced, training, screened = before_placing(SHORT)
     found = api.validate(case, mesh, reduced, training, screened, run_there.placed.final.number)
@@ -76,6 +96,7 @@ def test_a_validation_has_the_arrays_of_the_command_line(run_there):
     np.testing.assert_allclose(own.without["E"], run_there.placed.without["E"], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     folder = next(path for path in results.iterdir() if (path / "measured.csv").exists())
     channels = [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 5)]
@@ -174,3 +195,195 @@ def test_what_is_not_there_is_reported(tmp_path):
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):
         _ = api.open_run(tmp_path).placed
+
+
+X, Z = np.eye(3)[0], np.eye(3)[2]
+
+
+def arms(*sign):
+    """Arms on facets of elements 5, 6, …"""
+    count = len(sign)
+    grid = SimpleNamespace(
+        element=5 + np.arange(count),
+        facet=np.ones(count, dtype=int),
+        position=np.zeros((count, 3)),
+        normal=np.tile(Z, (count, 1)),
+        direction=np.tile(X, (count, 1)),
+        angle=np.zeros(count),
+        length=np.zeros(count),
+    )
+    return BridgeArms(grid, np.array(sign))
+
+
+def listed(facet=1):
+    """A gauge, a rosette of three grids, a half, an opposite half and a full bridge, and a triaxial accelerometer."""
+    kinds = ("strain gauge", "rosette", "bridge", "bridge", "bridge", "accelerometer")
+    channels = (1, 3, 1, 1, 1, 3)
+    k = len(kinds)
+    return GaugeList(
+        labels=("G1", "G2", "root", "G4", "G5", "A1"),
+        kind=kinds,
+        unit=("strain",) * 5 + ("m/s^2",),
+        element=np.arange(1, k + 1),
+        facet=np.full(k, facet),
+        position=np.zeros((k, 3)),
+        normal=np.tile(Z, (k, 1)),
+        directions=tuple(np.tile(X, (c, 1)) for c in channels),
+        angles=tuple(45.0 * np.arange(c) for c in channels),
+        length=np.zeros(k),
+        bonded=np.zeros(k, dtype=bool),
+        family=("gauges",) * k,
+        peak=np.zeros(k),
+        peaks=tuple(np.zeros(c) for c in channels),
+        most=np.zeros(k),
+        range=np.full(k, np.nan),
+        arms=(None, None, arms(1, -1), arms(1, 1), arms(1, -1, 1, -1), None),
+    )
+
+
+def rows(content):
+    return list(csv.DictReader(StringIO(content.decode()), delimiter="\t"))
+
+
+def test_a_channel_has_the_bridge_that_it_is_wired_as():
+    found = rows(catman_table(listed(), Wiring(2.0, 120.0)))
+    assert [row["Name"] for row in found] == [
+        "G1", "G2 0°", "G2 45°", "G2 90°", "root", "G4", "G5", "A1 axis 1", "A1 axis 2", "A1 axis 3",
+    ]  # fmt: skip
+    assert [row["Bridge"] for row in found] == [
+        *["quarter"] * 4, "half, arms 1 and 2", "half, arms 1 and 3", "full", "", "", "",
+    ]  # fmt: skip
+    assert {row["Unit"] for row in found[:7]} == {"um/m"}
+    assert [(row["Gauge factor"], row["Resistance [ohm]"], row["Unit"]) for row in found[7:]] == [("", "", "m/s^2")] * 3
+
+
+def test_a_bridge_is_read_as_a_voltage_ratio_with_the_slope_of_the_sum_of_its_arms():
+    """A full bridge of ±ε gives r = GF ε, and ε_B = 4 ε."""
+    found = rows(labview_table(listed(), Wiring(2.0)))
+    full = next(row for row in found if row["Name"] == "G5")
+    assert (full["Measurement type"], full["Strain configuration"]) == ("Bridge (V/V)", "")
+    strain = 1e-4
+    assert float(full["Scale slope"]) * 2.0 * strain == pytest.approx(4 * strain)
+    assert {row["Nominal gauge resistance [ohm]"] for row in found} == {""}
+
+
+def test_what_is_not_known_is_left_blank():
+    for row in rows(catman_table(listed(), Wiring())):
+        assert row["Gauge factor"] == row["Resistance [ohm]"] == row["um/m per mV/V"] == ""
+
+
+def shop(facet):
+    """The layout without a mesh, whose edges nobody asks for."""
+    given = listed(facet)
+    return Workshop(given, gauge_lines(given), no_edges(len(gauge_lines(given))), deck_frame("mm"))
+
+
+def test_a_bridge_has_the_elements_of_all_its_arms():
+    assert elements_of(shop(1)) == {
+        "G1": [1], "G2": [2], "root": [5, 6], "G4": [5, 6], "G5": [5, 6, 7, 8], "A1": [6],
+    }  # fmt: skip
+
+
+def test_sets_of_gauges_that_lie_on_no_element_are_refused_with_key_and_remedy():
+    given = shop(0)
+    alone = Workshop(given.listed, given.lines[:4], given.edges, given.frame)
+    report = SimpleNamespace(exports=("catman", "abaqus"), gauge_factor=None, resistance=None)
+    with pytest.raises(ConfigError) as error:
+        exported(SimpleNamespace(config=SimpleNamespace(report=report)), alone)
+    assert error.value.key == "report.exports"
+    assert "leave out abaqus" in error.value.remedy
+
+
+def test_every_arm_of_a_bridge_has_a_sheet_and_all_grids_of_a_rosette_share_one(tmp_path):
+    write_project(tmp_path)
+    mesh = read_mesh(tmp_path / "beam.bdf")
+    sheets = sheets_of(context(None), shop(1), mesh)
+    arms = [f"{name} arm {k}" for name, count in (("root", 2), ("G4", 2), ("G5", 4)) for k in range(1, count + 1)]
+    assert [sheet.name for sheet in sheets] == ["G1", "G2", *arms, "A1"]
+    assert [len(sheet.directions) for sheet in sheets] == [1, 3, *[1] * 8, 3]
+    assert [sheet.element for sheet in sheets[2:4]] == [5, 6]
+    files = sheet_files(sheets)
+    assert list(files)[:3] == ["sheet-G1.svg", "sheet-G2.svg", "sheet-root_arm_1.svg"]
+    assert len(files) == len(sheets)
+    assert sheets_of(context(None), shop(0), mesh)[0].name == "root arm 1"
+
+
+def context(kind):
+    config = SimpleNamespace(
+        name="run", mesh=SimpleNamespace(file="decks/beam.bdf"), gauges=SimpleNamespace(type=kind, types={})
+    )
+    return SimpleNamespace(config=config, upstream={"place": SimpleNamespace(digest="0123456789abcdef")})
+
+
+def test_a_sheet_has_the_foil_of_the_type_but_for_what_is_bonded_and_what_is_no_strain(tmp_path):
+    """3/350: a carrier of 10.7 × 6.9 mm, a grid 4.57 mm wide; of a gauge without a grid length the assumed one of 8 × 4.5 mm."""
+    write_project(tmp_path)
+    own = shop(1)
+    own = replace(own, listed=replace(own.listed, bonded=np.array([0, 0, 1, 0, 0, 0], dtype=bool)))
+    sheets = sheets_of(context("3/350"), own, read_mesh(tmp_path / "beam.bdf"))
+    for sheet in sheets:
+        typed = not sheet.name.startswith(("root", "A1"))
+        assert sheet.carrier_of == ("3/350" if typed else "assumed")
+        sizes = [10.7, 6.9, 4.57] if typed else [8.0, 4.5, 0.0]
+        np.testing.assert_allclose([*sheet.carrier, sheet.grid_width], sheet.frame.length(1e-3 * np.array(sizes)))
+
+
+HEAD = "gauge,x,y,z,dx,dy,dz\n"
+TABLE = HEAD + "7,100,0,25,2,0,0\n3,200,0,-25,,,\n5,300.5,0,25,0,3,4\n"
+COMPONENTS = np.array([0, 2, 4])
+
+
+@pytest.fixture
+def files(tmp_path):
+    """Rows in 1/mm and 1/rad on two translations and a rotation; the table in mm."""
+    sparse.save_npz(tmp_path / "rows.npz", sparse.csr_array([[1e-3, 0, 0.5], [0, 2e-3, 0], [0, 0, -0.25]]))
+    (tmp_path / "gauges.csv").write_text(TABLE)
+    return tmp_path / "rows.npz", tmp_path / "gauges.csv"
+
+
+def test_rows_and_positions_are_converted_and_directions_made_unit(files):
+    given = read_given(*files, COMPONENTS, 1e-3)
+    assert np.allclose(given.rows.toarray(), [[1.0, 0, 0.5], [0, 2.0, 0], [0, 0, -0.25]])
+    assert given.pool.element.tolist() == [7, 3, 5]
+    assert np.allclose(given.pool.position, [[0.1, 0, 0.025], [0.2, 0, -0.025], [0.3005, 0, 0.025]])
+    assert np.allclose(given.pool.direction, [[1, 0, 0], [0, 0, 0], [0, 0.6, 0.8]])
+    assert not given.pool.facet.any()
+    assert np.all(given.pool.nodes == -1)
+
+
+def test_zones_take_rows_and_table_alike(files):
+    given = read_given(*files, COMPONENTS, 1e-3)
+    left = without(given, None, None, [Box((0.15, -1, -1), (0.25, 1, 1)), NearEdges(1.0)])
+    assert left.pool.element.tolist() == [7, 5]
+    assert np.array_equal(left.rows.toarray(), given.rows.toarray()[[0, 2]])
+    with pytest.raises(InfeasibleError, match="none of the 3 given gauges"):
+        without(given, None, None, [Box((-1, -1, -1), (1, 1, 1))])
+
+
+@pytest.mark.parametrize(
+    ("table", "said", "line"),
+    [
+        ("x,y,z\n1,2,3\n", "first line", 1),
+        (HEAD + "1,2,3\n", "3 cells", 2),
+        (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "no number", 3),
+        (HEAD + "1,0,,0,,,\n", "no number", 2),
+        (HEAD + "1,0,nan,0,,,\n", "not finite", 2),
+        (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge 1 is there twice", 4),
+        (HEAD, "no gauge", None),
+    ],
+)
+def test_a_table_that_is_none_is_refused_at_its_line(files, table, said, line):
+    rows, path = files
+    path.write_text(table)
+    with pytest.raises(DeckError, match=said) as caught:
+        read_given(rows, path, COMPONENTS, 1.0)
+    assert caught.value.where == (f"{path}:{line}" if line else str(path))
+
+
+def test_rows_that_do_not_fit_the_table_or_the_matrices_are_refused(files):
+    rows, table = files
+    with pytest.raises(DeckError, match="3 columns, the stiffness 4 rows"):
+        read_given(rows, table, np.arange(4), 1.0)
+    table.write_text(TABLE + "9,0,0,0,,,\n")
+    with pytest.raises(DeckError, match=r"3 rows, gauges\.csv has 4 gauges"):
+        read_given(rows, table, COMPONENTS, 1.0)

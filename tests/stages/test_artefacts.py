@@ -18,7 +18,7 @@ from strainsight.workflow.store import write_artefact
 from ..edges.beam import finished
 from ..records.test_record import DECK
 from ..solids import SOLIDS
-from .test_mass_loads import MESH, WEIGHT, of_density
+from .test_faces import MESH, WEIGHT, of_density
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 STAGES = (

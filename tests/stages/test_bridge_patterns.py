@@ -165,6 +165,7 @@ def test_no_opposite_side_is_an_error_with_key_and_remedy(tmp_path):
     assert "include both sides" in said
 
 
+@pytest.mark.slow
 def test_a_run_with_bridges_goes_through_to_its_page_with_every_arm(tmp_path):
     changes = {
         "gauges.bridge": "full-bending",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..edges.beam import NU, PLACEMENT_CONFIG, SIZE, E, bricks, config_of
+from ..shared import once
 
 L, B, H = SIZE
 MIDDLE = {"top": [0.55, B / 2, H], "below": [0.55, B / 2, 0.0]}
@@ -56,10 +58,14 @@ def command(folder: Path, *words: str) -> tuple[int, str]:
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """A layout of the two bridges and a gauge, with the file that says where they are."""
+
+    def make(place: Path) -> None:
+        path = written(place, {"gauges.fixed": [BENDING, TORSION], "place.keep": 3})
+        code, said = command(place, "place", str(path))
+        assert code == 0, said
+
     folder = tmp_path_factory.mktemp("bridges")
-    path = written(folder, {"gauges.fixed": [BENDING, TORSION], "place.keep": 3})
-    code, said = command(folder, "place", str(path))
-    assert code == 0, said
+    shutil.copytree(once("bridges", repr((BENDING, TORSION)), make), folder, dirs_exist_ok=True)
     return folder
 
 
@@ -160,6 +166,7 @@ def torsion_function() -> tuple[float, float]:
     return twist, twist * H * (1 - 8 / np.pi**2 * np.sum(1 / (n**2 * np.cosh(reach))))
 
 
+@pytest.mark.slow
 def test_two_bridges_alone_recover_a_bending_and_a_twisting_load(tmp_path):
     """Readings by the closed forms, 4 ε of bending and 2 γ of torsion, as mV/V; the model has 0.9 % less shear at its facets.
 
@@ -235,6 +242,7 @@ def on_measured(folder: Path, *settings: str) -> tuple[int, str]:
     return command(folder, "estimate", str(folder / "edge.yaml"), "--measurements", str(record), "--no-page", *settings)
 
 
+@pytest.mark.slow
 def test_the_bridges_of_a_layout_are_those_that_were_bonded(tested):
     code, said = on_measured(tested)
     assert code == 0, said
@@ -256,6 +264,7 @@ def test_the_bridges_of_a_layout_are_those_that_were_bonded(tested):
     assert "10 mm from there" in said
 
 
+@pytest.mark.slow
 def test_a_bridge_that_is_wired_the_other_way_round_is_named(tested):
     code, said = on_measured(tested, "--set=estimate.channels.1.sign=-1")
     assert code == 3

@@ -57,6 +57,7 @@ def found(project):
     return said, dict(artefact.summary), arrays, pages, {own.title: own for own in artefact.tables}
 
 
+@pytest.mark.slow
 def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found):
     said, numbers, arrays, _, _ = found
     assert numbers["records"] == 3
@@ -70,6 +71,7 @@ def test_one_modulus_is_found_by_all_records_and_each_has_loads_of_its_own(found
     assert f"E {numbers['estimate.E']:.4g} ± {numbers['std.E']:.2g} Pa" in said
 
 
+@pytest.mark.slow
 def test_the_table_over_records_says_what_the_histories_say(found):
     _, _, arrays, _, tables = found
     rows = tables["records"].rows
@@ -85,6 +87,7 @@ def test_the_table_over_records_says_what_the_histories_say(found):
     assert tables["parameters that all records share"].columns[3:] == tuple(f"{name} alone" for name in NAMES)
 
 
+@pytest.mark.slow
 def test_a_page_over_records_leads_to_one_of_each(found):
     *_, pages, _ = found
     assert set(pages) == {"test.html", *(f"test-{name}.html" for name in NAMES)}
@@ -115,6 +118,7 @@ def test_status_view_and_figures_say_which_record(project, found, tmp_path):
     assert {f"test-{name}-load-side.svg" for name in NAMES} < names
 
 
+@pytest.mark.slow
 def test_the_order_of_records_is_no_matter(project, found):
     _, numbers, arrays, *_ = found
     lines = LINES.splitlines(keepends=True)
@@ -130,6 +134,7 @@ def test_the_order_of_records_is_no_matter(project, found):
             np.testing.assert_allclose(other[path], arrays[path], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_one_record_is_the_test_of_its_file(project):
     code, said, one = run(project, "  records: [{name: low, file: low.csv}]\n")
     assert code == 0, said

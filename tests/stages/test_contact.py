@@ -1,31 +1,50 @@
-"""The underside of a bolted part is named where gauges may sit on it, and is not where the config leaves it out."""
+"""Parts that touch or are bolted: what import and init say of them, and where no gauge is put."""
 
 from __future__ import annotations
 
 import json
+from functools import cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from strainsight import api
 from strainsight.cases.structure.contact import contact_warnings, held_below
+from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.stages.suggestion import suggestion
+from strainsight_cli.main import app
+
+from ..bodies import body
+from ..models import artefacts
+from .test_bad_input import CONFIG
 
 ROOT = Path(__file__).parents[2]
 LUG, DECK = ROOT / "configs" / "lug" / "lug-input.yaml", ROOT / "meshes" / "lug.bdf.gz"
 SEAT = "mesh.faces={seat: {near: [-0.0036, -0.003, 0]}}"
 
 
-def warned(*changes):
-    case = api.load(LUG, ["gauges.exclude=[]", "gauges.surface=all", *changes])
-    mesh = api.mesh(case)
+@cache
+def lug():
+    """The mesh of the lug, its facets and faces."""
+    mesh = api.mesh(api.load(LUG))
     facets = exterior_facets(mesh)
-    return list(contact_warnings(case.config, mesh, facets, faces_of(mesh.position, facets)))
+    return mesh, facets, faces_of(mesh.position, facets)
+
+
+def warned(*changes):
+    """Warnings of the import; a change of mesh.faces names faces of the same mesh."""
+    case = api.load(LUG, ["gauges.exclude=[]", "gauges.surface=all", *changes])
+    mesh, facets, faces = lug()
+    if any(change.startswith("mesh.faces=") for change in changes):
+        mesh = api.mesh(case)
+    return list(contact_warnings(case.config, mesh, facets, faces))
 
 
 def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
@@ -40,8 +59,7 @@ def test_the_import_says_what_leaves_the_underside_out_and_then_no_more():
 
 @pytest.mark.parametrize("seat", [True, False])
 def test_each_gauge_on_that_face_says_what_holds_it(seat):
-    mesh = api.mesh(api.load(LUG))
-    facets = exterior_facets(mesh)
+    mesh, facets, _ = lug()
     pool = candidates(mesh, facets, None, (0.0,))
     below = pool.normal[:, 2] < -0.99
     below &= pool.position[:, 2] < 1e-9
@@ -63,3 +81,195 @@ def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     assert (written["mesh"]["faces"], written["gauges"]["exclude"]) == ({"seat": {"near": json.loads(own.name)}}, ["seat"])
     shipped = yaml.safe_load((LUG.parent / "lug-youngs-modulus.yaml").read_text())
     assert all(shipped[of][key] == written[of][key] for of, key in (("mesh", "faces"), ("gauges", "exclude")))
+
+
+GIVEN = ("--direction", "0 0 1", "--amplitude", "1e3", "--frequency", "20")
+WALL = "0, 0.135, 0.08"
+"""A point of the top of the outer wall."""
+SMALL = ["rom.modes=4", "rom.parameter_samples=1", "train.time_step=2e-3", "screen.keep=12", "place.keep=4", "place.instants=2"]
+
+
+def bolted(rise, *sets, below=False):
+    """An Abaqus deck of half a ring, radius 0.03 to 0.15 m, 0.04 m thick, held in its bore; outer wall of rise × 0.02 m.
+
+    below: with another such part that it lies on, 0.02 m thick, without common nodes, held at its bottom.
+    """
+
+    def chart(u, v, w):
+        return 0.03 * (1 + u) * np.cos(np.pi * v / 12), 0.03 * (1 + u) * np.sin(np.pi * v / 12), 0.02 * w
+
+    mesh = body("hex8", (4, 12, 2 + rise), chart, keep=lambda i, j, k: k < 2 or i == 3)
+    x, rows = mesh.position, mesh.blocks[0].nodes
+    if below:
+        other = body("hex8", (4, 12, 1), lambda u, v, w: chart(u, v, w - 1))
+        x, rows = np.vstack([x, other.position]), np.vstack([rows, len(x) + other.blocks[0].nodes])
+    ids = np.arange(1, len(x) + 1)
+    bolt = ids[(np.linalg.norm(x[:, :2], axis=1) < 0.031) & (x[:, 2] > -0.01) | (x[:, 2] < -0.01)]
+    lines = ["*NODE", *(f"{i}, {', '.join(map(repr, p))}" for i, p in zip(ids, x.tolist(), strict=True))]
+    lines += ["*ELEMENT, TYPE=C3D8, ELSET=part"]
+    lines += [f"{i}, {', '.join(map(str, 1 + row))}" for i, row in enumerate(rows, start=1)]
+    for name, nodes in (("bolt", bolt), *((name, ids[:2]) for name in sets)):
+        lines += [f"*NSET, NSET={name}", *(f"{node}," for node in nodes)]
+    lines += ["*MATERIAL, NAME=steel", "*ELASTIC", "2.1e11, 0.3", "*DENSITY", "7850.,"]
+    lines += ["*SOLID SECTION, ELSET=part, MATERIAL=steel", "*BOUNDARY", "bolt, 1, 3"]
+    return "\n".join([*lines, ""])
+
+
+@pytest.fixture
+def init(tmp_path, monkeypatch):
+    """init(deck, *options): exit code of `strainsight init`, its output, and the config that it wrote as text."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(deck, *options, answers=None):
+        (tmp_path / "ring.inp").write_text(deck)
+        done = CliRunner().invoke(app, ["init", "ring.inp", "-o", "own.yaml", "--force", *GIVEN, *options], input=answers)
+        assert done.exit_code == 0, done.output
+        return (tmp_path / "own.yaml").read_text()
+
+    return call
+
+
+def heights(text, deck):
+    """Of the gauges of the layout (k,) [m]."""
+    place = artefacts(text, *SMALL, until="place", files={"ring.inp": deck}, beside="bolted")["place"]
+    return place["/selected/final/position"][:, 2]
+
+
+@pytest.mark.parametrize("options", [(), ("--axis", "1 0 0")])
+@pytest.mark.parametrize(("sets", "name"), [((), "seat"), (("seat",), "seat-face")])
+def test_the_face_that_a_part_stands_on_is_left_out(init, sets, name, options):
+    text = init(bolted(2, *sets), "--load", WALL, *options)
+    own = yaml.safe_load(text)
+    assert own["gauges"]["exclude"][len(options) // 2 :] == [name]
+    assert own["mesh"]["faces"].keys() == {"loaded", name}
+    lines = [line for line in text.splitlines() if line.split("#")[0].strip() in (f"{name},", f"- {name}")]
+    assert [line.split("# ← ")[1].split(":")[0] for line in lines] == ["held by 1 bore"]
+    done = CliRunner().invoke(app, ["import", "own.yaml"])
+    assert done.exit_code == 0, done.output
+    assert "lies on something" not in done.output
+
+
+def test_no_gauge_sits_there_and_without_the_line_some_do(init, tmp_path):
+    text = init(deck := bolted(2), "--load", WALL)
+    assert heights(text, deck).min() > 1e-9
+    (line,) = [line for line in text.splitlines() if line.split("#")[0].strip() == "seat,"]
+    other = text.replace(f"{line}\n", "")
+    (tmp_path / "own.yaml").write_text(other)
+    assert load_config("own.yaml").model.gauges.exclude == ()
+    assert heights(other, deck).min() < 1e-9
+
+
+def test_a_face_that_another_part_touches_is_picked_by_its_normal_too(init):
+    """A point there is as near to one of them as to the other."""
+    own = yaml.safe_load(init(bolted(2, below=True), "--load", WALL))
+    normals = {name: tuple(face.get("normal", ())) for name, face in own["mesh"]["faces"].items() if name != "loaded"}
+    assert (0, 0, -1) in normals.values()
+    assert all(len(normal) == 3 for normal in normals.values())
+    done = CliRunner().invoke(app, ["import", "own.yaml"])
+    assert done.exit_code == 0, done.output
+    assert "lies on something" not in done.output
+
+
+def test_of_a_plate_one_side_is_left_out_and_the_other_named(init):
+    """Both may lie on something. With both left out there would be places on its rims alone."""
+    text = init(bolted(0), "--load", "node 1")
+    own = yaml.safe_load(text)
+    assert own["mesh"]["faces"].keys() == {"seat-1", "seat-2"}
+    assert own["gauges"]["exclude"] == ["seat-1"]
+    assert "    # seat-2,                     # the other side of the same bores: put it in if something lies there\n" in text
+    assert {own["mesh"]["faces"][name]["near"][2] for name in ("seat-1", "seat-2")} == {0.0, 0.04}
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_face_that_the_user_has_named_is_not_written_twice(init, asked):
+    """Any point of the face says which it is."""
+    below = "0.09, 0.09, 0"
+    options = ("-i",) if asked else ("--load", below)
+    own = yaml.safe_load(init(bolted(2), *options, answers=f"{below}\nn\n" if asked else None))
+    assert own["mesh"]["faces"] == {"loaded": {"near": [0.09, 0.09, 0]}}
+    assert (own["loads"]["force"]["set"], own["gauges"]["exclude"]) == ("loaded", ["loaded"])
+
+
+def test_a_part_that_is_held_otherwise_has_no_such_face(init):
+    text = init(bolted(2).replace("*BOUNDARY\nbolt, 1, 3\n", ""), "--load", WALL, "--held", "0.15, 0, 0.06")
+    own = yaml.safe_load(text)
+    assert own["mesh"]["faces"].keys() == {"held", "loaded"}
+    assert "exclude" not in own["gauges"]
+    assert "  # exclude: " in text
+
+
+def cubes(cells, fixed, first=1):
+    """Nastran cards of cubes of the unit cell: cells of positions and edge lengths, each with nodes of its own."""
+    lines = ["SOL 103", "CEND", "BEGIN BULK"]
+    for n, (at, size) in enumerate(cells):
+        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
+        ids = [8 * n + k + first for k in range(8)]
+        lines += [
+            f"GRID,{i},,{','.join(str(a + size * c) for a, c in zip(at, corner, strict=True))}"
+            for i, corner in zip(ids, corners, strict=True)
+        ]
+        lines.append(f"CHEXA,{n + 1},1,{','.join(map(str, ids[:6]))}\n,{ids[6]},{ids[7]}")
+    lines += ["PSOLID,1,1", "MAT1,1,2.1+11,,.3,7850.", f"SPC1,1,123,{','.join(map(str, fixed))}", "ENDDATA"]
+    return "\n".join(lines) + "\n"
+
+
+def imported(folder, deck, more=""):
+    (folder / "own.bdf").write_text(deck)
+    (folder / "own.yaml").write_text(CONFIG.format(file="own.bdf", more=more).replace("node: 4", "node: 7"))
+    done = CliRunner(env={"COLUMNS": "4000"}).invoke(
+        app, ["import", str(folder / "own.yaml"), "--results", str(folder / "results")]
+    )
+    return done.exit_code, " ".join(done.output.split())
+
+
+PAIR = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.0, 0.0), 1.0)], (1, 4, 5, 8, 10, 11))
+
+
+def test_two_cubes_that_are_not_merged_are_named_and_are_one_part_with_mesh_merge(tmp_path):
+    code, said = imported(tmp_path, PAIR)
+    assert code == 0
+    assert "8 nodes lie in the place of another that is not joined to them, as 2 and 9 at (1, 0, 0) m" in said
+    assert said.index("8 nodes lie in the place") == said.index("warning") + len("warning: ")
+    code, said = imported(tmp_path, PAIR, ", merge: 1.0e-6")
+    assert code == 0
+    assert "4 nodes became others within 1e-06 m, as 9 which is 2 now" in said
+    assert "nodes lie in the place" not in said
+    assert "12 nodes, 2 hex8" in said
+
+
+def test_the_same_cube_twice_is_an_error_with_its_line(tmp_path):
+    code, said = imported(tmp_path, cubes([((0.0, 0.0, 0.0), 1.0)] * 2, (1, 4, 5, 8)))
+    assert code == 2
+    assert "own.bdf:22" in said
+    assert "elements 1 and 2 (hex8) lie in one place" in said
+
+
+def test_a_small_cube_on_a_large_one_hangs_until_it_is_tied(tmp_path):
+    deck = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.25, 0.25), 0.5)], (1, 4, 5, 8, 10, 11))
+    code, said = imported(tmp_path, deck)
+    assert code == 0
+    assert "4 nodes lie on elements that are not theirs, as 9 on element 1 at (1, 0.25, 0.25) m" in said
+    deck = deck.replace("SPC1,1,123,1,4,5,8,10,11", "SPC1,1,123,1,4,5,8")
+    faces = (
+        ", faces: {fine: {normal: [-1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]},"
+        " coarse: {normal: [1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]}},"
+        " ties: [{type: surface, set: fine, to: coarse}]"
+    )
+    code, said = imported(tmp_path, deck, faces)
+    assert code == 0, said
+    assert "not theirs" not in said
+    assert "mesh.ties.0" in said
+
+
+@pytest.mark.parametrize(
+    ("tie", "what"),
+    [
+        ("{type: surface, set: fine}", "a surface needs `to`"),
+        ("{type: surface, set: fine, to: coarse, reference: 3}", "a surface has no reference node"),
+        ("{type: rigid, set: fine}", "rigid needs `reference`"),
+    ],
+)
+def test_a_tie_has_the_keys_of_its_type(tmp_path, tie, what):
+    code, said = imported(tmp_path, PAIR, f", ties: [{tie}]")
+    assert code == 2
+    assert what in said

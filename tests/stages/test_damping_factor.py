@@ -1,13 +1,19 @@
-"""property: damping_factor: from a config to an estimate whose σ holds; what a config may not say of it."""
+"""Damping factors and natural frequencies within their tolerance: estimates whose σ holds."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from strainsight.cases.structure.nuisances import exact_frequencies_in_words
+from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
 
-from ..edges.beam import bricks, finished
+from ..edges.beam import E, bricks, finished
+from ..shared import ROOT
+from .drawn_truths import NOTHING, beam_in, filtered, spread, trial
 
 BRICKS = bricks((6, 2, 2))
 FREE = {
@@ -75,3 +81,72 @@ def test_the_factor_moves_nothing_but_the_damping(tmp_path):
 def test_what_contradicts_it_is_named(tmp_path, change, words):
     with pytest.raises(StrainsightError, match=words):
         finished(tmp_path, "import", BRICKS, {**FREE, **change})
+
+
+SHAKEN = {
+    "train": {"duration": 0.25, "time_step": 0.001},
+    "loads.tip.signal": {"type": "multisine", "amplitude": 1000.0, "lowest": 20.0, "highest": 110.0, "count": 10},
+    "gauges.noise_std": {"relative_to_strongest": 0.003},
+}
+OF_E = SHAKEN | {"tolerances": NOTHING | {"load_gain": 0.02, "frequency": 0.01}}
+EXACT = OF_E | {"tolerances": NOTHING | {"load_gain": 0.02}}
+OF_A_LOAD = SHAKEN | {
+    "tolerances": NOTHING | {"frequency": 0.01},
+    "loads.tip.known": False,
+    "loads.tip.process_noise": {"model": "integrated_random_walk", "frequency": 100.0},
+    "parameters.E.guess": E,
+    "place.estimate": ["tip"],
+    "validate.initial_std": {"tip": 1.0},
+}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ((), False),
+        (("tolerances.frequency=0",), True),
+        (("tolerances=none",), False),
+        (("tolerances.frequency=0", "train.model=static"), False),
+    ],
+)
+def test_an_estimate_says_that_its_sigma_takes_frequencies_for_exact(overrides, told):
+    config = load_config(ROOT / "configs" / "cantilever-input.yaml", overrides).model
+    assert ("tolerances.frequency: 0.01" in exact_frequencies_in_words(config)) == told
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    return beam_in(tmp_path_factory.mktemp("beam"))
+
+
+def test_each_mode_that_gauges_read_has_a_tolerance_of_its_own_beside_that_of_all(beam):
+    """The first two bend the beam, at 66 and 82 Hz by beam theory; the others are beyond 400 Hz."""
+    n = beam(OF_E).reduced.model.size
+    np.testing.assert_allclose(beam(OF_E).tolerated.frequency, 0.01 * np.vstack([np.ones(n), 0.5 * np.eye(n)[:2]]))
+    assert len(beam(EXACT).tolerated.frequency) == 0
+
+
+def test_a_modulus_seen_through_resonances_is_within_its_sigma_and_was_far_beyond_it(beam):
+    """Three draws, the last of which a lattice of exact frequencies takes to the resonance of the other mode."""
+    own, exact = trial(beam(OF_E)), beam(EXACT)
+    for realisation in (1, 2, 5):
+        error, std = filtered(beam(OF_E), own, realisation)
+        assert np.abs(error / std).max() < 3.0
+        assert 0.01 < std[-1] < 0.03
+    error, std = filtered(beam(OF_E), replace(own, tolerated=exact.tolerated), 3)
+    assert np.abs(error / std).max() > 20.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("of", [OF_E, OF_A_LOAD])
+def test_drawn_truths_are_within_their_sigma(beam, of):
+    within, ratio, _ = spread(beam(of), 60)
+    assert within > 0.9
+    assert 0.7 < ratio < 1.25
+
+
+@pytest.mark.slow
+def test_sigma_is_no_smaller_than_the_error_where_frequencies_are_exact(beam):
+    found = replace(trial(beam(EXACT)), tolerated=beam(OF_E).tolerated)
+    error, std = (np.array(each) for each in zip(*(filtered(beam(EXACT), found, r) for r in range(1, 31)), strict=True))
+    assert np.mean(np.abs(error) < 2 * std) > 0.9

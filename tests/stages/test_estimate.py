@@ -69,6 +69,7 @@ def test_estimate_finds_what_validate_found(project, plain):
     assert plain[0]["consistent"]
 
 
+@pytest.mark.slow
 def test_what_a_test_found_is_the_guess_of_another_run(project):
     summary, _ = as_written(project)
     named = ("name=next", "parameters.E.guess={from: test, stage: estimate}")
@@ -92,6 +93,7 @@ def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_
         np.testing.assert_allclose(found[path], validate[path], rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_record_that_begins_settled_is_estimated_as_validate_did(project, known):
     """But for the load, which is straight between samples; and where nothing is known of the start σ is larger at first."""
     file = known / "measured.csv"
@@ -135,6 +137,7 @@ def test_the_variance_of_an_estimate_is_made_of_what_place_expects(known, projec
             assert share == pytest.approx(place[source] / (1 - place["frequency"]), abs=0.03), source
 
 
+@pytest.mark.slow
 def test_a_drift_and_a_temperature_are_in_every_budget(tmp_path):
     """Of place, validate and estimate, by shares that go with the square of the strain, and so with 1.1² of E. They are small:
     what grows with time is unlike a sine, and learned where it is large."""
@@ -191,6 +194,7 @@ def test_a_virtual_gauge_reads_the_true_strain_where_none_is(project, plain):
     assert virtual == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     file = project / "results" / "test" / "measured.csv"
     one = "estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"
@@ -199,6 +203,7 @@ def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
     assert "cannot tell" in said
 
 
+@pytest.mark.slow
 def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
     """Everything that rests on them is NaN, and the estimates are those that have it otherwise."""
     sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
@@ -230,6 +235,7 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
         np.testing.assert_array_equal(withheld[path], given[path])
 
 
+@pytest.mark.slow
 def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_with_that(project, plain):
     """2.1e11 Pa is the truth."""
     file = project / "results" / "test" / "measured.csv"
@@ -249,6 +255,7 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
     assert not any(name.startswith("std.") for name in own.summary)
 
 
+@pytest.mark.slow
 def test_a_finer_step_of_the_filter_changes_little(project, plain):
     file = project / "results" / "test" / "measured.csv"
     code, said = estimated(project, file, "estimate.time_step=2.5e-4")
@@ -270,6 +277,7 @@ def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
     assert validate["/sweep/std/side"][1] > 1.5 * validate.summary["std.side"]
 
 
+@pytest.mark.slow
 def test_every_dataset_of_estimate_is_listed(compared):
     listed = rows("estimate")
     assert "/compared/ratio/E" in compared
@@ -320,6 +328,7 @@ def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
     assert np.abs(ours - theirs).max() < 2e-3 * np.abs(theirs).max()
 
 
+@pytest.mark.slow
 def test_a_biased_time_step_says_what_it_does(project, compared):
     """The trapezoidal rule lengthens the period by (ωh)²/12: E comes out about twice that too large, and the notes say so."""
     file = project / "results" / "test" / "measured.csv"
@@ -331,9 +340,3 @@ def test_a_biased_time_step_says_what_it_does(project, compared):
     assert stated == pytest.approx(longer, rel=0.1)
     # by the bank without tolerances: with them the damping is open, and E is what the gauges read rather than the period
     assert result(project)["/compared/estimate/E"][0] > compared["/compared/estimate/E"][1][0]
-
-
-def test_the_square_root_form_gives_the_same_estimate(project, plain):
-    code, said = estimated(project, project / "results" / "test" / "measured.csv", "filter.form=square_root")
-    assert code == 0, said
-    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-4)

@@ -39,22 +39,7 @@ def test_columns_may_stand_in_any_order_and_units_in_any_way(project, plain, tmp
     np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
 
 
-def test_millivolts_become_strain_by_the_exact_bridge(project, plain, tmp_path):
-    """A quarter bridge of one active arm R(1 + GF ε): output over excitation GF ε/(4 + 2 GF ε), here in mV/V."""
-    head, values = table(project)
-    at = [h.startswith("G3") for h in head].index(True)
-    strain = values[:, at].copy()
-    values[:, at] = 1e3 * 2.05 * strain / (4 + 2 * 2.05 * strain)
-    head[at] = "G3 [mV/V]"
-    file = write(tmp_path / "bridge.csv", head, values)
-    change = (
-        "estimate.channels.2={channel: G3, gauge: G3, unit: mV/V, bridge: {arrangement: quarter, gauge_factor: 2.05}}"
-    )
-    code, said = estimated(project, file, change)
-    assert code == 0, said
-    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
-
-
+@pytest.mark.slow
 def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
     head, values = table(project)
     rng = np.random.default_rng(1)
@@ -68,15 +53,7 @@ def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
     assert np.linalg.norm(found - plain[1]["/smoothed/side"]) < 0.02 * np.linalg.norm(found)
 
 
-def test_a_gauge_that_drops_out_for_good_is_survived(project, plain, tmp_path):
-    head, values = table(project)
-    at = [h.startswith("G4") for h in head].index(True)
-    values[len(values) // 2 :, at] = np.nan
-    code, said = estimated(project, write(tmp_path / "torn.csv", head, values))
-    assert code == 0, said
-    assert np.isfinite(result(project)["/smoothed/side"]).all()
-
-
+@pytest.mark.slow
 def test_an_unknown_offset_is_found(project, plain, tmp_path):
     head, values = table(project)
     at = [h.startswith("G1") for h in head].index(True)
@@ -116,6 +93,7 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     assert "give a part of the record at a time" in said
 
 
+@pytest.mark.slow
 def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, tmp_path):
     head, values = table(project)
     gone = np.r_[0:100, 105 : len(values)]
@@ -176,6 +154,7 @@ def written(path, found):
 
 
 @pytest.mark.parametrize("name", ["a.mf4", "a.tdms", "5.mat", "73.mat"])
+@pytest.mark.slow
 def test_the_estimate_is_that_of_the_csv_file(project, plain, tmp_path, name):
     file = written(tmp_path / name, columns(project))
     code, said = estimated(project, file, *([] if file.suffix == ".mat" else ["estimate.time.channel=null"]))

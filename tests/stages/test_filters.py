@@ -1,4 +1,4 @@
-"""The filters of a structure beside the bank: each by itself ends where the comparison has it, and the verdicts follow."""
+"""The filters of a structure beside the grid filter, and how the motion begins, `train.settle`."""
 
 from __future__ import annotations
 
@@ -9,13 +9,18 @@ import yaml
 from strainsight import api
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.cases.structure import compared
+from strainsight.cases.structure import expectation as expecting
 from strainsight.cases.structure.excluded import excluded, excluded_in_words
-from strainsight.cases.structure.problem import exactly_damped, filter_model, problem_of
-from strainsight.errors import NumericalError
+from strainsight.cases.structure.problem import exactly_damped, filter_model, initial_covariance, problem_of
+from strainsight.cases.structure.scenarios import placed_instants
+from strainsight.errors import ConfigError, NumericalError, UserError
 from strainsight.gauges.candidates import ACCELERATION
 from strainsight.records.estimated import Compared
+from strainsight.workflow.artefact import Artefact
 
-from ..edges.beam import PLACEMENT_CONFIG, bricks
+from ..edges.beam import PLACEMENT_CONFIG, E, bricks, finished
+from ..shared import FEW, HUB, strains
+from .conftest import ROOT, made
 
 SHORT = ("validate.repeats=1", "validate.random_sets=0", "validate.noise_factors=[]")
 
@@ -180,3 +185,209 @@ def test_two_estimates_that_exclude_each_other_are_named():
     assert not words(np.nan)
     assert excluded_in_words(words(2.04e11), True, "estimate.start").endswith("check estimate.start")
     assert not excluded_in_words("", True, "estimate.start")
+
+
+COUNTS = (6, 2, 2)
+PERIOD = 50
+"""Steps of a period of 20 Hz."""
+RAMP = {"type": "csv", "file": "ramp.csv", "time_column": "t", "value_column": "F"}
+SWEEP = {"type": "sweep", "start_frequency": 5.0, "end_frequency": 30.0, "duration": 0.1, "amplitude": 100.0}
+
+
+def run(folder, until, changes=()):
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "ramp.csv").write_text("t,F\n-0.05,0\n1,1000\n", encoding="utf-8")
+    return finished(folder, until, bricks(COUNTS), {"filter.compare": False, **dict(changes)})
+
+
+def apart(one, other):
+    return np.abs(one - other).max() / np.abs(other).max()
+
+
+def advice(place: Artefact) -> str:
+    return "\n".join(row[0] for table in place.tables if table.title == "advice" for row in table.rows)
+
+
+def test_the_training_run_repeats_itself_by_itself_and_not_from_rest(tmp_path):
+    own, rest = (run(tmp_path / s, "train", {"train.settle": s})["train"] for s in ("auto", "none"))
+    by_default = run(tmp_path / "default", "train")["train"]
+    for part in ("/coordinate", "/velocity", "/acceleration"):
+        assert apart(own[part][PERIOD:], own[part][:-PERIOD]) < 1e-9
+        assert apart(rest[part][PERIOD:], rest[part][:-PERIOD]) > 0.05
+        np.testing.assert_array_equal(by_default[part], own[part])
+    assert not rest["/coordinate"][0].any()
+    assert not rest["/velocity"][0].any()
+
+
+def test_seconds_before_the_start_tend_to_the_steady_state_with_the_decay_of_the_first_mode(tmp_path):
+    """ζ = 0.05: the free vibration that is left, e^(−ζω₁t) of the one from rest."""
+    left = {}
+    damped = {"damping.ratio": 0.05}
+    own = run(tmp_path / "auto", "train", damped)
+    steady = strains(own["train"])
+    for t in (0.25, 0.5, 1.0):
+        found = strains(run(tmp_path / str(t), "train", {**damped, "train.settle": t})["train"])
+        left[t] = apart(found, steady)
+    rate = 0.05 * 2 * np.pi * own["rom"]["/frequency"][0]
+    assert np.log(left[0.25] / left[0.5]) == pytest.approx(0.25 * rate, rel=0.2)
+    assert np.log(left[0.5] / left[1.0]) == pytest.approx(0.5 * rate, rel=0.2)
+
+
+def test_a_history_is_taken_from_before_the_start_where_the_record_has_it(tmp_path):
+    """In 0.04 s from −0.04 s on; a record from −0.05 s has no 0.06 s, and a sweep has nothing."""
+    ramp = {"loads.tip.signal": RAMP, "damping.ratio": 0.05}
+    early = run(tmp_path / "early", "train", {**ramp, "train.settle": 0.04})["train"]
+    assert np.abs(early["/coordinate"][0]).max() > 0
+    with pytest.raises(ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, asked for -0\.06") as caught:
+        run(tmp_path / "late", "train", {**ramp, "train.settle": 0.06})
+    assert "auto, none" in caught.value.remedy
+    with pytest.raises(ConfigError, match=r"train\.settle: a sweep begins at t = 0"):
+        run(tmp_path / "sweep", "train", {"loads.tip.signal": SWEEP, "train.settle": 0.05})
+
+
+@pytest.mark.parametrize("signal", [RAMP, SWEEP], ids=["csv", "sweep"])
+def test_what_is_not_periodic_starts_from_rest(tmp_path, signal):
+    own = run(tmp_path / "auto", "train", {"loads.tip.signal": signal})["train"]
+    rest = run(tmp_path / "none", "train", {"loads.tip.signal": signal, "train.settle": "none"})["train"]
+    np.testing.assert_array_equal(strains(own), strains(rest))
+    assert not own["/coordinate"][0].any()
+
+
+@pytest.mark.parametrize("given", ["rest", 0.0, -1.0, 1e9])
+def test_other_settings_are_refused_with_the_key(tmp_path, given):
+    with pytest.raises(UserError) as caught:
+        run(tmp_path, "train", {"train.settle": given})
+    assert caught.value.key == "train.settle"
+
+
+def test_an_undamped_resonance_has_no_steady_state(tmp_path):
+    frequency = float(run(tmp_path / "modes", "rom")["rom"]["/frequency"][0])
+    resonant = {"damping.ratio": 0.0, "loads.tip.signal.frequency": frequency}
+    with pytest.raises(UserError, match="undamped mode 1") as caught:
+        run(tmp_path / "auto", "train", resonant)
+    assert caught.value.key == "train.settle"
+    run(tmp_path / "none", "train", {**resonant, "train.settle": "none"})
+
+
+@pytest.mark.parametrize(("model", "tolerance"), [("rom", 1e-9), ("modes", 1e-9), ("rich", 1e-9), ("full", 1e-5)])
+def test_the_truth_begins_as_the_training_run_does(tmp_path, model, tolerance):
+    """Periodic in what the gauges read; the whole model's step and hold leave 2e-6 of free vibration."""
+    changes = {"validate.truth.model": model, "validate.repeats": 1, "validate.random_sets": 0}
+    own = run(tmp_path, "validate", changes)["validate"]["/gauge/true"]
+    assert apart(own[PERIOD:], own[:-PERIOD]) < tolerance
+
+
+def test_the_truth_begins_from_rest_where_that_is_asked_for(tmp_path):
+    changes = {"validate.repeats": 1, "validate.random_sets": 0, "train.settle": "none"}
+    rest = run(tmp_path, "validate", changes)["validate"]["/gauge/true"]
+    assert apart(rest[PERIOD:], rest[:-PERIOD]) > 0.05
+    assert np.abs(rest[0]).max() < 0.05 * np.abs(rest).max()
+
+
+def test_the_whole_model_moves_as_its_modes_do(tmp_path):
+    """From the first sample on; twelve modes and static terms are all that counts at 20 Hz."""
+    changes = {"validate.repeats": 1, "validate.random_sets": 0, "validate.truth.modes": 12}
+    full, modes = (
+        run(tmp_path / m, "validate", {**changes, "validate.truth.model": m})["validate"]["/gauge/true"]
+        for m in ("full", "modes")
+    )
+    assert apart(full, modes) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("changes", "warned"),
+    [
+        ({}, False),
+        ({"loads.tip.signal": RAMP}, True),
+        ({"loads.tip.signal": RAMP, "train.settle": "none"}, False),
+        ({"train.settle": "none"}, False),
+        ({"train.settle": 0.01}, True),
+        ({"train.settle": 3.0}, False),
+    ],
+)
+def test_instants_in_what_a_start_from_rest_has_set_off_are_reported(tmp_path, changes, warned):
+    """3/(ζω₁) is some 0.7 s here, and the run 0.1 s."""
+    place = run(tmp_path, "place", changes)["place"]
+    assert ("still rings" in advice(place)) is warned
+    assert ("2 of 2 instants" in advice(place)) is warned
+
+
+@pytest.mark.parametrize("settle", ["auto", "none", 0.2])
+def test_place_and_validate_tell_the_filter_the_same_of_the_start(tmp_path, monkeypatch, settle):
+    """P₀ of the motion: its largest training amplitude where it moves, a thousandth of it at rest; it covers x(0)."""
+    run(tmp_path, "place", {"train.settle": settle})
+    case = api.load(tmp_path / "edge.yaml")
+    done = api.open_run(tmp_path / "results" / "edge")
+    training, screened = done.training, done.screened
+    problem = problem_of(case.config, case.files, done.reduced, training, screened)
+    seen = []
+    recursion = expecting.bank_claim
+    noted = lambda m, x, u, P, *rest: seen.append(P) or recursion(m, x, u, P, *rest)  # noqa: E731
+    monkeypatch.setattr(expecting, "bank_claim", noted)
+    gauges = done.placed.final.number
+    mesh = api.mesh(case)
+    api.expect(case, mesh, done.reduced, training, screened, gauges)
+    trial = api.validate(case, mesh, done.reduced, training, screened, gauges).trial
+    n = 2 * done.reduced.model.size
+    np.testing.assert_array_equal(seen[0][:n, :n], trial.covariance[:n, :n])
+    largest = np.maximum(np.abs(np.hstack([training.coordinate, training.velocity])).max(axis=0), 0)
+    share = 1e-3 if settle == "none" else 1.0
+    np.testing.assert_allclose(np.sqrt(np.diag(trial.covariance)[:n]), share * largest, rtol=1e-12)
+    start = np.hstack([training.coordinate[0], training.velocity[0]])
+    assert np.all(np.abs(start) <= np.sqrt(np.diag(trial.covariance)[:n]) * (1 + 1e-12))
+    moving = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), moving=True)
+    assert (np.diag(moving)[:n] >= np.diag(trial.covariance)[:n] * (1 - 1e-12)).all()
+
+
+def test_an_estimate_is_found_from_the_first_period_of_a_motion_under_way(tmp_path):
+    """Of the filter's own model without noise to speak of: E to 1 %, with the guess 10 % off and the mean at rest."""
+    assert PLACEMENT_CONFIG["parameters"]["E"]["guess"] == 0.9 * E
+    changes = {"validate.truth.model": "rom", "validate.repeats": 1, "validate.random_sets": 0}
+    found = run(tmp_path, "validate", changes)["validate"]["/estimate/E"]
+    assert found[-1] == pytest.approx(E, rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def hub():
+    """settle → artefacts of E and ρ of the hub under 20 Hz, up to place, with gauges installed exactly."""
+    config = ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"
+    return {
+        s: made(config, f"train.settle={s}", "tolerances=none", *FEW, until="place", beside=HUB) for s in ("auto", "none")
+    }
+
+
+@pytest.mark.slow
+def test_a_slow_load_tells_no_density_of_the_hub_but_by_the_vibration_of_its_start(hub):
+    """The first mode, f₁ = 485 Hz, rings for 3/(ζω₁) = 0.1 s of 0.5 s. Without it the readings of a load of 20 Hz hold ρ by its
+    share (20 Hz/f₁)² alone, which E has to be known without."""
+    settled, rest = (hub[s]["place"].summary for s in ("auto", "none"))
+    share = (20 / hub["auto"]["rom"]["/frequency"][0]) ** 2
+    assert settled["std.rho"] > 0.15
+    assert rest["std.rho"] < 0.05
+    assert np.sqrt(settled["std.E"] ** 2 - rest["std.E"] ** 2) == pytest.approx(share * settled["std.rho"], rel=0.3)
+
+
+@pytest.mark.slow
+def test_the_joint_cases_of_the_hub_are_beyond_their_best_single_ones_as_in_figure_6_9(hub):
+    condition = {
+        s: {k.removeprefix("condition."): v for k, v in hub[s]["observe"].summary.items() if k.startswith("condition.")}
+        for s in hub
+    }
+    for joint in ("input+E", "input+rho", "E+rho", "input+E+rho"):
+        own = condition["auto"]
+        assert own[joint] > 700 * min(own[single] for single in joint.split("+"))
+    assert condition["none"]["E+rho"] < 100 * condition["none"]["E"]
+
+
+@pytest.mark.slow
+def test_from_rest_every_instant_of_the_hub_lies_where_its_first_mode_rings(hub):
+    """Within 3/(ζω₁), the first fifth of the run; in the steady state anywhere."""
+    case, ringing = api.load(ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"), 3 / (0.01 * 2 * np.pi * 484.7)
+    found = {}
+    for settle, artefacts in hub.items():
+        run = api.open_run(artefacts["place"].path.parent)
+        problem = problem_of(case.config, case.files, run.reduced, run.training, run.screened)
+        at = placed_instants(problem, problem.model.reference, problem.x, case.config.place, case.config.seed)
+        found[settle] = problem.h * at
+    assert found["none"].max() < ringing < 0.2 * 0.5
+    assert found["auto"].max() > 0.5 * 0.5

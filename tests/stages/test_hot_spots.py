@@ -1,18 +1,29 @@
-"""Gauges of a layout that sit at a hot spot are named, with how much their strain changes."""
+"""Gauges at hot spots, and what is to be looked at where gauges are bonded."""
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from strainsight import api
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.gauge_file import gauge_csv
+from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, advice_at_gauges, notes_at_gauges
+from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.cases.structure.hot_spots import SHARE, at_guess, hot_spot_advice, share_of
 from strainsight.cases.structure.placed import placement_output
-from strainsight.records.placed import HotSpots
+from strainsight.gauges.candidates import candidates
+from strainsight.gauges.walk import skin_of
+from strainsight.gauges.zones import NormalCone
+from strainsight.mesh.facets import exterior_facets
+from strainsight.records.placed import AtGauges, HotSpots
 
+from ..bodies import body
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, E, bricks
 
 CELLS = (20, 4, 4)
@@ -107,3 +118,169 @@ def test_sentences_say_both_changes_and_who_was_not_tested():
     assert "move it" in second
     assert "G3" in third
     assert not list(hot_spot_advice(None, ("G1",), (False,)))
+
+
+SIGMA, LENGTH = 0.002, 0.006
+
+
+@pytest.fixture(scope="module")
+def bar():
+    """0.4 × 0.05 × 0.05 m in hex20, moved so that ε_xx = x/m: u = x²/2."""
+    mesh = body("hex20", (8, 2, 2), lambda u, v, w: (0.05 * u, 0.025 * v, 0.025 * w))
+    field = np.zeros((len(mesh.position), 3))
+    field[:, 0] = 0.5 * mesh.position[:, 0] ** 2
+    return mesh, SimpleNamespace(basis=field.reshape(-1, 1))
+
+
+def steep(bar, angles, rosette=False, bonded=False):
+    """Changes in place and over the grid of gauges on the top, away from its ends, and x of each [m]."""
+    mesh, reduced = bar
+    facets = exterior_facets(mesh)
+    every = candidates(
+        mesh, facets, (1, 0, 0), angles, include=[NormalCone((0, 0, 1), 5.0)], rosette=rosette, length=LENGTH
+    )
+    part = every.take(np.flatnonzero(np.abs(every.position[:, 0] - 0.2) < 0.13))
+    if bonded:
+        part.bonded[:] = True
+    training = SimpleNamespace(moment=np.eye(1))
+    found = _steep(mesh, reduced, training, part, SIGMA, skin_of(mesh.position, facets))
+    return *found, part.position[part.first, 0]
+
+
+def test_of_a_strain_that_grows_along_a_bar_both_changes_are_in_closed_form(bar):
+    """ε = x along: σ/x in place, L/x over the grid."""
+    in_place, over_grid, x = steep(bar, (0.0,))
+    np.testing.assert_allclose(in_place, SIGMA / x, rtol=1e-6)
+    np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
+
+
+def test_a_turned_grid_sees_of_the_gradient_what_lies_along_it(bar):
+    """ε_d = x cos²θ: in place σ/x as before, over the grid L cos θ/x."""
+    theta = 30.0
+    in_place, over_grid, x = steep(bar, (theta,))
+    np.testing.assert_allclose(in_place, SIGMA / x, rtol=1e-6)
+    np.testing.assert_allclose(over_grid, LENGTH * np.cos(np.deg2rad(theta)) / x, rtol=1e-6)
+
+
+def test_of_a_rosette_the_channel_counts_that_changes_most_over_the_largest_reading(bar):
+    in_place, over_grid, x = steep(bar, (90.0, 45.0, 0.0), rosette=True)
+    assert len(in_place) * 3 > len(x) > 0
+    np.testing.assert_allclose(in_place, SIGMA / x, rtol=1e-6)
+    np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar, seed):
+    """ε_xx is x times what cancels in the motion of training, ε_yy is y: L/y over the grid of the channel across."""
+    mesh, reduced = bar
+    y = mesh.position[:, 1] + 0.02
+    across = np.zeros((len(y), 3))
+    across[:, 1] = 0.5 * y**2
+    rng = np.random.default_rng(seed)
+    motion, b = rng.standard_normal((2, 6))
+    b -= (b @ motion) / (motion @ motion) * motion
+    basis = np.hstack([reduced.basis * b, across.reshape(-1, 1)])
+    moment = np.outer([*motion, 1.0], [*motion, 1.0])
+    facets = exterior_facets(mesh)
+    part = candidates(mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH)
+    training, skin = SimpleNamespace(moment=moment), skin_of(mesh.position, facets)
+    _, over_grid = _steep(mesh, SimpleNamespace(basis=basis), training, part, SIGMA, skin)
+    np.testing.assert_allclose(over_grid, LENGTH / (part.position[part.first, 1] + 0.02), rtol=1e-6)
+
+
+def test_a_gauge_that_is_bonded_is_in_its_place(bar):
+    in_place, over_grid, x = steep(bar, (0.0,), bonded=True)
+    assert not in_place.any()
+    np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
+
+
+NOTED = AtGauges(
+    in_place=np.array([0.01, 0.081, 0.02, np.nan]),
+    over_grid=np.array([0.02, 0.25, 0.03, np.nan]),
+    room=np.array([np.inf, np.inf, 0.012, 0.06]),
+    lies_on=("", "", "", "the face about (0, 0, 0) m is held by 4 bores"),
+    in_place_limit=IN_PLACE,
+    over_grid_limit=OVER_GRID,
+    room_limit=HAND,
+)
+
+
+def test_each_note_has_its_number_and_its_limit():
+    quiet, steep_one, tight_one, sensor = notes_at_gauges(NOTED, 4)
+    assert quiet == ""
+    assert steep_one == (
+        "steep gradient here: the strain changes by 8.1 % over σ of its place (limit 5 %) and by 25 % over its grid (limit 20 %)"
+    )
+    assert tight_one == "check access: 12 mm of room over it (limit 60 mm)"
+    assert sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
+    open_above = replace(NOTED, room=np.full(4, np.inf))
+    assert notes_at_gauges(open_above, 4)[2:] == ("", "check access: the face about (0, 0, 0) m is held by 4 bores")
+    assert notes_at_gauges(None, 2) == ("", "")
+
+
+def test_the_advice_names_them_with_a_remedy_where_one_is_left():
+    """A gauge that is bonded has been reached, and stays."""
+    labels = ("G1", "G2", "G3", "A1")
+    said = list(advice_at_gauges(NOTED, labels, [False] * 4))
+    assert [text.split(",")[0] for text in said] == ["G2", "G3", "A1", "A1"]
+    assert said[0].endswith("place it by a template, take a shorter grid, or move it.")
+    assert "gauges.exclude" in said[1]
+    bonded = list(advice_at_gauges(NOTED, labels, [True] * 4))
+    assert [text.split(",")[0] for text in bonded] == ["G2"]
+    assert bonded[0].endswith("(limit 20 %).")
+    assert list(advice_at_gauges(None, labels, [False] * 4)) == []
+
+
+def test_a_face_that_lies_on_something_has_one_sentence_with_the_gauges_on_it():
+    below, side = "the face about (0, 0, 0) m is held by 4 bores", "the face about (1, 0, 0) m is held by 1 bore"
+    own = replace(NOTED, in_place=np.zeros(4), over_grid=np.zeros(4), lies_on=(below, side, below, below))
+    said = list(advice_at_gauges(own, ("G1", "G2", "G3", "B1"), [False, False, False, True]))
+    assert [text.split(": see")[0] for text in said] == [
+        f"G1, G3, check access: {below}",
+        f"G2, check access: {side}",
+        "G3, check access: 12 mm of room over it (limit 60 mm)",
+    ]
+
+
+@pytest.fixture(scope="module")
+def placed(tmp_path_factory):
+    """Two gauges on a plain beam, one of them bonded near its free end, where bending ends and nothing else strains."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((10, 2, 2), "hex20"), encoding="ascii")
+    data = PLACEMENT_CONFIG | {"screen": {"keep": 20}}
+    (folder / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
+    fixed = "gauges.fixed=[{name: K1, position: [0.85, 0.05, 0.08], direction: [1, 0, 0]}]"
+    case = api.load(
+        folder / "edge.yaml",
+        ["gauges.type=6/350", "gauges.direction.angles=[0]", "loads.tip.direction=[0, 0, 1]", fixed],
+    )
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training)), mesh
+
+
+def test_of_a_cantilever_the_gradient_is_that_of_its_moment(placed):
+    """ε ∝ 1 m − x of a tip force far below the first mode, which lifts it by its inertia: L over that, within a tenth."""
+    found, listed = placed[0].at_gauges, placed[0].listed
+    free = 1.0 - listed.position[:, 0]
+    np.testing.assert_allclose(found.over_grid, listed.length / free, rtol=0.1)
+    np.testing.assert_allclose(found.in_place[~listed.bonded], 0.002 / free[~listed.bonded], rtol=0.1)
+    assert not found.in_place[listed.bonded].any()
+    assert np.isinf(found.room).all()
+    assert listed.notes == ("",) * len(listed.labels)
+
+
+def test_notes_are_the_last_column_of_the_file_where_there_are_some_and_it_is_read_as_before(placed, tmp_path):
+    found, mesh = placed
+    of_deck = found.expected.without, mesh, deck_frame("m")
+    plain = gauge_csv(found.listed, *of_deck)
+    assert b"notes" not in plain
+    notes = ("", notes_at_gauges(NOTED, 4)[1])
+    (tmp_path / "gauges.csv").write_bytes(gauge_csv(replace(found.listed, notes=notes), *of_deck))
+    with (tmp_path / "gauges.csv").open(encoding="utf-8", newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert list(rows[0])[-1] == "notes"
+    assert [row["notes"] for row in rows] == list(notes)
+    assert [{k: v for k, v in row.items() if k != "notes"} for row in rows] == list(csv.DictReader(plain.decode().splitlines()))
+    assert list(read_bonded(tmp_path / "gauges.csv")) == list(found.listed.labels)

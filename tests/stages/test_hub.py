@@ -1,4 +1,4 @@
-"""The coarse hub end to end: reduced, four gauges placed for a modulus, and one estimate from a file of a test."""
+"""The coarse hub and the lug bracket end to end, from the mesh to one estimate."""
 
 from __future__ import annotations
 
@@ -13,12 +13,15 @@ from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight.config.suite_runs import runs_of
+from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..shared import HUB as SHARED
-from ..shared import made
-from .conftest import ROOT, UNSTUDIED
+from ..shared import ROOT as lug_ROOT
+from ..shared import UNSTUDIED as lug_UNSTUDIED
+from ..shared import job_of, made
+from .conftest import ROOT, UNSTUDIED, finished
 
 pytestmark = pytest.mark.slow
 
@@ -108,3 +111,39 @@ def test_blade_load_is_what_the_script_writes():
     spectrum = np.abs(np.fft.rfft(whole - whole.mean(axis=0), axis=0)) * 2 / len(whole)
     assert spectrum[7, 0] == pytest.approx(1000, rel=0.3)
     assert spectrum[21, 2] == pytest.approx(600, rel=0.3)
+
+
+EXACT = ("tolerances=none", "validate.truth.model=modes", *lug_UNSTUDIED)
+
+
+@pytest.fixture(scope="module")
+def lug_folder(tmp_path_factory):
+    """Results up to validate."""
+    results = tmp_path_factory.mktemp("lug")
+    finished(job_of(lug_ROOT / "configs" / "lug" / "lug-input.yaml", results, *EXACT), PLACEMENT[:-1])
+    return results / "lug-input"
+
+
+def test_three_loads_are_those_of_the_config(lug_folder):
+    """1 kN at 25 Hz along y and 5 kN at 1 Hz along z, to 1 % of their amplitudes, RMS; along x nine sines in whole cycles, with
+    the power of one of 5 kN."""
+    validated = Artefact(lug_folder / "validate.h5")
+    time = validated["/time"]
+    for name, amplitude, frequency in (("y", 1e3, 25), ("z", 5e3, 1)):
+        error = validated[f"/smoothed/{name}"] - amplitude * np.sin(2 * np.pi * frequency * time)
+        assert np.sqrt(np.mean(error**2)) < 0.01 * amplitude
+    power = np.mean(validated["/smoothed/x"][:-1] ** 2)
+    assert np.sqrt(power) == pytest.approx(5e3 / np.sqrt(2), rel=0.01)
+
+
+def test_gauges_are_on_the_bracket_and_not_on_its_weld(lug_folder):
+    """The outside of meshes/README.md: not under it, not in its holes, and 6 mm from the fillet weld."""
+    with (lug_folder / "gauges.csv").open(encoding="utf-8") as lines:
+        table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    x, y, z = np.array([[1e3 * float(row[f"position_{axis}"]) for row in table] for axis in "xyz"])
+    assert len(x) == 6
+    assert np.all(z > 0)
+    assert np.all(np.hypot(np.abs(x) - 78, np.abs(y) - 36)[z < 12.1] > 9)
+    assert np.all(np.hypot(x, z - 90)[z > 12.1] > 15)
+    beside = np.hypot(np.maximum(np.abs(x) - 50, 0), np.maximum(np.abs(y) - 6, 0))
+    assert np.all((beside > 6) | (z > 18))

@@ -1,15 +1,32 @@
-"""A strip of plies from its deck to an estimate: the factor of its stiffness is found; what no laminate has is refused."""
+"""Plies, orthotropic materials and sections of the config: against beam theory, isotropic constants and the deck."""
 
 from __future__ import annotations
 
-import pytest
+import json
 
+import numpy as np
+import pytest
+from scipy.sparse.linalg import spsolve
+
+from strainsight.cases.structure.mesh import checked, mesh_of, with_additions
+from strainsight.config.load import load_config
+from strainsight.config.mesh import MeshFile
 from strainsight.config.template import template
-from strainsight.errors import StrainsightError
+from strainsight.decks.reader import read_mesh
+from strainsight.errors import StrainsightError, UserError
+from strainsight.fem.assembly import assemble_stiffness
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes
 from strainsight.stages.placement import PLACEMENT
 from strainsight.stages.suggestion import suggestion
+from strainsight.workflow.runner import run
 
-from ..shared import job_of, stages_of
+from ..anisotropy import CONSTANTS, TURN, flexibility, strains, turned, work
+from ..edges.beam import finished as sections_finished
+from ..shared import ROOT, SHORT, job_of, made, stages_of
+from ..strips import RHO, E, L, T, gmsh, vtu
+from ..strips import B as sections_B
 from .conftest import finished
 
 N, M, A, B = 10, 2, 0.3, 0.03
@@ -124,3 +141,190 @@ def test_init_asks_for_the_factor_and_lacks_no_material(tmp_path):
     text = template("strip.bdf", found)
     assert "property: stiffness_factor" in text
     assert "stiffness: 1.05" in text
+
+
+ORTHOTROPIC_CONFIG = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text(encoding="utf-8")
+COARSE = ROOT / "meshes" / "cantilever-coarse.bdf"
+STEEL = "youngs_modulus: 2.1e+11, poisson_ratio: 0.3"
+ALIKE = (
+    "youngs_modulus: [2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], "
+    f"shear_modulus: [{', '.join([str(2.1e11 / 2.6)] * 3)}], "
+    "axes: {x: [1, 2, 0], y: [0, 1, 3], origin: [0, -5, 2], system: cylindrical}"
+)
+FACTOR = "property: stiffness_factor, region: 1, guess: 0.9, range: [0.8, 1.2]"
+
+
+def config_of(folder, constants, parameter=FACTOR):
+    materials = f"{{own: {{regions: all, {constants}, density: 7850.0}}}}"
+    text = ORTHOTROPIC_CONFIG.replace("file: ../meshes/cantilever.bdf,", f"file: {COARSE}, materials: {materials},")
+    text = text.replace("property: youngs_modulus, region: 1, guess: 1.89e+11, range: [1.6e+11, 2.4e+11]", parameter)
+    path = folder / "own.yaml"
+    path.write_text(text.replace("{E: 2.1e+11}", "{E: 1.0}"), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory):
+    """stage → artefact of one run with the isotropic material, and of one with the same constants as an orthotropic one."""
+    found = []
+    for constants in (STEEL, ALIKE):
+        folder = tmp_path_factory.mktemp("run")
+        settings = *SHORT, "screen.keep=12", "rom.parameter_samples=2"
+        found.append(made(config_of(folder, constants), *settings, until="place"))
+    return found
+
+
+def test_the_same_constants_give_the_same_frequencies_layout_and_estimate(both):
+    plain, own = both
+    np.testing.assert_allclose(own["modes"]["/frequency"], plain["modes"]["/frequency"], rtol=1e-9)
+    for name, value in plain["place"].summary.items():
+        if isinstance(value, float):
+            assert own["place"].summary[name] == pytest.approx(value, rel=1e-5), name
+    assert "/anisotropic/stiffness" in own["import"].paths()
+    assert own["import"]["/orientations/origin"][0] == pytest.approx([0, -5, 2])
+    assert not [path for path in plain["import"].paths() if path.startswith(("/anisotropic", "/orientations"))]
+
+
+def test_axes_of_a_config_are_those_of_the_tensor(tmp_path):
+    """Work of every strain by S of its stress, per volume, at a rotated rectangular system."""
+    (e, nu, g), (x, y) = CONSTANTS, (TURN[:, 0], TURN[:, 1] + 0.4 * TURN[:, 0])
+    axes = f"axes: {{x: {x.tolist()}, y: {y.tolist()}}}"
+    constants = f"youngs_modulus: {list(e)}, poisson_ratio: {list(nu)}, shear_modulus: {list(g)}, {axes}"
+    loaded = load_config(config_of(tmp_path, constants)).model.mesh
+    mesh = with_additions(read_mesh(COARSE), loaded)
+    assert isinstance(loaded, MeshFile)
+    K, S = assemble_stiffness(mesh), turned(flexibility(*CONSTANTS), TURN)
+    for stress in 1e9 * np.array(strains()):
+        z = (mesh.position @ np.einsum("ijkl,kl->ij", S, stress)).ravel()
+        assert 0.5 * z @ (K @ z) == pytest.approx(2 * 0.25 * 0.19 * work(S, stress), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("[0.3, 0.3, 0.3]", "0.3", "not poisson_ratio"),
+        (", shear_modulus", ", axes: {}, shear_modulus", "axes"),
+        ("[2.1e+11, 2.1e+11, 2.1e+11]", "2.1e+11", "not youngs_modulus"),
+        ("x: [1, 2, 0]", "x: [0, 2, 6]", "runs along x"),
+        ("[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear", "2.1e+11, poisson_ratio: 0.3, x", "x_modulus"),
+    ],
+)
+def test_a_contradiction_is_named(tmp_path, old, new, what):
+    assert old in ALIKE
+    with pytest.raises(StrainsightError, match=what):
+        load_config(config_of(tmp_path, ALIKE.replace(old, new)))
+
+
+def test_a_material_that_is_none_and_a_modulus_that_is_one_of_several_are_refused(tmp_path):
+    mesh = read_mesh(COARSE)
+    bad = load_config(config_of(tmp_path, ALIKE.replace("[0.3, 0.3, 0.3]", "[0.3, 0.3, 1.2]"))).model.mesh
+    with pytest.raises(UserError, match="least eigenvalue is -") as caught:
+        with_additions(mesh, bad)
+    assert caught.value.key == "mesh.materials.own"
+    modulus = "property: youngs_modulus, region: 1, guess: 2.0e+11, range: [1.6e+11, 2.4e+11]"
+    job = job_of(config_of(tmp_path, ALIKE, modulus), tmp_path, *SHORT, "validate.truth.parameters.E=2.1e+11")
+    with pytest.raises(UserError, match="of an anisotropic material: it has no single Young's modulus") as caught:
+        for _ in run(stages_of(job, "rom"), job):
+            pass
+    assert "stiffness_factor" in caught.value.remedy
+
+
+SECOND, THIRD = 1.8751040687, 4.6940911330
+"""βL of a cantilever: cos βL cosh βL = −1."""
+PLATE = {"skin": {"regions": ["skin"], "thickness": T}}
+BEAM = {"regions": ["spar"], "area": 1e-4, "torsion": 1e-9, "direction": [0.0, 0.0, 1.0]}
+MATERIAL = {"regions": "all", "youngs_modulus": E, "poisson_ratio": 0.0, "density": RHO}
+
+
+@pytest.fixture
+def built(tmp_path):
+    """Mesh and model of the gmsh strip, clamped at its root, with these sections."""
+
+    def of(sections, unit=1.0, root="root", components=(1, 2, 3, 4, 5, 6), **size):
+        path = tmp_path / "strip.msh"
+        path.write_text(gmsh(unit, **size))
+        support = {"set": root} if isinstance(root, str) else {"node": root}
+        own = {"materials": {"steel": MATERIAL}, "supports": [{**support, "components": list(components)}]}
+        stated = {"file": "strip.msh", "length_unit": {1.0: "m", 1e-3: "mm"}[unit], "sections": sections, **own}
+        config = MeshFile.model_validate_json(json.dumps(stated))
+        mesh = mesh_of(config, path)
+        weight, _ = checked(mesh, config)
+        return weight, build_model(mesh)
+
+    return of
+
+
+def frequencies(model, count):
+    return modes(model.stiffness.constant, model.mass.constant, count)[0]
+
+
+def cantilever(beta, EI, mass):
+    """[Hz], of a length L with mass [kg/m]."""
+    return beta**2 / (2 * np.pi * L**2) * np.sqrt(EI / mass)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-3])
+def test_a_strip_of_gmsh_quadrangles_vibrates_as_a_beam(built, unit):
+    (mass, centre), model = built(PLATE, unit, along=20)
+    assert mass == pytest.approx(RHO * L * sections_B * T, rel=1e-9)
+    np.testing.assert_allclose(centre, [L / 2, sections_B / 2, 0], atol=1e-12)
+    expected = cantilever(SECOND, E * sections_B * T**3 / 12, RHO * sections_B * T)
+    assert frequencies(model, 1)[0] == pytest.approx(expected, rel=5e-4)
+
+
+def test_the_first_second_moment_resists_bending_towards_the_direction(built):
+    """f_z of ∫y² dA and f_y of ∫z² dA, y of the beam along z; and a tip force bends it by F L³/3 E I in each."""
+    _, model = built({"spar": {**BEAM, "second_moments": [8e-10, 6e-10]}}, root=1)
+    expected = [cantilever(beta, E * I, RHO * 1e-4) for beta in (SECOND, THIRD) for I in (6e-10, 8e-10)]
+    np.testing.assert_allclose(frequencies(model, 4), expected, rtol=1e-4)
+    tip = model.mesh.node_index(25)
+    for axis, moment in ((2, 8e-10), (1, 6e-10)):
+        f = input_shape(model, [PointLoad("tip", tuple(np.eye(3)[axis]), 25)])
+        w = nodal(model, spsolve(model.stiffness.constant.tocsc(), f)[:, None]).reshape(-1, 3)[tip, axis]
+        assert w == pytest.approx(L**3 / (3 * E * moment), rel=1e-9)
+
+
+def test_rods_and_a_skin_are_as_heavy_as_their_sections_say(built):
+    rods = {"regions": ["spar"], "area": 2e-4}
+    (mass, _), model = built({**PLATE, "stringer": rods})
+    assert [block.kind for block in model.mesh.thin] == ["quad4", "rod"]
+    assert mass == pytest.approx(RHO * (L * sections_B * T + L * 2e-4), rel=1e-9)
+
+
+STAGES = {
+    "mesh.sections": {"skin": {"regions": "all", "thickness": T}},
+    "mesh.supports": [{"set": "root", "components": [1, 2, 3, 4, 5, 6]}],
+    "mesh.materials": {"steel": MATERIAL},
+    "loads.tip": {
+        "direction": [0, 0, 1],
+        "known": True,
+        "signal": {"type": "sine", "frequency": 4.0, "amplitude": 10.0},
+    },
+    "gauges.clearance": "none",
+    "screen": {"keep": "all", "minimum_spacing": 0.0},
+}
+
+
+def test_a_layout_sits_on_the_faces_of_shells_of_gmsh(tmp_path):
+    """Along the strip, which a tip force bends as a beam, and not at 45° to it, where it strains half as much."""
+    (tmp_path / "strip.msh").write_text(gmsh())
+    own = {"mesh.file": "strip.msh", "parameters.E.region": "skin", "loads.tip.set": "1d-5"}
+    found = sections_finished(tmp_path, "place", "", STAGES | own)
+    position = found["train"]["/gauges/position"]
+    np.testing.assert_allclose(np.abs(position[:, 2]), T / 2, rtol=1e-12)
+    assert {-1.0, 1.0} == set(np.sign(position[:, 2]))
+    chosen = found["place"]["/selected/final/position"]
+    assert len(chosen) == 2
+    np.testing.assert_allclose(np.abs(chosen[:, 2]), T / 2, rtol=1e-12)
+    along = found["place"]["/selected/final/direction"]
+    np.testing.assert_allclose(np.abs(along[:, 0]), 1.0, rtol=1e-12)
+
+
+def test_an_import_holds_the_shells_of_a_grid(tmp_path):
+    vtu(tmp_path / "strip.vtu")
+    own = {"mesh.file": "strip.vtu", "parameters.E.region": 7, "loads.tip.set": "tip"}
+    found = sections_finished(tmp_path, "import", "", STAGES | own)["import"]
+    assert (len(found["/shells/quad4/id"]), len(found["/shells/tri3/id"])) == (8, 16)
+    np.testing.assert_array_equal(found["/sections/shells/thickness"], [T])
+    # what a file for ParaView shows is the deck
+    assert len(found["/VTKHDF/Points"]) == len(found["/nodes/id"]) - len(found["/arms"])

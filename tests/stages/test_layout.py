@@ -1,22 +1,35 @@
-"""The layout that a config asks for: of least trace, proven, or of least loss after one failure."""
+"""The layout that a config asks for: of least trace, proven, or of least loss after one failure; advice about others."""
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import yaml
 
-from strainsight.cases.layout.advice import advice
+from strainsight import api
+from strainsight.cases.layout.advice import advice, best_possible
 from strainsight.cases.layout.budget import budget_table, helps
 from strainsight.cases.layout.expectation import Expectation
 from strainsight.cases.layout.layout import layout_of, proved
+from strainsight.cases.layout.task import root_of
+from strainsight.cases.structure.installation_noise import COHERENCE
+from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
+from strainsight.placement.elimination import eliminate
+from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
+
+from ..edges.beam import PLACEMENT_CONFIG, TIP, bricks, config_of
+from ..placement.conftest import covariance_by_sign, last, make_beam, make_scenarios
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +133,182 @@ def _advice(without, loss):
     removals = SimpleNamespace(cost=np.array([1.0, 1.1]), ties=((),))
     own = SimpleNamespace(gauges=np.arange(2), certificate=None)
     return advice(task, removals, own, listed, Expectation({"E": 0.02}, {"E": without}), np.array(loss), [])
+
+
+KEEP, TRACE = 4, Trace()
+
+
+def everything(inputs, parameters, seed):
+    """The sentence on a layout of four of twelve gauges; σ² of every unknown by ours, and by all others (sets × unknowns)."""
+    scenarios = make_scenarios(make_beam(12, 3, seed=seed), inputs, parameters)
+    greedy = eliminate(scenarios, KEEP)
+    swapped = exchange(greedy.pools, greedy.kept)
+    names = (*inputs, *parameters)
+    (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names))
+    (pool,) = greedy.pools
+    at = last(len(pool.scenario.F), len(names))
+
+    def weighted(gauges):
+        return (pool.scenario.weight * np.diag(covariance_by_sign(pool.scenario, list(gauges))))[at]
+
+    every = np.array([weighted(gauges) for gauges in combinations(range(12), KEEP)])
+    return sentence, weighted(swapped.gauges), every
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_with_one_unknown_no_layout_has_a_lower_sigma_than_is_reported(seed):
+    sentence, ours, every = everything((), ("E",), seed)
+    said = float(re.fullmatch(r"With no other layout .* σ of E lower by more than (\S+) %\.", sentence)[1])
+    assert 100 * (1 - np.sqrt(every.min() / ours[0])) <= said * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_sigma(seed):
+    """Of 495 layouts none has a lower sum, or root of it, than is said; one has a σ that is lower by more."""
+    sentence, ours, every = everything(("Fz",), ("E",), seed)
+    variance, deviation = map(float, re.findall(r"by more than (\S+) %", sentence))
+    assert "tr(W P) lower by more than" in sentence
+    assert "the weighted RMS of the steady-state σ of Fz and E" in sentence
+    least = every.sum(axis=1).min() / ours.sum()
+    assert 100 * (1 - least) <= variance * (1 + 1e-6)
+    assert 100 * (1 - np.sqrt(least)) <= deviation * (1 + 1e-6)
+    single = 100 * (1 - np.sqrt(every.min(axis=0) / ours))
+    assert single.max() > deviation
+    assert sentence.endswith("σ of one of them alone may be lower by more.")
+
+
+@pytest.mark.parametrize(
+    ("gap", "names", "said"),
+    [
+        (0.19, ("E",), "σ of E lower by more than 10 %."),
+        (0.1235, ("E",), "σ of E lower by more than 6.4 %."),  # 1 − √0.8765 = 6.378 %
+        (0.0, ("E",), "σ of E lower by more than 0.05 %."),
+        (-1e-9, ("E",), "σ of E lower by more than 0.05 %."),
+        (0.1235, ("x", "y", "E"), "13 %, or its root, the weighted RMS of the steady-state σ of x, y and E, by more than 6.4 %;"),
+        (1e-5, ("x", "E"), "0.1 %, or its root, the weighted RMS of the steady-state σ of x and E, by more than 0.05 %;"),
+    ],
+)
+def test_shares_are_rounded_up(gap, names, said):
+    certificate = Certificate(1 - gap, gap, 1.0, np.ones(1), 1, np.ones(1))
+    assert said in next(best_possible(certificate, TRACE, names, root_of(TRACE, names)))
+
+
+def test_without_a_bound_nothing_is_reported():
+    assert list(best_possible(None, TRACE, ("E",), "")) == []
+
+
+STRONG, WEAK, STEP, DURATION = 1000.0, 1.0, 0.002, 0.2
+
+
+def load(direction, amplitude, known=False):
+    signal = {"type": "sine", "frequency": 10.0, "amplitude": amplitude}
+    return {"node": TIP, "direction": direction, "known": known, "signal": signal}
+
+
+TWO = {
+    "loads": {"down": load([0, 0, 1], STRONG), "aside": load([0, 1, 0], WEAK)},
+    "place.estimate": ["down", "aside"],
+    "validate.initial_std": {"down": 0.1, "aside": 0.1},
+    "validate.truth.parameters": {},
+}
+PLAIN = {
+    "gauges.direction.angles": [0.0],
+    "gauges.clearance": "none",
+    "gauges.noise_std": {"value": 1e-8},
+    "train": {"duration": DURATION, "time_step": STEP},
+    "screen.minimum_spacing": 0.0,
+}
+
+
+@pytest.fixture(scope="module")
+def screened(tmp_path_factory):
+    """Changes → case, mesh, reduced model, training and screening of a beam."""
+    folder = tmp_path_factory.mktemp("beam")
+    (folder / "beam.bdf").write_text(bricks((8, 3, 3)), encoding="ascii")
+
+    def of(changes):
+        path = folder / "edge.yaml"
+        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, PLAIN | changes)), encoding="utf-8")
+        case = api.load(path)
+        mesh = api.mesh(case)
+        reduced = api.reduce(case, mesh)
+        training = api.train(case, mesh, reduced)
+        return case, mesh, reduced, training, api.screen(case, mesh, reduced, training)
+
+    return of
+
+
+def best(ratio, count):
+    """So many places (count,), the largest of each row in turn; the beam has places that read alike."""
+    found, orders = [], [np.argsort(-np.round(own / own.max(), 7), kind="stable").tolist() for own in ratio]
+    while len(found) < count:
+        for own in orders:
+            if len(found) < count:
+                found.append(next(i for i in own if i not in found))
+    return sorted(found)
+
+
+def over(training, screened):
+    """√(σ² + τ v/h) of every channel."""
+    return np.sqrt(screened.noise_std**2 + COHERENCE * DURATION / STEP * screened.installation[0])
+
+
+def test_a_weak_load_has_its_share_of_the_candidates(screened):
+    """Each load alone, by a run of its own without the other. The strongest hardly feel the weak one: they lie in the axis
+    of its bending."""
+    case, mesh, reduced, training, found = screened(TWO | {"tolerances": "none"})
+    alone = []
+    for name, other in (("down", "aside"), ("aside", "down")):
+        loads = {name: TWO["loads"][name], other: load([1, 0, 0], 1e-12)}
+        alone.append(screened(TWO | {"loads": loads, "tolerances": "none"})[3].rms / found.noise_std)
+    alone = np.array(alone)
+    np.testing.assert_allclose(np.sort(alone[:, found.kept]), np.sort(alone[:, best(alone, 8)]), rtol=1e-6)
+    np.testing.assert_allclose(found.snr, np.max(alone, axis=0), rtol=1e-6, atol=1e-6)
+    by_strength = screened(TWO | {"screen.by": "strength", "tolerances": "none"})[4]
+    assert training.rms[by_strength.kept].min() >= (1 - 1e-6) * np.sort(training.rms)[-8]
+    weak = [alone[1][own.kept].max() for own in (found, by_strength)]
+    assert weak[0] > 1.5 * weak[1]
+    both = [api.place(case, mesh, reduced, training, own).expected.std["aside"] for own in (found, by_strength)]
+    assert both[0] < 0.8 * both[1]
+
+
+def test_a_modulus_under_a_slow_load_is_seen_in_the_readings_themselves(screened):
+    """ε = Hq with Kq = f far below the first mode: θ ∂ε/∂θ = −ε."""
+    slow = {"loads": {"tip": load([0, 0, 1], STRONG, known=True)}, "tolerances": "none"}
+    slow["loads"]["tip"]["signal"]["frequency"] = 1.0
+    *_, training, found = screened(slow)
+    np.testing.assert_allclose(found.snr, training.rms / found.noise_std, rtol=5e-4, atol=1e-6)
+    assert not found.installation.any()
+
+
+def test_places_of_small_errors_take_turns_with_strong_ones(screened):
+    """Of E beside errors of place alone: those that read most over noise, and those over noise and τ v/h, in turn."""
+    names = ("angle", "gain", "transverse", "frequency", "load_angle", "load_position", "load_gain")
+    exact = dict.fromkeys(names, 0) | {"damping": 1}
+    *_, training, found = screened({"tolerances": exact | {"position": 0.005}})
+    rms = found.snr * found.noise_std
+    ratio = np.array([found.snr, rms / over(training, found)])
+    np.testing.assert_allclose(np.sort(ratio[:, found.kept]), np.sort(ratio[:, best(ratio, 8)]), rtol=1e-6)
+    assert ratio[1, found.kept].sum() > 1.01 * ratio[1, best(ratio[:1], 8)].sum()
+    assert np.all(found.snr >= ratio[1])
+
+
+def test_a_placement_that_avoids_errors_wants_them_screened(screened):
+    case, mesh, reduced, training, found = screened({})
+    with pytest.raises(ConfigError, match="screened without their errors") as error:
+        api.place(case, mesh, reduced, training, replace(found, installation=None))
+    assert "screen them with this config" in str(error.value)
+
+
+def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path):
+    """Its record is zero all along; beside it a known load acts."""
+    still = tmp_path / "still.csv"
+    still.write_text("t,F\n0,0\n1,0\n", encoding="utf-8")
+    own = load([0, 0, 1], STRONG) | {
+        "signal": {"type": "csv", "file": str(still), "time_column": "t", "value_column": "F"},
+        "process_noise": {"frequency": 10.0, "amplitude": STRONG},
+    }
+    loads = {"down": own, "aside": load([0, 1, 0], STRONG, known=True)}
+    with pytest.raises(InfeasibleError, match="of down alone every candidate reads 0") as error:
+        screened(TWO | {"loads": loads, "place.estimate": ["down"], "validate.initial_std": {"down": 0.1}})
+    assert error.value.key == "place.estimate"

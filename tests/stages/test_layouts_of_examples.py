@@ -11,6 +11,7 @@ from strainsight.stages.placement import PLACEMENT
 from .conftest import ROOT, finished, job_of
 
 
+@pytest.mark.slow
 def test_the_cantilevers_gauges_for_a_force_are_those_that_are_stated(tmp_path):
     text = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
     said = re.search(r"cantilever-input\.yaml`, E at its guess of ([\d.e]+) Pa, ([\d, ]+) with σ ([\d.]+);", text)

@@ -1,18 +1,22 @@
-"""Loads that act otherwise than the filter believes: what it makes of them against the full model, and drawn truths within σ."""
+"""Loads that act otherwise than the filter believes, zeros that drift, gauges that may be turned: against drawn truths."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import yaml
 from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from strainsight import api
-from strainsight.cases.structure.drawn import in_words, load_error_of
+from strainsight.cases.structure.drawn import in_words, installation_of, load_error_of, varies
 from strainsight.cases.structure.full_model import full_model
-from strainsight.cases.structure.nuisances import nuisances_of
-from strainsight.cases.structure.problem import filter_model
+from strainsight.cases.structure.nuisances import nuisances_of, on_average, tolerated
+from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.settings import parameters_of
+from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.estimation.conditional import linear_models
 from strainsight.fem.misaligned import axes_across
 from strainsight.fem.model import nodal
@@ -20,7 +24,7 @@ from strainsight.gauges.misplaced import misplaced
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 
-from ..edges.beam import TIP, E
+from ..edges.beam import PLACEMENT_CONFIG, TIP, E, bricks
 from .drawn_truths import NOTHING, beam_in, spread, trial
 
 SIDE = {
@@ -236,3 +240,123 @@ def test_what_is_learned_of_small_errors_of_loads_leaves_an_unknown_load_within_
     assert inside > 0.92
     assert ratio < 1.15
     assert level < spread(considered, 10)[2]
+
+
+ZEROS = {"drift": 4e-6, "temperature": 8.0, "thermal_output": 1e-6, "thermal_spread": 5e-7}
+LARGE = ZEROS | {"drift": 1.2e-5, "temperature": 24.0}
+UNKNOWN_LOAD = {
+    "loads.tip.known": False,
+    "loads.tip.process_noise": {"model": "oscillator"},
+    "parameters.E.guess": 2.1e11,
+    "place.estimate": ["tip"],
+    "validate.initial_std": {"tip": 0.5},
+}
+
+
+ROSETTES = {
+    "gauges.direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0, 60.0]},
+    "gauges.rosette": True,
+    "tolerances": NOTHING | ZEROS,
+}
+
+
+def test_what_the_filter_allows_for_has_the_covariance_of_what_is_drawn(beam):
+    """Of readings of two rosettes at the end of the record, over 3000 draws: one temperature, and what a rosette reads of it."""
+    own = beam(ROSETTES)
+    channels = own.problem.channels.of(own.gauges[:2]).ravel()
+    model = filter_model(own.problem, channels, own.problem.h)
+    nuisances = nuisances_of(own.tolerated, model, channels)
+    assert nuisances.source == ("drift",) * 4 + ("temperature",) * 3
+    for nothing in (nuisances.D, nuisances.offset, nuisances.E[..., :-1]):
+        assert not nothing.any()
+    late, pool = nuisances.E[..., -1], own.training.candidates
+    drawn = np.array([installation_of(own.case.config, pool, i).drift[channels] for i in range(3000)])
+    allowed, found = late.T @ late, drawn.T @ drawn / len(drawn)
+    np.testing.assert_allclose(found, allowed, atol=0.1 * allowed.max())
+    common, beside, each = (8.0 * 1e-6) ** 2, (8.0 * 5e-7) ** 2, (4e-6) ** 2
+    one = np.array([[1.0, 1.0], [1.0, 1.0]])
+    expected = common + np.kron(np.eye(2), beside * one) + each * np.eye(4)
+    np.testing.assert_allclose(allowed, expected, rtol=1e-12)
+
+
+def test_some_gauges_alone_drift_as_they_do_among_all(beam):
+    own = beam({"tolerances": NOTHING | ZEROS})
+    ends = []
+    for channels in (own.channels, own.channels[[2, 0]]):
+        late = nuisances_of(own.tolerated, filter_model(own.problem, channels, own.problem.h), channels).E[..., -1]
+        ends.append(late.T @ late)
+    np.testing.assert_allclose(ends[1], ends[0][np.ix_([2, 0], [2, 0])], rtol=1e-12)
+
+
+def test_a_truth_drifts_as_drawn_and_says_so(beam):
+    own, exact = (beam({"tolerances": stated}) for stated in (NOTHING | ZEROS, "none"))
+    found, plain = trial(own), trial(exact)
+    assert varies(own.case.config)
+    assert not varies(beam({"tolerances": NOTHING | {"temperature": 8.0, "thermal_output": 0, "thermal_spread": 0}}).case.config)
+    time = np.linspace(0, 1, len(found.time))
+    for realisation in (1, 2):
+        drawn = installation_of(own.case.config, own.training.candidates, realisation).drift[own.channels]
+        added = found.again(realisation) - plain.reading(plain.chosen)
+        np.testing.assert_allclose(added, np.outer(time, drawn), atol=1e-9 * np.abs(drawn).max())
+    for text in ("drift 4 µm/m", "temperature 8 K"):
+        assert text in in_words(own.case.config, given=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [{}, UNKNOWN_LOAD], ids=["modulus", "load"])
+def test_drawn_drifts_leave_the_truth_within_sigma(beam, changes):
+    """200 truths with drifts and a temperature of their own, far above the process noise of a load; without the tolerances σ is
+    too small."""
+    own = beam(changes | {"tolerances": NOTHING | LARGE})
+    inside, ratio, _ = spread(own, 200)
+    assert 0.92 < inside < 0.98
+    assert 0.85 < ratio < 1.15
+    assert spread(own, 40, beam(changes | {"tolerances": NOTHING}).tolerated)[1] > 1.5
+
+
+@pytest.mark.slow
+def test_what_is_learned_of_drifts_leaves_an_unknown_load_within_sigma(beam):
+    """σ is smaller than where they are not learned."""
+    own, considered = (beam(UNKNOWN_LOAD | {"tolerances": NOTHING | LARGE | {"treat": how}}) for how in ("estimate", "consider"))
+    inside, ratio, level = spread(own, 200)
+    assert inside > 0.92
+    assert ratio < 1.15
+    assert level < spread(considered, 10)[2]
+
+
+TURN = 30.0
+
+
+def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
+    (tmp_path / "beam.bdf").write_text(bricks((10, 2, 2), "hex20"), encoding="ascii")
+    (tmp_path / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG | {"screen": {"keep": "all"}}), encoding="utf-8")
+    case = api.load(
+        tmp_path / "edge.yaml", [f"gauges.direction.angles=[0, {TURN}]", "tolerances={angle: 6.0}", "gauges.clearance=none"]
+    )
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    problem = problem_of(case.config, {}, reduced, training, api.screen(case, mesh, reduced, training))
+    pool = training.candidates
+    one = int(np.flatnonzero((pool.angle == 0) & (pool.normal[:, 2] > 0.99) & (np.abs(pool.position[:, 0] - 0.25) < 0.05))[0])
+    (twin,) = np.flatnonzero((pool.angle == TURN) & (pool.element == pool.element[one]) & (pool.facet == pool.facet[one]))
+
+    def averaged(channel):
+        channels = np.array([channel])
+        own = tolerated(case.config, mesh, reduced, training, channels)
+        plain = filter_model(problem, channels, 0.001)
+        return own, plain, on_average(own, plain, channels)
+
+    own, _, model = averaged(one)
+    test = SimpleNamespace(channels=np.array([one]), known=None, values=None)
+    start = np.zeros((model.size, model.size))
+    given = SimpleNamespace(
+        model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None
+    )
+    turning = turning_of(mesh, reduced, training, test.channels)
+    found, _ = suspect_of(case.config, mesh, reduced, training, given, turning).turned(0, TURN)
+    assert not start.any()  # the start at rest of the filter is left as it is
+    _, plain, wanted = averaged(int(twin))
+    size = np.abs(wanted.H).max()
+    np.testing.assert_allclose(found.H, wanted.H, atol=1e-9 * size)
+    assert np.abs(wanted.H - plain.H).max() > 5e-3 * size  # what would be missing

@@ -1,14 +1,18 @@
-"""What a config refers to is asked for at `import`, before anything that takes time."""
+"""What a config refers to is asked for at `import`: nodes, sets, histories; and the table of an import."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from strainsight.cases.recorded import LOADS, QUANTITY, recorded
 from strainsight.cases.structure.references import on_one_node
-from strainsight.config.loads import Load
+from strainsight.config.loads import UNITS, Load, Recorded
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
+from strainsight.stages.pages.found import found_tables
 
 from ..edges.beam import TIP, bricks, finished
 from ..fem.test_thin import straight
@@ -61,3 +65,133 @@ def test_runs_that_differ_in_their_loads_alone_share_the_modes(tmp_path):
     other = finished(tmp_path / "other", "modes", bricks((4, 2, 2)), {"loads.tip.direction": [1, 0, 0]})
     assert one["import"].digest == other["import"].digest
     assert one["modes"].key == other["modes"].key
+
+
+COLUMNS = Recorded(type="csv", file="own.csv", time_column="time", value_column="F")
+KEY = "loads.tip.signal"
+
+
+@pytest.fixture
+def table(tmp_path):
+    def written(text: str):
+        path = tmp_path / "load.csv"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,F\n0,1500\n0.5,-2500\n",
+        "F,other,time\n1500,x,0\n-2500,y,0.5\n",
+        "time;F\n0,0;1500,0\n0,5;-2500,0\n",
+        "sep=;\r\ntime;F\r\n0;1500\r\n0,5;-2500\r\n",
+        "time\tF\n0\t1500\n0,5\t-2500\n",
+        '# of the test bench\n"time","F"\n"0,0","1500"\n"0,5","-2500"\n',
+        "time [s];F [kN]\n0;1,5\n0,5;-2,5\n",
+        "time [ms],F [N]\n0,1500\n500,-2500\n",
+    ],
+)
+def test_the_same_history_however_it_is_written(table, text):
+    found = recorded(KEY, COLUMNS, table(text))
+    np.testing.assert_array_equal(found.time, [0.0, 0.5])
+    np.testing.assert_array_equal(found.value, [1500.0, -2500.0])
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what", "remedy"),
+    [
+        ("time,F\n0,0,1,5\n0,5,2,5\n", ":2", "4 cells where the names are 2", "with ';'"),
+        ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "drop repeated times"),
+        ("# one\ntime;F\n0;1\n1;x\n2;3\n", ":4", "'x' under 'F' is no number", "give a number"),
+        ("time,F\n0,1\n1,\n2,3\n", ":3", "no sample under 'F'", "no gaps"),
+        ("time;F\n0,5;1\n1.5;2\n", ":2", "'0,5' under 'time' is no number", "decimal mark"),
+        ("time;f\n0;1\n1;2\n", ":1", "no column 'F'", "did you mean f?"),
+        *(
+            (f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}")
+            for unit, meant in (
+                *(("KN", "kN?"), ("kn", "kN?"), ("kNewton", "kN?"), ("kp", "kgf?"), ("tf", "kN (1 tf"), ("klb", "kip?")),
+                *(("knewton", "kN?"), ("NM", "Nm?"), ("mn", "mN or MN?"), ("N-m", "N m?"), ("N/mm2", "MPa?")),
+            )
+        ),
+        ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
+        ("time;F [um/m]\n0;1\n1;2\n", "", "'F' is in um/m", "the column of the load"),
+    ],
+)
+def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy):
+    path = table(text)
+    with pytest.raises(UserError) as caught:
+        recorded(KEY, COLUMNS, path)
+    assert caught.value.key == (f"{KEY}.value_column" if "no column" in what else KEY)
+    assert caught.value.where == (f"{path}{line}" if line else None)
+    assert what in caught.value.what
+    assert remedy in caught.value.remedy
+
+
+def test_a_unit_in_round_brackets_that_is_almost_one_is_asked_about_and_other_words_are_none(table):
+    for name, meant in (("F (KN)", "kN"), ("F (kp)", "kgf"), ("F (klb)", "kip")):
+        with pytest.raises(UserError) as caught:
+            recorded(KEY, COLUMNS.model_copy(update={"value_column": name}), table(f"time;{name}\n0;1\n1;2\n"))
+        assert f"did you mean {meant}?" in str(caught.value)
+    for name in ("F (top)", "F (z)", "F [-]", "F (2)"):
+        column = "F" if "[" in name else name
+        found = recorded(KEY, COLUMNS.model_copy(update={"value_column": column}), table(f"time;{name}\n0;1\n1;2\n"))
+        assert found.value.tolist() == [1.0, 2.0]
+
+
+def test_a_force_is_in_no_unit_of_a_moment(table):
+    path = table("time;F [N*m]\n0;1\n1;2\n")
+    assert recorded(KEY, COLUMNS, path, ("moment",)).value.tolist() == [1.0, 2.0]
+    with pytest.raises(UserError, match="no unit of a load that is a force"):
+        recorded(KEY, COLUMNS, path, ("force",))
+
+
+def test_every_unit_of_a_load_is_one_of_a_quantity():
+    assert {*UNITS.values(), "N"} == {*QUANTITY}
+    assert {*QUANTITY.values()} == {*LOADS}
+
+
+DECK = """\
+GRID,1
+GRID,2,,1.
+GRID,3,,,1.
+GRID,4,,,,1.
+CTETRA,10,3,1,2,3,4
+PSOLID,3,1
+MAT1,1,2.1+11,,.3,7850.
+SPC1,1,123,1,2,3
+RBE2,20,4,123,2,3
+MPC,5,4,1,1.,1,1,-1.
+CMASS2,30,2.5,4,2
+FORCE,7,4,,10.,0.,0.,1.
+SET1,5,1,2
+SET1,6,4
+EIGRL,1
+"""
+
+
+def test_sentences_stand_in_the_last_column(tmp_path):
+    rows = found_table(tmp_path, warnings=("one is odd",))
+    assert ("warning", "", "one is odd") in rows
+    sentences = [row for row in rows if row[0] in ("warning", "note")]
+    assert all(how_many == "" and detail for _, how_many, detail in sentences)
+
+
+def test_one_is_not_said_as_many(tmp_path):
+    found = {what: (how_many, detail) for what, how_many, detail in found_table(tmp_path)}
+    assert found["load FORCE-7"][0] == "1 node"
+    assert found["node set SET1-6"][0] == "1 node"
+    assert found["node set SET1-5"][0] == "2 nodes"
+    assert found["fixed"] == ("9 components", "3 nodes")
+    assert found["MPC 5"] == ("2 motions", "node 4 component 1 follows")
+    assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
+    assert found["ignored"] == ("EIGRL", "1 time, of no effect here")
+
+
+def found_table(folder, warnings=()):
+    path = folder / "a.bdf"
+    path.write_text(DECK)
+    (found,) = found_tables(read_mesh(path), None, (), warnings)
+    return found.rows

@@ -22,6 +22,7 @@ from strainsight.measurements.records import Recording
 
 from ..estimation.chain import NOISE, H, forces, loaded_chain, start
 from ..estimation.test_fault_search import FOUR, LONG, broken, suspect
+from ..shared import slowly
 
 NAMES = ("G1", "G2", "G3", "G4")
 CLOCK = H * np.arange(LONG + 1)
@@ -118,6 +119,7 @@ def for_a_time(kind, y):
 
 
 WHOLE = ("sign", 0.5, 1e3, "offset", "drift", "dead", "clipped", "late", "swapped")
+FAST = ("sign", "offset", "swapped", "spikes of two channels", "stuck for a time", "a sign and a spike")
 TIMED = {
     "spikes of two channels": "samples fit no motion: G1 at 1.02 s; G3 at 2.42 to 2.44 s",
     "a spike of 12 σ": "samples fit no motion: G4 at 1.22 s",
@@ -133,7 +135,7 @@ TIMED = {
 }
 
 
-@pytest.mark.parametrize("kind", [*WHOLE, *TIMED])
+@pytest.mark.parametrize("kind", [*FAST, *slowly(*(kind for kind in (*WHOLE, *TIMED) if kind not in FAST))])
 def test_a_remedy_that_is_followed_makes_the_estimate_right_or_leaves_it_refused(truth, kind):
     sound = truth[-1]
     samples = for_a_time(kind, sound) if kind in TIMED else broken(kind, sound)[0]

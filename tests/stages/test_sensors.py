@@ -10,10 +10,10 @@ import pytest
 from scipy.linalg import solve_continuous_are
 from typer.testing import CliRunner
 
-from strainsight.stages.placement import PLACEMENT
 from strainsight_cli.main import app
 
-from .conftest import ROOT, SHORT, finished, job_of
+from ..shared import made, without_hot_spots
+from .conftest import ROOT, SHORT
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
@@ -62,10 +62,10 @@ filter: {compare: false}
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory):
     """stage → Artefact of the config above, up to validate."""
-    folder = tmp_path_factory.mktemp("mixed")
-    config = folder / "mixed.yaml"
+    config = tmp_path_factory.mktemp("mixed") / "mixed.yaml"
     config.write_text(MIXED.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")))
-    return {stage: artefact for stage, (_, _, artefact) in finished(job_of(config, folder / "results"), PLACEMENT[:-1]).items()}
+    with without_hot_spots():
+        return made(config, until="validate")
 
 
 @pytest.mark.slow
@@ -182,18 +182,12 @@ def test_all_seven_cases_are_compared(mixed):
 
 
 @pytest.fixture(scope="module")
-def youngs(config, results, artefacts, tmp_path_factory):
-    """A run of the example with other settings, on a copy of its results up to `screen`."""
+def youngs(config):
+    """A run of the example with other settings; all take the same reduced model over."""
 
     def run_with(*overrides, until="place"):
-        import shutil
-
-        folder = tmp_path_factory.mktemp("own") / "results"
-        shutil.copytree(results, folder)
-        last = next(i for i, stage in enumerate(PLACEMENT) if stage.name == until)
-        return {
-            s: a for s, (_, _, a) in finished(job_of(config, folder, *SHORT, *overrides), PLACEMENT[: last + 1]).items()
-        }
+        with without_hot_spots():
+            return made(config, *SHORT, *overrides, until=until, beside="sensors")
 
     return run_with
 
@@ -218,20 +212,12 @@ def test_covariances_as_printed_are_those_of_the_thesis(youngs, config):
     assert len(place["/augmented/F"]) == 1
 
 
-def test_the_metric_uses_the_input_model_of_the_filter(tmp_path):
+def test_the_metric_uses_the_input_model_of_the_filter():
     config = ROOT / "configs" / "cantilever-input.yaml"
-    done = finished(
-        job_of(
-            config,
-            tmp_path,
-            *SHORT,
-            "loads.tip.process_noise={model: integrated_random_walk}",
-            "parameters.E.guess=2.0e+11",
-            "screen.keep=40",
-        ),
-        PLACEMENT[:7],
-    )
-    place, n = done["place"][2], done["rom"][2]["/basis"].shape[1]
+    walk = "loads.tip.process_noise={model: integrated_random_walk}"
+    with without_hot_spots():
+        done = made(config, *SHORT, walk, "parameters.E.guess=2.0e+11", "screen.keep=40", until="place")
+    place, n = done["place"], done["rom"]["/basis"].shape[1]
     F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
     assert F.shape == (2 * n + 2, 2 * n + 2)
     state = place["/augmented/state"].tolist()
@@ -279,9 +265,9 @@ def test_the_order_of_sensors_in_a_config_is_none(mixed, tmp_path):
     lines[acc], lines[acc + 1] = lines[acc + 1], lines[acc]
     config = tmp_path / "mixed.yaml"
     config.write_text("\n".join(lines))
-    again = finished(job_of(config, tmp_path / "results"), PLACEMENT[:5])
+    again = made(config, until="screen")
     for stage, dataset in (("train", "/gauges/quantity"), ("train", "/gauges/array"), ("screen", "/noise_std")):
-        np.testing.assert_array_equal(again[stage][2][dataset], mixed[stage][dataset])
+        np.testing.assert_array_equal(again[stage][dataset], mixed[stage][dataset])
 
 
 def test_mirrored_gauges_keep_their_spacing_too(youngs):

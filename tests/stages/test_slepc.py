@@ -14,7 +14,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 
 from ..mpi import needs_slepc, over
-from ..shared import stages_of
+from ..shared import slowly, stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 
 FEW = (*SHORT, *UNSTUDIED, "screen.keep=20", "place.certificate=false")
@@ -40,7 +40,7 @@ def by_pardiso(folder):
 
 
 @needs_slepc
-@pytest.mark.parametrize("processes", [1, 2, 4])
+@pytest.mark.parametrize("processes", [2, *slowly(1, 4)])
 def test_the_same_frequencies_and_the_same_gauges(folder, by_pardiso, monkeypatch, processes):
     for name, value in over(processes).items():
         monkeypatch.setenv(name, value)

@@ -86,6 +86,7 @@ def page(project):
     return (project / "results" / "test" / "test.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_file_and_what_was_done_to_it_are_in_the_artefact(project, found):
     own, file = read(Estimated, found).source, project / "shaken.csv"
     assert own.sha256 == hashlib.sha256(file.read_bytes()).hexdigest()
@@ -99,6 +100,7 @@ def test_the_file_and_what_was_done_to_it_are_in_the_artefact(project, found):
     )
 
 
+@pytest.mark.slow
 def test_the_moment_is_that_of_the_largest_reading_without_its_offset(found):
     own = read(Estimated, found)
     assert own.moment is not None
@@ -110,6 +112,7 @@ def test_the_moment_is_that_of_the_largest_reading_without_its_offset(found):
     assert (own.moment.time, own.moment.label) == (own.gauge.time[k], own.gauge.label[i])
 
 
+@pytest.mark.slow
 def test_the_surface_then_is_that_of_the_surface_in_time(found):
     own = read(Estimated, found).moment
     assert own is not None
@@ -120,6 +123,7 @@ def test_the_surface_then_is_that_of_the_surface_in_time(found):
     np.testing.assert_allclose(np.sort(stress), np.sort(own.von_mises), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_page_has_the_numbers_of_the_artefact(found, page):
     own, summary = read(Estimated, found), found.summary
     for name, unit in (("side", "N"), ("E", "Pa")):
@@ -132,6 +136,7 @@ def test_the_page_has_the_numbers_of_the_artefact(found, page):
     assert page.count("data:image/png;base64,") == 2
 
 
+@pytest.mark.slow
 def test_the_page_has_the_tables_of_channels_and_of_damage(found, page):
     own, spot = read(Estimated, found), found["/damage/hot_spot"][0]
     for label, residual in zip(own.gauge.label, own.check.residual, strict=True):
@@ -140,6 +145,7 @@ def test_the_page_has_the_tables_of_channels_and_of_damage(found, page):
     assert '<th scope="row">V1</th>' in page
 
 
+@pytest.mark.slow
 def test_the_page_is_written_again_without_the_file(project):
     """From the artefacts: the file of the test may be on another disk by then."""
     hidden = (project / "shaken.csv").rename(project / "away.csv")
@@ -151,6 +157,7 @@ def test_the_page_is_written_again_without_the_file(project):
         hidden.rename(project / "shaken.csv")
 
 
+@pytest.mark.slow
 def test_status_lists_the_estimate_its_file_and_whether_it_is_up_to_date(project):
     options = [f"--set={text}" for text in (*options_of(project), COMPARED)]
     lines = {line.split()[0]: line for line in call(project, "status", *options).stdout.splitlines() if line.split()}
@@ -165,6 +172,7 @@ def test_status_lists_the_estimate_its_file_and_whether_it_is_up_to_date(project
     assert [own["status"] for own in states if own["stage"] in ("estimate", "test")] == ["up to date"] * 2
 
 
+@pytest.mark.slow
 def test_figures_of_the_test_are_written_before_anything_is_validated(project, found):
     job = job_of(project / "test.yaml", project / "results", "estimate.file=shaken.csv", *options_of(project))
     pages = [stage for stage in stages_for(True, "modes") if stage.name in ("test", "report")]
@@ -181,6 +189,7 @@ def test_figures_of_the_test_are_written_before_anything_is_validated(project, f
     assert f"{drawn.counted['test']} of the test shaken.csv" in done.output
 
 
+@pytest.mark.slow
 def test_the_field_is_that_of_the_test_and_says_so(project, found):
     def view(*overrides, **asked):
         job = job_of(project / "test.yaml", project / "results", *overrides)
@@ -196,6 +205,7 @@ def test_the_field_is_that_of_the_test_and_says_so(project, found):
         view(of="validation")
 
 
+@pytest.mark.slow
 def test_without_a_surface_in_time_the_field_is_that_of_the_moment(project):
     """And the page holds one channel, which tells but one of the unknowns."""
     options = ("name=short", "estimate.channels=[{channel: G3, gauge: G3, unit: um/m}]")

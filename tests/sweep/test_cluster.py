@@ -45,6 +45,7 @@ def test_warnings_and_errors_come_back(cluster):
         assert sweep(tasks.warned, [0, 1], "") == [0, 1]  # and the cluster goes on
 
 
+@pytest.mark.slow
 def test_a_worker_killed_in_the_middle_loses_nothing(doomed, monkeypatch):
     """It has done a part and holds what all tasks share. After the last one has gone, nobody waits for ever."""
     monkeypatch.setattr(module, "DESERTED", 1.0)
@@ -65,6 +66,7 @@ def test_a_worker_killed_in_the_middle_loses_nothing(doomed, monkeypatch):
     assert np.array_equal(found, serial(tasks.product, points, MATRIX))
 
 
+@pytest.mark.slow
 def test_a_task_that_ends_one_worker_after_the_other_ends_the_sweep(doomed):
     with (
         opened(Where(dask=doomed.address)) as sweep,
@@ -74,6 +76,7 @@ def test_a_task_that_ends_one_worker_after_the_other_ends_the_sweep(doomed):
     assert "--memory-limit" in str(end.value)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes(doomed):
     with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match="the Dask scheduler has gone"):
         sweep(tasks.slow_product, list(range(40)), MATRIX, lambda share: doomed.scheduler.kill())

@@ -45,6 +45,7 @@ def alone(config) -> dict[str, tuple[str, str]]:
     return artefacts(config, "alone")
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatch):
     spread, sent, in_threads = processes._spread, [], solver.in_threads
 

@@ -1,22 +1,38 @@
-"""The code that a stage is made of: what it reaches by imports, and what is said of artefacts that other code made."""
+"""The code and commit that artefacts are made of, numbers that change with versions, and artefacts of released versions."""
 
 from __future__ import annotations
 
 import ast
+import json
+import os
+import shutil
+import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import strainsight
+from strainsight.errors import ArtefactError
+from strainsight.records.artefacts import BENCH, PLACEMENT
+from strainsight.records.record import read
 from strainsight.stages.modes import MODES
-from strainsight.workflow import code
+from strainsight.workflow import artefact as artefacts
+from strainsight.workflow import code, provenance
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, Job, plan
+from strainsight.workflow.provenance import commit_of
 from strainsight.workflow.runner import run as run_stages
 from strainsight.workflow.stage import Stage
+from strainsight_cli.main import app
+
+from .numbers import KEPT, differs, numbers_of, size
+from .release import KEPT as released_KEPT
+from .release import LARGEST, TINY, job_of, stages_of, unpacked
 
 ROOT = Path(strainsight.__file__).parent
 
@@ -112,3 +128,194 @@ def test_a_function_of_another_package_has_its_own_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["strainsight.no_such_module", "numpy_that_is_not_there"])
 def test_what_is_not_there_has_no_source(name):
     assert code._source(name) == b""
+
+
+NOBODY = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}
+
+
+@pytest.fixture
+def git(tmp_path):
+    """A repository with one commit → a function that calls git in it."""
+    if shutil.which("git") is None:
+        pytest.skip("no git")
+
+    def call(*words, folder=tmp_path / "own"):
+        folder.mkdir(exist_ok=True)
+        command = ["git", "-c", "user.name=a", "-c", "user.email=a@b", *words]
+        done = subprocess.run(command, cwd=folder, env=os.environ | NOBODY, capture_output=True, text=True, check=True)
+        return done.stdout.strip()
+
+    call("init", "--quiet")
+    call("commit", "--quiet", "--allow-empty", "--message", "first")
+    return call
+
+
+def test_the_commit_is_that_of_git(git, tmp_path):
+    """On a branch, packed, detached and in a worktree; none where there is no repository."""
+    head = git("rev-parse", "HEAD")
+    assert commit_of(tmp_path / "own") == head
+    git("pack-refs", "--all")
+    assert commit_of(tmp_path / "own") == head
+    git("worktree", "add", "--quiet", "-b", "other", str(tmp_path / "tree"))
+    assert commit_of(tmp_path / "tree") == head
+    git("checkout", "--quiet", "--detach")
+    assert commit_of(tmp_path / "own") == head
+    assert commit_of(tmp_path) == ""
+
+
+def test_a_system_that_says_nothing_of_its_processor(monkeypatch, tmp_path):
+    monkeypatch.setattr(provenance, "CPU", tmp_path / "none")
+    assert isinstance(provenance._processor(), str)
+
+
+def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
+    """Those of all stages of a small beam and a small bench are kept in numbers.json, with the versions that made them."""
+    kept, found = json.loads(KEPT.read_text(encoding="utf-8")), numbers_of(tmp_path)
+    raised = [stage for stage, own in found.items() if own["version"] != kept.get(stage, {}).get("version")]
+    assert not raised, f"{raised} have a new version: renew numbers.json, python -m tests.workflow.numbers"
+    moved = {
+        stage: [
+            path
+            for path in sorted({*own["numbers"], *kept[stage]["numbers"]})
+            if differs(own["numbers"].get(path, [0, 0, 0]), kept[stage]["numbers"].get(path, [-1, 0, 0]))
+        ]
+        for stage, own in found.items()
+    }
+    moved = {stage: paths for stage, paths in moved.items() if paths}
+    first = next(iter(moved), "")
+    assert not moved, f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
+
+
+def test_a_number_that_moves_is_seen():
+    assert not differs([3, 1.0, 0.1], [3, 1.0 + 1e-6, 0.1 + 1e-6])
+    assert differs([3, 1.0, 0.1], [3, 1.0 + 1e-4, 0.1])
+    assert differs([3, 1.0, 0.1], [4, 1.0, 0.1])
+    assert differs([3, 1.0, 0.1], [3, 1.0, 0.1 + 1e-4])
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 2), (40, 25), (300, 300)])
+@pytest.mark.parametrize("change", ["sign", "one sign", "order", "two exchanged", "rounding"])
+def test_a_flipped_sign_and_a_swapped_order_are_seen_and_rounding_is_not(shape, change):
+    x = 1e-6 * np.random.default_rng(0).standard_normal(shape)
+    y = x.copy().ravel()
+    if change == "sign":
+        y = -y
+    elif change == "one sign":
+        y[np.argmax(np.abs(y))] *= -1
+    elif change == "order":
+        y = y[::-1]
+    elif change == "two exchanged":
+        low, high = np.argmin(y), np.argmax(y)
+        y[[low, high]] = y[[high, low]]
+    else:
+        y *= 1 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, y.shape)
+    assert differs(size(y.reshape(shape)), size(x)) == (change != "rounding")
+
+
+def test_where_a_number_is_missing_counts():
+    assert differs(size(np.array([np.nan, 1.0, 2.0])), size(np.array([1.0, np.nan, 2.0])))
+
+
+RELEASED = sorted(path.name.removesuffix(".tar.xz") for path in released_KEPT.glob("*.tar.xz"))
+RECORDS = {"structure": PLACEMENT, "bench": PLACEMENT | BENCH}
+
+
+@pytest.fixture(scope="module", params=RELEASED)
+def folder(request, tmp_path_factory):
+    return unpacked(request.param, tmp_path_factory.mktemp("released"))
+
+
+def stages(folder, name):
+    """Stage, and its artefact, of those that the release has."""
+    job = job_of(folder, name)
+    found = [(stage, job.folder / f"{stage.name}.h5") for stage in stages_of(job)]
+    return [(stage, path) for stage, path in found if path.exists()]
+
+
+def opened(path):
+    """The artefact, or None and the error."""
+    try:
+        return Artefact(path), ""
+    except ArtefactError as error:
+        return None, str(error)
+
+
+def test_there_are_some_and_they_are_small():
+    assert "0.1.0" in RELEASED
+    assert all((released_KEPT / f"{version}.tar.xz").stat().st_size < LARGEST for version in RELEASED)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_every_artefact_opens_or_names_its_version_and_the_remedy(folder, name):
+    found = stages(folder, name)
+    assert len(found) >= (6 if name == "bench" else 9)
+    for stage, path in found:
+        own, error = opened(path)
+        if own is None:
+            assert "format version" in error
+            assert "--force" in error
+            continue
+        assert own.header.stage == stage.name
+        assert own.message
+        for dataset in own.paths():
+            assert own[dataset].size >= 0
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(folder, name):
+    for stage, path in stages(folder, name):
+        if stage.name not in RECORDS[name]:
+            continue
+        own, _ = opened(path)
+        if own is None:  # the test above says how
+            continue
+        record = read(RECORDS[name][stage.name], own)
+        for field in fields(RECORDS[name][stage.name]):
+            error = ""
+            try:
+                getattr(record, field.name)
+            except ArtefactError as raised:
+                error = str(raised)
+            assert not error or own.header.version != stage.version, f"{stage.name}: {error}"
+            assert not error or "--force" in error
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_what_another_stage_version_made_is_never_up_to_date(folder, name):
+    job = job_of(folder, name)
+    statuses = {status.stage: status for status in plan(stages_of(job), job)}
+    for stage, path in stages(folder, name):
+        version, status = Artefact(path).header.version, statuses[stage.name]
+        if version != stage.version:
+            assert status.status != UP_TO_DATE
+            assert f"stage version {version} → {stage.version}" in status.reasons
+        raised = [replace(own, version=own.version + (own.name == stage.name)) for own in stages_of(job)]
+        later = next(own for own in plan(raised, job) if own.stage == stage.name)
+        assert later.status != UP_TO_DATE
+        assert f"stage version {version} → {stage.version + 1}" in later.reasons
+
+
+def test_another_format_is_refused_by_both_numbers_and_computed_anew(folder, monkeypatch):
+    monkeypatch.setattr(artefacts, "FORMAT_VERSION", 99)
+    job = job_of(folder, "structure")
+    with pytest.raises(ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99") as caught:
+        Artefact(job.folder / "rom.h5")
+    assert "--force" in caught.value.remedy
+    first = plan(stages_of(job), job)[0]
+    assert first.status != UP_TO_DATE
+    assert any("reads version 99" in reason for reason in first.reasons)
+
+
+@pytest.mark.parametrize("name", TINY)
+def test_the_command_line_says_it_without_a_traceback(folder, name):
+    done = CliRunner().invoke(app, ["status", str(folder / f"{name}.yaml"), "--results", str(folder / "results")])
+    assert done.exit_code == 0, done.output
+    assert "Traceback" not in done.output
+
+
+def test_a_release_is_not_replaced_by_chance(monkeypatch, capsys):
+    from . import release
+
+    monkeypatch.setattr(release.sys, "argv", ["release"])
+    assert release.main() == 2
+    assert "is kept already" in capsys.readouterr().err

@@ -1,21 +1,29 @@
-"""Wrong models by their names: none is taken in silence, and what is said names the mistake. The decks they are made from have
-no warning."""
+"""Wrong models by their names, `import --strict`, and parameters that have left their range."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from strainsight.cases.structure.mesh import mesh_of
+from strainsight.cases.structure.out_of_range import validated_out_of_range
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
+from strainsight.records.record import read
+from strainsight.records.validated import Validated
 from strainsight.stages.import_mesh import looked_at
+from strainsight.stages.pages.assumed import ASSUMES
+from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from .decks import bar, config, frame, inp, msh, plate
+from ..edges.beam import E, finished
+from ..edges.beam import bricks as ranges_bricks
+from .decks import bar, bricks, config, deck, frame, inp, msh, plate
 from .models import ABAQUS, AT_IMPORT, LATER, OF_PLIES, ON_PLATE, of_gmsh, plies
 
 
@@ -96,3 +104,90 @@ def test_what_is_unusual_and_sound_has_no_warning(deck, tmp_path):
 
 def test_there_are_sixty_and_more():
     assert len(AT_IMPORT) + len(LATER) >= 60
+
+
+def imported(folder, text, own, *flags):
+    words = ["import", str(written(folder, text, own)), "--results", str(folder / "results"), *flags]
+    done = CliRunner().invoke(app, words)
+    return done.exit_code, done.stderr
+
+
+def assumed(folder):
+    (table,) = [own for own in Artefact(folder / "results" / "own" / "import.h5").tables if own.title == ASSUMES]
+    return {what: (count, detail) for what, count, detail in table.rows}
+
+
+def test_warnings_end_a_strict_import_also_where_it_is_up_to_date(tmp_path):
+    wrong = frame(section="PBAR,1,1,4.-4,2.-8,1.-8,2.-4"), {}
+    code, said = imported(tmp_path, *wrong)
+    assert (code, said.count("warning: "), said.count("is more than I1 + I2")) == (0, 1, 1)
+    for _ in range(2):
+        code, said = imported(tmp_path, *wrong, "--strict")
+        assert code == 2
+        assert "1 warning, and --strict takes none: region 1 (PBAR 1): J = 0.0002 m⁴ is more than I1 + I2" in said
+        assert "own.yaml:3" in said
+
+
+def test_a_sound_model_passes_it(tmp_path):
+    assert imported(tmp_path, frame(), {}, "--strict") == (0, "")
+
+
+def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
+    parts = [*bricks(), *bricks(at=(0.4, 0.0, 0.0), first=101, element=101)]
+    ties = "RBE2,90,5,123,101\nRBE2,91,10,123,106\nRBE2,92,15,123,111\nRBE2,93,20,123,116"
+    lines = "PARAM,POST,-1", "TOPVAR,1", "PARAM,COUPMASS,-1"
+    text = deck(*parts, "PSOLID,1,1", ties, "CONM2,95,105,,2.5", "CELAS2,60,1.+6,5,3,10,3", *lines)
+    assert imported(tmp_path, text, {})[0] == 0
+    found = assumed(tmp_path)
+    assert found["card CHEXA"] == ("8", "read")
+    assert found["card PARAM POST"] == ("1", "left out: it changes neither stiffness, mass nor supports")
+    assert "card PARAM COUPMASS" not in found  # it counts
+    assert found["card TOPVAR"] == ("1", "left out: what it does is not known here")
+    assert found["parts that share no node"] == ("2", "1 with ties, relations and springs")
+    assert found["nodes in one place that nothing joins"][0] == "0"
+    assert found["rigid-body check: motions left"] == ("0", "")
+    count, detail = found["rigid-body check: springs and relations between nodes"]
+    assert (count, detail.partition(";")[0]) == ("1", "1 resist one")
+    assert found["mass of region 1 PSOLID 1"][0] == f"{2 * 0.4 * 0.1 * 0.1 * 7850:.6g} kg"
+    assert found["point masses"][0] == "2.5 kg"
+
+
+def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_path):
+    assert imported(tmp_path, deck(*bricks(), "PSOLID,1,1", "SPC,1,5,3,.01"), {})[0] == 0
+    _, detail = assumed(tmp_path)["card ENFORCED DISPLACEMENT of another value than zero"]
+    assert detail.startswith("not as the deck has it: the motion is held at zero")
+
+
+@pytest.mark.parametrize(("turned", "free"), [((), "12"), ((3,), "12")])
+def test_free_sides_of_shells_are_counted(tmp_path, turned, free):
+    assert imported(tmp_path, plate(turned=turned), ON_PLATE)[0] == 0
+    found = assumed(tmp_path)
+    assert found["free sides of shells"] == (free, "0 sides have more than two shells")
+    assert found["mass of region 1 PSHELL 1"][0] == f"{0.4 * 0.2 * 0.002 * 7850:.6g} kg"
+
+
+@pytest.mark.parametrize(("value", "said"), [(2.9e11, False), (3.1e11, True), (0.9e11, True)])
+def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
+    (tmp_path / "own.yaml").write_text(config(), encoding="utf-8")
+    model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
+    problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
+    found = validated_out_of_range(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
+    assert bool(found) == said
+    if said:
+        assert f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
+        assert "widen parameters.E.range" in found
+
+
+def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
+    """No estimate from noise lies in a range so narrow."""
+    changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E}
+    found = finished(tmp_path, "report", ranges_bricks((5, 1, 1)), changes)
+    summary, page = found["validate"].summary, (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
+    assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
+    assert summary["verdict"] == "σ is withheld"
+    assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]
+    own = read(Validated, found["validate"])
+    for std in (*own.std.values(), *own.smoothed_std.values(), *own.noise.std.values(), own.gauge.std, own.field.std):
+        assert np.isnan(std).all()
+    assert "E: σ is withheld" in page
+    assert "claimed σ)" not in page
