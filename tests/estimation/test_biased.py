@@ -12,7 +12,7 @@ from strainsight.estimation.motion import measure
 from strainsight.estimation.reduced import Driven
 
 AT = np.array([0, 2])
-STEPS = 400
+STEPS = 150
 
 
 @pytest.fixture(scope="module")

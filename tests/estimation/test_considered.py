@@ -28,7 +28,7 @@ from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
-STEPS = 30
+STEPS = 20
 OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3], [0.0, 0.0]])
 DRIFTS = np.array([[0.0, 0.0], [0.0, 2e-3], [0.0, 0.0], [3e-3, -4e-3]])
 MISSING = (7, 0), (8, 0), (8, 1), (15, 1)
@@ -116,7 +116,7 @@ def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
     begin = np.zeros((1, 5)), P, np.zeros((1, 4, 5))
     known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
     ends = known_ends(known, offsets())
-    with pytest.raises(ValueError, match=r"\(30, 2\) in place of \(29, 2\)"):
+    with pytest.raises(ValueError, match=r"\(20, 2\) in place of \(19, 2\)"):
         consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], ends[1:], y[1:], noise)
     with pytest.raises(ValueError, match="do not fit"):
         replace(one, H=np.concatenate([one.H, one.H]))
@@ -144,7 +144,7 @@ def test_a_quieter_gauge_makes_no_load_worse(learned):
 
     def level(claim, noise):
         own = replace(model, r=model.r * noise**2)
-        return claim(own, nominal(), both_forces(), start_of(), gains).std[40:, 0, 4].mean()
+        return claim(own, nominal(), both_forces(), start_of(), gains).std[25:, 0, 4].mean()
 
     considered, as_if_exact = ([level(claim, n) for n in noises] for claim in (bank_claim, covariance_recursion))
     assert (np.diff(considered) <= 1e-12).all()

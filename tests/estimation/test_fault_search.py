@@ -124,7 +124,7 @@ def four():
     model, P = loaded_chain(), start()[:5, :5]
     H = np.hstack([FOUR, np.zeros((4, 3))])
     model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
-    _, y = draw_truth(model, np.zeros(5), P, forces(LONG), range(20))
+    _, y = draw_truth(model, np.zeros(5), P, forces(LONG), range(10))
     return model, P, y
 
 
@@ -156,10 +156,9 @@ def broken(kind, y):
     return y, Fault("scale", 1, kind)
 
 
-@pytest.mark.parametrize(
-    "kind", ["sign", 0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6, "offset", "drift", "dead", "clipped", "late", "swapped"]
-)
+@pytest.mark.parametrize("kind", [1e3, 1e-6, "dead", "clipped", "late"])
 def test_a_fault_of_one_channel_is_named(four, kind):
+    """The others are named in test_record_check."""
     model, P, y = four
     samples, fault = broken(kind, y[:, 3])
     found = examined(suspect(model, P, forces(LONG), samples))

@@ -60,7 +60,7 @@ def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, input
 def test_what_is_known_is_predicted(make_beam, make_filter, sine, parameters):
     """A filter that is told the load and starts at the truth predicts every strain and acceleration, whatever it doubts.
     Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
-    beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 60
+    beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 25
     model = make_filter(beam, parameters=parameters, known=("tip",), h=h, accelerometers=1)
     u = sine(h * np.arange(steps), h, 1e4, 200.0)
     rest, theta = beam.model, beam.model.reference

@@ -46,7 +46,6 @@ def record():
 WRONG = {
     "sign": (-FORCE, Fault("sign", 0, of_load=True)),
     "kilonewtons": (1e-3 * FORCE, Fault("scale", 0, 1e-3, of_load=True)),
-    "pounds": (FORCE / 4.4482216, Fault("scale", 0, 1 / 4.4482216, of_load=True)),
     "late": (WIDE[2:-5], Fault("late", 0, 2, of_load=True)),
     "early": (WIDE[5:-2], Fault("late", 0, -1, of_load=True)),
 }

@@ -15,11 +15,10 @@ from strainsight.rom.modal_step import simulate
 from .drawn import prior
 
 
-@pytest.mark.parametrize(("name", "truth", "hertz"), [("E", 2.1e11, 20.0), ("rho", 7850.0, 35.0)])
-@pytest.mark.parametrize("start", [-0.1, 0.1])
+@pytest.mark.parametrize(("name", "truth", "hertz", "start"), [("E", 2.1e11, 20.0, -0.1), ("rho", 7850.0, 35.0, 0.1)])
 def test_a_parameter_is_found_from_a_guess_ten_percent_off(make_beam, make_filter, sine, name, truth, hertz, start):
     """Truth of 20 modes, filter of 10, noise of 1 %, the load known: within 0.2 % from either side."""
-    beam, rich, h, steps, gauges = make_beam(), make_beam(modes=20), 5e-4, 1500, (0.01, 0.05, 0.1, 0.3)
+    beam, rich, h, steps, gauges = make_beam(), make_beam(modes=20), 5e-4, 1000, (0.01, 0.05, 0.1, 0.3)
     u = sine(h * np.arange(steps), h, 1e4, hertz)
     clean = simulate(rich.model, rich.model.reference, u, h)[1:, :20] @ rich.rows(*gauges).T
     noise = 0.01 * np.sqrt(np.mean(clean**2, axis=0)).max()

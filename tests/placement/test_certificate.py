@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from scipy.optimize import LinearConstraint, NonlinearConstraint, minimize
@@ -18,21 +16,12 @@ from strainsight.placement.score import score
 CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
 
 
-def every_set(oracle, pools, keep, aggregate):
-    combine = {"mean": np.mean, "worst": np.max}[aggregate]
-    return min(
-        combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools])
-        for gauges in combinations(range(len(pools[0].rows)), keep)
-    )
-
-
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(("inputs", "parameters"), CASES)
-def test_the_bound_lies_below_the_optimum(oracle, beam_of, scenarios_of, inputs, parameters, seed):
-    scenarios = scenarios_of(beam_of(12, 3, seed=seed), inputs, parameters)
+def test_the_bound_lies_below_the_optimum(every_set, beam_of, scenarios_of, inputs, parameters):
+    scenarios = scenarios_of(beam_of(11, 3), inputs, parameters)
     greedy = eliminate(scenarios, 4)
     swapped = exchange(greedy.pools, greedy.kept)
-    best = every_set(oracle, greedy.pools, 4, "mean")
+    best = min(every_set(greedy.pools, 4).values())
     certificate = certify(greedy.pools, swapped.gauges, swapped.cost[-1])
     assert certificate.lower_bound <= best * (1 + 1e-7)
     assert certificate.lower_bound <= certificate.relaxed * (1 + 1e-12)
@@ -53,12 +42,12 @@ def test_the_bound_lies_below_the_optimum(oracle, beam_of, scenarios_of, inputs,
     np.testing.assert_allclose(honest.gap, 1 - honest.lower_bound / cost, rtol=1e-12)
 
 
-def test_the_bound_on_the_worst_scenario_is_valid_and_close(oracle, beam_of, scenarios_of):
+def test_the_bound_on_the_worst_scenario_is_valid_and_close(every_set, beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(11, 2), ("Fz",), ("E",), instants=(55, 260, 871))
     greedy = eliminate(scenarios, 4, "worst")
     swapped = exchange(greedy.pools, greedy.kept, "worst")
     certificate = certify(greedy.pools, swapped.gauges, swapped.cost[-1], "worst")
-    best = every_set(oracle, greedy.pools, 4, "worst")
+    best = min(every_set(greedy.pools, 4, "worst").values())
     assert certificate.lower_bound <= best * (1 + 1e-7)
     assert best * (1 - 1e-7) <= swapped.cost[-1]
     assert certificate.relaxed - certificate.lower_bound < 5e-3 * certificate.relaxed
@@ -155,15 +144,11 @@ def test_the_relaxation_of_walks_is_that_of_a_general_solver(case, aggregate, un
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_no_set_with_a_gauge_costs_less_than_its_own_bound(oracle, beam_of, scenarios_of, aggregate):
+def test_no_set_with_a_gauge_costs_less_than_its_own_bound(every_set, beam_of, scenarios_of, aggregate):
     """By brute force over all sets of three, and over those whose gauges keep apart."""
     scenarios = scenarios_of(beam_of(11, 2), ("Fz",), ("E",), instants=(55, 871))
     greedy = eliminate(scenarios, 3, aggregate)
-    pools, combine = greedy.pools, {"mean": np.mean, "worst": np.max}[aggregate]
-    costs = {
-        gauges: combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools])
-        for gauges in combinations(range(11), 3)
-    }
+    pools, costs = greedy.pools, every_set(greedy.pools, 3, aggregate)
     apart = limits_of(11, 3, near=np.array([[i, i + 1] for i in range(10)]))
     for limits in (limits_of(11, 3), apart):
         allowed = {gauges: cost for gauges, cost in costs.items() if limits.allows(np.array(gauges))}

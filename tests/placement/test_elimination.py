@@ -52,17 +52,17 @@ def compare(oracle, found, aggregate):
     assert found.residual < 1e-10
 
 
-@pytest.mark.parametrize("noise", [1e-8, 1e-6, 1e-5])
+@pytest.mark.parametrize("noise", [1e-8, 1e-5])
 @pytest.mark.parametrize(("inputs", "parameters"), CASES)
 def test_one_scenario_is_brute_force(oracle, beam_of, scenarios_of, inputs, parameters, noise):
-    found = eliminate(scenarios_of(beam_of(30, 6), inputs, parameters, noise=noise), 4)
+    found = eliminate(scenarios_of(beam_of(14, 4), inputs, parameters, noise=noise), 4)
     compare(oracle, found, "mean")
     np.testing.assert_allclose(found.cost[0], len(inputs) + len(parameters), rtol=1e-9)
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_several_scenarios_are_brute_force(oracle, beam_of, scenarios_of, aggregate):
-    scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260, 871))
+    scenarios = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), instants=(55, 260, 871))
     compare(oracle, eliminate(scenarios, 4, aggregate), aggregate)
 
 

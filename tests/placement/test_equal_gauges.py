@@ -18,7 +18,7 @@ from strainsight.placement.limits import as_limits
 from strainsight.placement.metric import Metric
 from strainsight.placement.score import score
 
-KEEP, SHAKES, ROUNDING = 4, 3, 1e-13
+KEEP, ROUNDING = 4, 1e-13
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +71,6 @@ def test_rounding_does_not_choose_between_equal_gauges(mirrored):
     prior = np.cov(beam.x[:, : beam.model.size], rowvar=False)
     first = found_by_all(scenario, rows, prior)
     assert any(eliminate([scenario], KEEP).ties)
-    for _ in range(SHAKES):
-        Q = shaken(scenario.Q)
-        other = replace(scenario, F=shaken(scenario.F), H=shaken(scenario.H), Q=0.5 * (Q + Q.T))
-        assert found_by_all(other, shaken(rows), prior) == first
+    Q = shaken(scenario.Q)
+    other = replace(scenario, F=shaken(scenario.F), H=shaken(scenario.H), Q=0.5 * (Q + Q.T))
+    assert found_by_all(other, shaken(rows), prior) == first

@@ -59,7 +59,6 @@ def with_accelerometers(scenario, modes, precision, count=2):
 
 
 PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
-    (("Fz",), ("E",), 1e-4, 1e-4),
     (("Fz",), ("E",), 1e-4, 1e-6),
     (("Fz", "Fy"), ("E",), 1e-6, 1e-6),
     (("Fz",), ("E", "rho"), 1e-4, 1e-4),
@@ -67,10 +66,12 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 ]
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-4])
-@pytest.mark.parametrize(("inputs", "parameters"), [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("rho",))])
+@pytest.mark.parametrize(
+    ("inputs", "parameters", "noise"),
+    [((), ("E",), 1e-7), (("Fz",), ("E",), 1e-9), (("Fz",), ("E",), 1e-4), (("Fz", "Fy"), ("rho",), 1e-9)],
+)
 def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, inputs, parameters):
-    (scenario,) = scenarios_of(beam_of(8, 3), inputs, parameters, noise=noise)
+    (scenario,) = scenarios_of(beam_of(8, 2), inputs, parameters, noise=noise)
     pool = solve_pool(scenario)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
     np.testing.assert_allclose(pool.P, truth, rtol=0, atol=1e-8)
@@ -81,8 +82,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
     beam_of, scenarios_of, inputs, parameters, noise, precision
 ):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
-    (strain,) = scenarios_of(beam_of(12, 3), inputs, parameters, noise=noise)
-    pool = solve_pool(with_accelerometers(strain, 3, precision))
+    (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
+    pool = solve_pool(with_accelerometers(strain, 2, precision))
     assert pool.residual < 2e-11
     assert residual(pool.scenario, pool.P) < 2e-11
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
@@ -90,8 +91,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
 
 
 def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, scenarios_of):
-    (strain,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
-    pool = solve_pool(with_accelerometers(strain, 3, 1e-4))
+    (strain,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
+    pool = solve_pool(with_accelerometers(strain, 2, 1e-4))
     gauges = [1, 5, 8, 12]
     P = subset_covariance(pool, gauges)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[gauges, 0])
@@ -106,8 +107,8 @@ def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, sc
 
 
 def test_the_sum_alone_cannot_tell_the_solution_beside_a_precise_accelerometer(beam_of, scenarios_of):
-    (strain,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
-    pool = solve_pool(with_accelerometers(strain, 3, 1e-6))
+    (strain,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
+    pool = solve_pool(with_accelerometers(strain, 2, 1e-6))
     F, Q, rows = pool.scenario.F, pool.scenario.Q, pool.rows[:, 0]
     truth = covariance_in_sixty_digits(F, Q, rows)
     assert relative_residual(F, Q, rows.T @ rows, truth) > 1e-8
@@ -122,8 +123,8 @@ def test_the_factor_is_taken_only_where_the_sum_has_lost_digits(beam_of, scenari
         return Information(rows.T @ rows, lambda: asked.append(1) or rows)
 
     for precision, expected in ((None, 0), (1e-4, 1)):
-        (scenario,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
-        scenario = scenario if precision is None else with_accelerometers(scenario, 3, precision)
+        (scenario,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
+        scenario = scenario if precision is None else with_accelerometers(scenario, 2, precision)
         pool = solve_pool(scenario)
         asked.clear()
         known = counted(pool.rows[:, 0])
@@ -133,7 +134,7 @@ def test_the_factor_is_taken_only_where_the_sum_has_lost_digits(beam_of, scenari
         assert len(asked) == expected
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize(("modes", "parameters", "inputs"), [(9, ("E",), ()), (10, ("E",), ("Fz",)), (14, (), ("Fz",))])
 def test_residual_of_21_to_31_states_is_below_1e10(beam_of, scenarios_of, noise, modes, inputs, parameters):
     (scenario,) = scenarios_of(beam_of(60, modes), inputs, parameters, noise=noise)
