@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import block_diag, expm
 
 from strainsight.estimation import consider_smoother
 from strainsight.estimation.bank import filter_bank
@@ -22,7 +22,7 @@ from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
-from .chain import ROWS, STIFFNESS, continuous, forces, gathered, loaded_chain, start
+from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, loaded_chain, start
 from .chain import H as STEP
 from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
@@ -91,6 +91,24 @@ def test_the_first_samples_are_read_as_by_all_of_bayes():
     (own, _), (all_of_it, _) = (both(model, y[:, 0] + 2e-3, offsets(learned)) for learned in (False, True))
     for considered, learned in zip(own, all_of_it, strict=True):
         np.testing.assert_allclose(considered[1], learned[1], rtol=1e-9, atol=1e-12)
+
+
+def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
+    """Motion, load and constants are one normal vector, conditioned on the samples that are there."""
+    model = loaded_chain()
+    F = continuous(REFERENCE)[0]
+    states = influence(expm(F * STEP), STEPS).reshape(5 * STEPS + 5, -1)
+    prior = states @ block_diag(P, *[gathered(F, model.Q)] * STEPS) @ states.T
+    constants_read = OFFSETS[:, None] + DRIFTS[:, None] * np.arange(1, STEPS + 1)[:, None] / STEPS
+    there = np.ones((STEPS, 2), dtype=bool)
+    there[tuple(np.transpose(MISSING))] = False
+    read_states = np.kron(np.eye(STEPS + 1)[1:], np.hstack([ROWS, np.zeros((2, 3))]))
+    rows = np.hstack([read_states, constants_read.reshape(len(OFFSETS), -1).T])[there.ravel()]
+    whole = block_diag(prior, np.eye(len(OFFSETS)))
+    S = rows @ whole @ rows.T + model.noise[0] * np.eye(len(rows))
+    variance = np.diag(whole - whole @ rows.T @ np.linalg.solve(S, rows @ whole))[: len(prior)].reshape(-1, 5)
+    (_, later) = both(model, np.zeros((STEPS, 2)), offsets(learned=True))
+    np.testing.assert_allclose(later[1], np.sqrt(variance), rtol=1e-9, atol=1e-12)
 
 
 def test_who_considers_is_never_surer_than_who_learns():
