@@ -16,6 +16,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.placement.elimination import Scenario, whole_pool_weight
 from strainsight.rom.model import Damping, ReducedModel
 
+from ..structures import beam_curvature, beam_matrices, clamped_beam
 from .wandering import COMBINED
 
 E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
@@ -30,48 +31,15 @@ class Beam:
     theta: dict[str, float]
 
 
-def hermite(elements: int, inertia: float) -> tuple[np.ndarray, np.ndarray]:
-    """K and M of a clamped Euler-Bernoulli beam, per unit modulus and unit density."""
-    h = LENGTH / elements
-    ke = inertia / h**3 * np.array(
-        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
-    )
-    me = WIDTH * HEIGHT * h / 420 * np.array(
-        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
-    )
-    size = 2 * (elements + 1)
-    K, M = np.zeros((size, size)), np.zeros((size, size))
-    for e in range(elements):
-        s = slice(2 * e, 2 * e + 4)
-        K[s, s] += ke
-        M[s, s] += me
-    return K[2:, 2:], M[2:, 2:]
-
-
-def curvature(position: np.ndarray, elements: int) -> np.ndarray:
-    """Rows that give w'' at positions x from the free unknowns."""
-    h = LENGTH / elements
-    rows = np.zeros((len(position), 2 * (elements + 1)))
-    for row, x in zip(rows, position, strict=True):
-        e = min(int(x / h), elements - 1)
-        s = x / h - e
-        row[2 * e : 2 * e + 4] = [
-            (12 * s - 6) / h**2, (6 * s - 4) / h, (6 - 12 * s) / h**2, (6 * s - 2) / h
-        ]
-    return rows[:, 2:]
-
-
 @cache
 def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: int = 0, ratio: float = 0.01,
               foundation: float = 0.0) -> Beam:
     """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
     elements = 24
-    Kz, Mz = hermite(elements, WIDTH * HEIGHT**3 / 12)
-    Ky, My = hermite(elements, HEIGHT * WIDTH**3 / 12)
+    k, m = (clamped_beam(blocks) for blocks in beam_matrices(elements, LENGTH))
+    Kz, Ky, Mz = WIDTH * HEIGHT**3 / 12 * k, HEIGHT * WIDTH**3 / 12 * k, WIDTH * HEIGHT * m
     o = np.zeros_like(Kz)
-    K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, My]])
+    K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, Mz]])
     spring = foundation * np.eye(len(K))
     S = np.zeros((len(K), 2))
     S[2 * elements - 2, 0] = S[len(Kz) + 2 * elements - 2, 1] = 1.0
@@ -92,7 +60,7 @@ def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: in
     rng = np.random.default_rng(seed)
     place = rng.uniform(0.02, 1.95, gauges)
     z, y = rng.choice([-1, 1], gauges) * HEIGHT / 2, rng.uniform(-1, 1, gauges) * WIDTH / 2
-    bend = curvature(place, elements)
+    bend = beam_curvature(place, elements, LENGTH)
     rows = np.hstack([-z[:, None] * bend, -y[:, None] * bend]) @ Psi
     # steady response to the two sines, mode by mode
     t = np.linspace(0, 1, 2001)
