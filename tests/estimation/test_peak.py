@@ -107,7 +107,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
 def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
     """σ of the posterior is a thousandth of that of the prior and less."""
     truth, phase = -0.3, 0.7
-    y = settled_readings(truth, phase, 40) + noise * np.random.default_rng(3).standard_normal((40, 2))
+    y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
     model, known = model_of(noise), held(AMPLITUDE * np.sin(phase * np.arange(40)))
     bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
@@ -125,7 +125,7 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     values = REFERENCE | {"k1": REFERENCE["k1"] * np.exp(truth)}
     first = np.sqrt(np.linalg.eigvalsh(sum(values[name] * STIFFNESS[name] for name in values))[0])
     phase = 1.01 * first * H
-    y = settled_readings(truth, phase, steps) + noise * np.random.default_rng(4).standard_normal((steps, 2))
+    y = settled_readings([truth], phase, steps)[0] + noise * np.random.default_rng(4).standard_normal((steps, 2))
     tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
     known = held(AMPLITUDE * np.sin(phase * np.arange(steps)))
     exact = model_of(noise)
