@@ -38,11 +38,10 @@ def build_beam(
     modes: int = 10, ratio: float = 0.01, graded: bool = False, load_nodes: tuple[int, ...] = (ELEMENTS,)
 ) -> Beam:
     """E and rho belong to the whole beam, or (graded) to its root half, so that they change the mode shapes."""
-    k, m = beam_matrices(ELEMENTS, LENGTH)
     halves = (np.arange(ELEMENTS) >= ELEMENTS // 2) == np.arange(2)[:, None] if graded else np.array([[True], [False]])
     K, M = (
-        np.array([clamped_beam(factor * own[:, None, None] * blocks) for own in halves])
-        for factor, blocks in ((WIDTH * HEIGHT**3 / 12, k), (WIDTH * HEIGHT, m))
+        np.array([clamped_beam(own[:, None, None] * blocks) for own in halves])
+        for blocks in beam_matrices(ELEMENTS, LENGTH, WIDTH * HEIGHT**3 / 12, WIDTH * HEIGHT)
     )
     shapes = eigh(E * K.sum(axis=0), RHO * M.sum(axis=0), subset_by_index=(0, modes - 1))[1]
     S = np.zeros((2 * ELEMENTS + 2, len(load_nodes)))

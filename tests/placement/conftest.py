@@ -36,10 +36,10 @@ def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: in
               foundation: float = 0.0) -> Beam:
     """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
     elements = 24
-    k, m = (clamped_beam(blocks) for blocks in beam_matrices(elements, LENGTH))
-    Kz, Ky, Mz = WIDTH * HEIGHT**3 / 12 * k, HEIGHT * WIDTH**3 / 12 * k, WIDTH * HEIGHT * m
+    inertia = WIDTH * HEIGHT**3 / 12, HEIGHT * WIDTH**3 / 12
+    (Kz, Mz), (Ky, My) = (map(clamped_beam, beam_matrices(elements, LENGTH, own, WIDTH * HEIGHT)) for own in inertia)
     o = np.zeros_like(Kz)
-    K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, Mz]])
+    K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, My]])
     spring = foundation * np.eye(len(K))
     S = np.zeros((len(K), 2))
     S[2 * elements - 2, 0] = S[len(Kz) + 2 * elements - 2, 1] = 1.0

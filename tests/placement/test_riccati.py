@@ -82,8 +82,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
     beam_of, scenarios_of, inputs, parameters, noise, precision
 ):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
-    (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
-    pool = solve_pool(with_accelerometers(strain, 2, precision))
+    (strain,) = scenarios_of(beam_of(12, 3), inputs, parameters, noise=noise)
+    pool = solve_pool(with_accelerometers(strain, 3, precision))
     assert pool.residual < 2e-11
     assert residual(pool.scenario, pool.P) < 2e-11
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
@@ -91,8 +91,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
 
 
 def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, scenarios_of):
-    (strain,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
-    pool = solve_pool(with_accelerometers(strain, 2, 1e-4))
+    (strain,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
+    pool = solve_pool(with_accelerometers(strain, 3, 1e-4))
     gauges = [1, 5, 8, 12]
     P = subset_covariance(pool, gauges)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[gauges, 0])
@@ -123,8 +123,8 @@ def test_the_factor_is_taken_only_where_the_sum_has_lost_digits(beam_of, scenari
         return Information(rows.T @ rows, lambda: asked.append(1) or rows)
 
     for precision, expected in ((None, 0), (1e-4, 1)):
-        (scenario,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
-        scenario = scenario if precision is None else with_accelerometers(scenario, 2, precision)
+        (scenario,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
+        scenario = scenario if precision is None else with_accelerometers(scenario, 3, precision)
         pool = solve_pool(scenario)
         asked.clear()
         known = counted(pool.rows[:, 0])
