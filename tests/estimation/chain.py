@@ -71,6 +71,23 @@ def continuous(stiffness, factors=1.0):
     return F, np.array([0, 0, 0, 1.0, 0])
 
 
+def step_at(p):
+    """Transition A (5, 5) and drive (5,) of a step at θ = reference·exp(p), from the textbook."""
+    F, column = continuous({name: value * np.exp(log) for (name, value), log in zip(REFERENCE.items(), p, strict=True)})
+    whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
+    return whole[:5, :5], whole[:5, 5]
+
+
+def influence(A, steps):
+    """Block (k, j) is A^(k − j), zero for j > k: states (steps + 1, n) of the start and the noise of every step."""
+    power = [np.eye(len(A))]
+    for _ in range(steps):
+        power.append(A @ power[-1])
+    lag = np.subtract.outer(np.arange(steps + 1), np.arange(steps + 1))
+    blocks = np.array(power)[np.maximum(lag, 0)] * (lag >= 0)[..., None, None]
+    return blocks.transpose(0, 2, 1, 3)
+
+
 def gathered(F, Q):
     """Van Loan's integral of the noise over a step."""
     n = len(F)

@@ -16,6 +16,8 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.rom.model import Damping, ReducedModel
 
+from ..structures import beam_curvature, beam_matrices, clamped_beam
+
 LENGTH, WIDTH, HEIGHT, E, RHO = 2.0, 0.2, 0.195, 2.1e11, 7850.0
 ELEMENTS = 16
 
@@ -29,37 +31,20 @@ class Beam:
 
     def rows(self, *positions: float) -> np.ndarray:
         """Strain rows (m, n) at distances from the root [m]: ε = −(HEIGHT/2) w''."""
-        length = LENGTH / ELEMENTS
-        rows = np.zeros((len(positions), 2 * ELEMENTS + 2))
-        for row, x in zip(rows, positions, strict=True):
-            e = min(int(x / length), ELEMENTS - 1)
-            s = x / length - e
-            curvature = [(12 * s - 6) / length**2, (6 * s - 4) / length, (6 - 12 * s) / length**2, (6 * s - 2) / length]
-            row[2 * e : 2 * e + 4] = -0.5 * HEIGHT * np.array(curvature)
-        return rows[:, 2:] @ self.shapes
+        return -0.5 * HEIGHT * beam_curvature(np.array(positions), ELEMENTS, LENGTH) @ self.shapes
 
 
 def build_beam(
     modes: int = 10, ratio: float = 0.01, graded: bool = False, load_nodes: tuple[int, ...] = (ELEMENTS,)
 ) -> Beam:
     """E and rho belong to the whole beam, or (graded) to its root half, so that they change the mode shapes."""
-    length = LENGTH / ELEMENTS
-    area, inertia = WIDTH * HEIGHT, WIDTH * HEIGHT**3 / 12
-    l, l2 = length, length**2
-    k = inertia / l**3 * np.array([[12, 6 * l, -12, 6 * l], [6 * l, 4 * l2, -6 * l, 2 * l2],
-                                   [-12, -6 * l, 12, -6 * l], [6 * l, 2 * l2, -6 * l, 4 * l2]])  # fmt: skip
-    m = area * l / 420 * np.array([[156, 22 * l, 54, -13 * l], [22 * l, 4 * l2, 13 * l, -3 * l2],
-                                   [54, 13 * l, 156, -22 * l], [-13 * l, -3 * l2, -22 * l, 4 * l2]])  # fmt: skip
-    full = 2 * ELEMENTS + 2
-    K, M = np.zeros((2, full, full)), np.zeros((2, full, full))
-    for e in range(ELEMENTS):
-        region = int(graded and e >= ELEMENTS // 2)
-        where = np.ix_(range(2 * e, 2 * e + 4), range(2 * e, 2 * e + 4))
-        K[region][where] += k
-        M[region][where] += m
-    K, M = K[:, 2:, 2:], M[:, 2:, 2:]
+    halves = (np.arange(ELEMENTS) >= ELEMENTS // 2) == np.arange(2)[:, None] if graded else np.array([[True], [False]])
+    K, M = (
+        np.array([clamped_beam(own[:, None, None] * blocks) for own in halves])
+        for blocks in beam_matrices(ELEMENTS, LENGTH, WIDTH * HEIGHT**3 / 12, WIDTH * HEIGHT)
+    )
     shapes = eigh(E * K.sum(axis=0), RHO * M.sum(axis=0), subset_by_index=(0, modes - 1))[1]
-    S = np.zeros((full, len(load_nodes)))
+    S = np.zeros((2 * ELEMENTS + 2, len(load_nodes)))
     for column, node in enumerate(load_nodes):
         S[2 * node, column] = 1.0
     model = ReducedModel(

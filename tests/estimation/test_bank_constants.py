@@ -216,8 +216,9 @@ def test_sigma_holds_where_a_load_acts_otherwise(what):
         assert np.sqrt(np.mean(np.square(of_load))) == pytest.approx(1.0, abs=3 / np.sqrt(2 * draws))
 
 
-@pytest.mark.parametrize("parameters", [(), ("k1", "k2")])
-@pytest.mark.parametrize("column", [[0.0, 0.1], [0.2, 0.0]], ids=["gain", "direction"])
+@pytest.mark.parametrize(
+    ("column", "parameters"), [([0.0, 0.1], ()), ([0.2, 0.0], ("k1", "k2"))], ids=["gain", "direction"]
+)
 def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, parameters):
     """ν ΔS F of a force F that does not change is a load of shape ΔS, unknown and constant, with σ = F: the same posterior,
     evidence, innovations and smoothed motion."""

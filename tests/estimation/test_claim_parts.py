@@ -159,7 +159,7 @@ def test_nothing_tolerated_adds_nothing():
 @pytest.mark.parametrize("parameters", [(), ("E",)])
 def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(make_beam, make_filter, sine, parameters):
     """Readings of a beam under a constant unknown load and a known sine, each channel in turn scaled a little."""
-    beam, h, steps, gain, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 160, 0.03, 1e-3
+    beam, h, steps, gain, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 40, 0.03, 1e-3
     model = make_filter(beam, ("tip",), parameters, ("middle",), h, accelerometers=2, q_velocity=0.1)
     u = np.zeros((steps, 3, 2))
     u[:, 0, 0], u[:, :, 1:] = 2e4, sine(h * np.arange(steps), h, 1e4, 20.0)
@@ -204,7 +204,7 @@ def test_a_model_without_any_parameter_is_that_with_all_of_them_fixed():
 def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(make_beam, make_filter, sine, parameters):
     """Readings of strain and acceleration of a beam whose loads, a constant unknown one and a known sine, push its coordinates
     otherwise than the filter believes, and strain a gauge besides."""
-    beam, h, steps, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 160, 1e-4
+    beam, h, steps, size = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 5e-4, 40, 1e-4
     model = make_filter(beam, ("tip",), parameters, ("middle",), h, accelerometers=2, q_velocity=0.1)
     u = np.zeros((steps, 3, 2))
     u[:, 0, 0], u[:, :, 1:] = 2e4, sine(h * np.arange(steps), h, 1e4, 20.0)

@@ -123,14 +123,14 @@ def likelihood():
     return y[:, 0], RectBivariateSpline(*axes, np.array(values)).ev
 
 
-@pytest.mark.parametrize("std", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("std", [0.05, 0.2])
 def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelihood, std):
     """The likelihood of four springs in parallel is that of their sum, and the posterior a sheet, bent the more, the wider the
-    prior: against a million draws from that."""
+    prior: against 300 000 draws from that."""
     y, log_likelihood = likelihood
     model, P = five(std)
     bank = filter_bank(model, np.zeros(10), P, forces(), y)
-    draws = np.random.default_rng(1).standard_normal((1_000_000, 5)) * np.sqrt(np.diag(P)[5:])
+    draws = np.random.default_rng(1).standard_normal((300_000, 5)) * np.sqrt(np.diag(P)[5:])
     first = np.log(np.mean(np.exp(draws[:, :4]), axis=1))
     there = (np.abs(first) < 0.6) & (np.abs(draws[:, 4]) < 0.25)
     draws, first = draws[there], first[there]

@@ -124,7 +124,7 @@ def four():
     model, P = loaded_chain(), start()[:5, :5]
     H = np.hstack([FOUR, np.zeros((4, 3))])
     model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
-    _, y = draw_truth(model, np.zeros(5), P, forces(LONG), range(20))
+    _, y = draw_truth(model, np.zeros(5), P, forces(LONG), range(10))
     return model, P, y
 
 
@@ -156,10 +156,9 @@ def broken(kind, y):
     return y, Fault("scale", 1, kind)
 
 
-@pytest.mark.parametrize(
-    "kind", ["sign", 0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6, "offset", "drift", "dead", "clipped", "late", "swapped"]
-)
+@pytest.mark.parametrize("kind", [1e3, 1e-6, "dead", "clipped", "late"])
 def test_a_fault_of_one_channel_is_named(four, kind):
+    """The others are named in test_record_check."""
     model, P, y = four
     samples, fault = broken(kind, y[:, 3])
     found = examined(suspect(model, P, forces(LONG), samples))
@@ -270,8 +269,9 @@ def test_a_missing_stretch_is_no_fault(four):
 def test_the_chain_with_unknown_stiffnesses_names_a_fault_too():
     model, P = chain(), start()
     model = replace(model, H=np.hstack([FOUR, np.zeros((4, 5))]), r=np.repeat(model.r[:1], 4))
-    _, y = draw_truth(model, np.zeros(7), P, forces(LONG), [1])
+    known = forces(LONG // 2)
+    _, y = draw_truth(model, np.zeros(7), P, known, [1])
     sound = y[:, 0]
-    assert not examined(suspect(model, P, forces(LONG), sound)).contradicts
+    assert not examined(suspect(model, P, known, sound)).contradicts
     turned = sound * [1, 1, -1, 1]
-    assert examined(suspect(model, P, forces(LONG), turned)).diagnosis.named.fault == Fault("sign", 2)
+    assert examined(suspect(model, P, known, turned)).diagnosis.named.fault == Fault("sign", 2)

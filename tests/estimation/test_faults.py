@@ -1,11 +1,18 @@
-"""Faults of channels: how each is undone, and what is seen of it in the channel alone."""
+"""Faults of channels and of known loads: what they change, and which are named."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from strainsight.estimation.bank import filter_records
+from strainsight.estimation.bank_filters import bank_record
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.fault_search import examined, explained
 from strainsight.estimation.faults import (
+    FORESEEN,
     Explained,
     Fault,
     at_limit,
@@ -17,6 +24,11 @@ from strainsight.estimation.faults import (
     shifted,
     undone,
 )
+from strainsight.estimation.load_faults import KnownLoads
+from strainsight.estimation.settled import Settled
+
+from .chain import driven_chain, driven_start
+from .test_fault_search import FOUR, LONG, suspect
 
 RNG = np.random.default_rng(1)
 SAMPLES = RNG.standard_normal((60, 3))
@@ -97,24 +109,24 @@ def test_noise_alone_is_as_dense_as_its_own_normal_density():
     assert np.isfinite(dead_density(np.zeros(10), 0.25))
 
 
-def explained(kind, evidence, ratio=1.0, channel=0, amount=0.0):
+def hypothesis(kind, evidence, ratio=1.0, channel=0, amount=0.0):
     return Explained(Fault(kind, channel, amount), evidence, ratio)
 
 
 @pytest.mark.parametrize(
     ("found", "named"),
     [
-        ([explained("sign", 0), explained("offset", -500)], "sign"),
-        ([explained("sign", 0), explained("offset", -3)], None),
-        ([explained("sign", 0, ratio=4.0), explained("offset", -500)], "offset"),
-        ([explained("sign", 0, ratio=1.3), explained("offset", -5)], "offset"),
-        ([explained("sign", 0, ratio=1.3), explained("offset", -5, ratio=1.25)], None),
-        ([explained("sign", 0, ratio=1.6)], None),
-        ([explained("sign", -995), explained("offset", -999)], None),
-        ([explained("angle", 0, amount=45.0), explained("angle", -1, amount=-45.0)], "angle"),
-        ([explained("late", 0, amount=3), explained("late", -2, amount=4)], "late"),
-        ([explained("sign", 0), explained("sign", -1, channel=1)], None),
-        ([explained("sign", -np.inf)], None),
+        ([hypothesis("sign", 0), hypothesis("offset", -500)], "sign"),
+        ([hypothesis("sign", 0), hypothesis("offset", -3)], None),
+        ([hypothesis("sign", 0, ratio=4.0), hypothesis("offset", -500)], "offset"),
+        ([hypothesis("sign", 0, ratio=1.3), hypothesis("offset", -5)], "offset"),
+        ([hypothesis("sign", 0, ratio=1.3), hypothesis("offset", -5, ratio=1.25)], None),
+        ([hypothesis("sign", 0, ratio=1.6)], None),
+        ([hypothesis("sign", -995), hypothesis("offset", -999)], None),
+        ([hypothesis("angle", 0, amount=45.0), hypothesis("angle", -1, amount=-45.0)], "angle"),
+        ([hypothesis("late", 0, amount=3), hypothesis("late", -2, amount=4)], "late"),
+        ([hypothesis("sign", 0), hypothesis("sign", -1, channel=1)], None),
+        ([hypothesis("sign", -np.inf)], None),
         ([], None),
     ],
 )
@@ -122,3 +134,122 @@ def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, na
     best, candidates = chosen(-1000, found, believable=1.5, margin=20, apart=10)
     assert (best.fault.kind if best else None) == named
     assert best is None or best in candidates
+
+
+ANY = np.random.default_rng(2)
+
+
+def held(values):
+    """Straight between samples (T + 1, p)."""
+    found = np.zeros((len(values) - 1, 3, values.shape[1]))
+    found[:, 0], found[:, 1] = values[:-1], np.diff(values, axis=0)
+    return found
+
+
+WIDE = np.cumsum(ANY.standard_normal((LONG + 8, 1)), axis=0)
+FORCE = WIDE[4:-3]
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Four gauges, a force and a stiffness that is not known."""
+    model, P = driven_chain(parameters=("k1",)), driven_start()[:5, :5]
+    H = np.hstack([FOUR, np.zeros((4, 3))])
+    model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
+    P = np.diag([*np.diag(P)[:4], 0.01])
+    _, y = draw_truth(model, np.zeros(5), P, held(FORCE), [4])
+    return suspect(model, P, held(FORCE), y[:, 0])
+
+
+WRONG = {
+    "sign": (-FORCE, Fault("sign", 0, of_load=True)),
+    "kilonewtons": (1e-3 * FORCE, Fault("scale", 0, 1e-3, of_load=True)),
+    "late": (WIDE[2:-5], Fault("late", 0, 2, of_load=True)),
+    "early": (WIDE[5:-2], Fault("late", 0, -1, of_load=True)),
+}
+
+
+def test_a_sound_record_is_consistent(record):
+    assert not examined(record).contradicts
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_the_fault_of_a_load_is_named(record, name):
+    """A large one without a search among channels."""
+    wrong, fault = WRONG[name]
+    found = examined(replace(record, known=held(wrong)))
+    assert found.contradicts
+    named = found.diagnosis.named.fault
+    assert (named.kind, named.channel, named.of_load) == (fault.kind, fault.channel, True)
+    assert named.amount == pytest.approx(fault.amount)
+    assert name == "early" or {own.fault.of_load for own in found.diagnosis.tried} == {True}
+    assert found.diagnosis.best_of(0) is None
+
+
+def test_all_channels_reversed_are_one_load_reversed(record):
+    found = examined(replace(record, samples=-record.samples))
+    assert found.diagnosis.named.fault == Fault("sign", 0, of_load=True)
+
+
+def test_one_channel_reversed_is_no_load(record):
+    found = examined(replace(record, samples=record.samples * [1, -1, 1, 1]))
+    assert found.diagnosis.named.fault == Fault("sign", 1)
+
+
+def test_of_one_channel_and_one_load_neither_is_blamed(record):
+    model = record.model.of_channels(np.array([1]))
+    found = examined(suspect(model, record.covariance, record.known, -record.samples[:, 1:2]))
+    assert found.diagnosis.named is None
+    assert {own.fault for own in found.diagnosis.candidates} == {Fault("sign", 0), Fault("sign", 0, of_load=True)}
+
+
+def test_evidence_is_that_of_the_record_with_the_right_load(record):
+    right = explained(record, None)[0].evidence
+    wrong = replace(record, known=held(-FORCE))
+    assert explained(wrong, Fault("sign", 0, of_load=True))[0].evidence == pytest.approx(right, abs=1e-6)
+    late = replace(record, known=held(WIDE[2:-5]))
+    cut = record.samples.copy()
+    cut[-2:] = np.nan
+    missing = FORESEEN * 2 * cut.shape[1]
+    expected = explained(replace(record, samples=cut), None)[0].evidence + missing
+    assert explained(late, Fault("late", 0, 2, of_load=True))[0].evidence == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
+    """Of a load four samples late, beside gauges ten times as quiet, the posterior moves by many σ from sample to sample."""
+    quiet = replace(record.model, r=1e-2 * record.model.r)
+    late = bank_record(quiet, held(WIDE[:-7]), record.samples, record.nuisances, None)
+    claimed, widened = (
+        filter_records([late], record.mean, record.covariance, birge_ratio=ratio)[0] for ratio in (1.0, 1.5)
+    )
+    assert widened.laid < claimed.laid / 3
+    (mean,), ((variance,),) = widened.posterior
+    assert variance > 1.5**2 * claimed.posterior[1][0, 0]
+    assert abs(mean - claimed.posterior[0][0]) < np.sqrt(variance)
+
+
+def test_swapped_loads_are_exchanged_with_their_tones():
+    known = ANY.standard_normal((20, 3, 4))
+    tones = Settled(np.array([2.0]), ANY.standard_normal((1, 3, 4)) + 0j, np.zeros(2))
+    loads = KnownLoads(known, np.array([0, 1, 0, 1]), tones, np.zeros((20, 1)))
+    model = driven_chain()
+    found = loads.without(Fault("swapped", 0, 1, of_load=True), model)
+    np.testing.assert_array_equal(found.held, known[..., [1, 0, 3, 2]])
+    np.testing.assert_array_equal(found.settled.held, tones.held[..., [1, 0, 3, 2]])
+
+
+@pytest.mark.parametrize("n", [3, -3])
+def test_a_delay_moves_steps_and_tones_alike(n):
+    """Of a sine both are the same, inside of the record."""
+    w, model = 2.0, driven_chain()
+    t = model.h * np.arange(41)
+    sine = held(np.cos(w * t)[:, None])
+    W = np.zeros((1, 3, 1), dtype=complex)
+    W[0, 0], W[0, 1] = 1.0, np.exp(1j * w * model.h) - 1
+    loads = KnownLoads(sine, np.zeros(1, dtype=int), Settled(np.array([w]), W, np.zeros(2)), np.zeros((40, 2)))
+    found = loads.without(Fault("late", 0, n, of_load=True), model)
+    inside = slice(0, 37) if n > 0 else slice(3, None)
+    by_tones = np.real(found.settled.held[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
+    np.testing.assert_allclose(found.held[inside], by_tones[inside], atol=1e-12)
+    missing = np.isnan(found.samples).all(axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(missing), [37, 38, 39] if n > 0 else [0, 1, 2])

@@ -1,13 +1,38 @@
-"""What the state of the filter means, and models that contradict themselves."""
+"""What a filter is made of: its model, drawn truths, error measures, samples, posteriors and discrete noise."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.integrate import quad_vec
+from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
+from scipy.stats import norm
 
-from strainsight.augmentation.input_models import Matern, Oscillator
+from strainsight.augmentation.input_models import (
+    IntegratedRandomWalk,
+    Matern,
+    Oscillator,
+    RandomWalk,
+    input_intensity,
+    rate_matrix,
+)
+from strainsight.augmentation.linearisation import linearise
+from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
+from strainsight.estimation.discrete import input_hold, input_transition, process_covariance
+from strainsight.estimation.draws import covariance_factor, draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.lattice import lattice_about
+from strainsight.estimation.metrics import input_error, load_scale, settling_time
 from strainsight.estimation.model import inputs_of, loads_of, physical
+from strainsight.estimation.motion import step
+from strainsight.estimation.posterior import marginal, peaks_of
+from strainsight.estimation.smoother import smooth
+from strainsight.estimation.update import predict, update
+
+from .drawn import drawn, prior
 
 
 def test_physical_values_and_deviations(make_beam, make_filter):
@@ -44,3 +69,287 @@ def test_an_input_is_read_where_its_model_puts_it(make_beam, make_filter):
     held = inputs_of(model, mean, np.zeros((3, 0)))
     assert held.shape == (3, 2)
     assert held[0].tolist() == [6e4, 9e4]
+
+
+def test_moments_follow_the_linear_model(make_beam, make_filter):
+    model = make_filter(make_beam(modes=2), inputs=("tip",), q_velocity=3.0)
+    mean, P0 = np.array([0.0, 0, 0, 0, 0.5]), np.diag([0.0, 0.0, 1e-2, 1e-3, 0.3])
+    steps, runs = 3, 40000
+    nothing = np.zeros((steps, 3, 0))
+    truth, y = draw_truth(model, mean, P0, nothing, range(runs))
+    A = run_filter(model, mean, P0, nothing, np.zeros((steps, 4)), keep="all").jacobian[0, 0]
+    P, expected = P0, mean
+    for _ in range(steps):
+        P, expected = A @ P @ A.T + model.process, A @ expected
+    d = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(truth[-1].mean(axis=0) / d, expected / d, atol=5 / np.sqrt(runs))
+    np.testing.assert_allclose(np.cov(truth[-1].T) / np.outer(d, d), P / np.outer(d, d), atol=8 / np.sqrt(runs))
+    noise = (y[-1] - truth[-1] @ model.H.T) / np.sqrt(model.r / model.h)
+    np.testing.assert_allclose(np.cov(noise.T), np.eye(4), atol=8 / np.sqrt(runs))
+
+
+def test_a_run_depends_on_its_own_seed_alone(make_beam, make_filter):
+    model = make_filter(make_beam(modes=2), inputs=("tip",))
+    nothing = np.zeros((20, 3, 0))
+    together = draw_truth(model, np.zeros(5), np.eye(5), nothing, [5, 6, 7])
+    alone = draw_truth(model, np.zeros(5), np.eye(5), nothing, [6])
+    for many, one in zip(together, alone, strict=True):
+        np.testing.assert_allclose(many[:, 1], one[:, 0], rtol=1e-12, atol=1e-12 * np.abs(one).max())
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e-18, 1e18])
+def test_a_singular_covariance_has_a_factor_of_its_rank(unit):
+    X = np.random.default_rng(0).normal(size=(6, 3)) * np.array([1, 1e-8, 1, 1e6, 0, 1])[:, None]
+    P = X @ X.T * unit
+    F = covariance_factor(P)
+    assert F.shape == (6, 3)
+    d = np.where(np.diag(P) > 0, np.sqrt(np.diag(P)), 1.0)
+    np.testing.assert_allclose(F @ F.T / np.outer(d, d), P / np.outer(d, d), atol=1e-12)
+    assert covariance_factor(np.zeros((4, 4))).shape == (4, 0)
+
+
+def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
+    """A sine of amplitude a has an RMS of a/√2, whatever it did before."""
+    truth = 4.0 * np.sin(2 * np.pi * np.arange(100) / 30)
+    truth[:10] = 1e6
+    scale, zero = load_scale(truth, 1e9)
+    assert not zero
+    assert scale == pytest.approx(4.0 / np.sqrt(2))
+    error = np.full((100, 3), [0.5, 0.0, -1.0])
+    error[:10] = 1e6
+    np.testing.assert_allclose(input_error(error, 2.0), [0.25, 0.0, 0.5])
+
+
+@pytest.mark.parametrize("left", [0.0, 1e-12])
+def test_the_error_of_a_load_that_is_zero_is_over_its_amplitude(left):
+    """In a file that another program turned, zero may be 1e-16 of what it was."""
+    truth = np.concatenate([np.full(10, 3.0), np.full(90, left)])
+    assert load_scale(truth, 50.0) == (50.0, True)
+
+
+def test_an_estimate_has_settled_from_when_on_it_stays_near():
+    """Within 1 % of 2: never where the last sample is outside, and at the last one where it alone is inside; a truth of zero
+    settles where it is met."""
+    time = np.arange(5.0)
+    assert settling_time(time, np.array([3.0, 2.0, 2.4, 2.01, 2.0]), 2.0, 0.01) == 3.0
+    assert settling_time(time, np.array([3.0, 3.0, 3.0, 3.0, 2.0]), 2.0, 0.01) == 4.0
+    assert settling_time(time, np.array([2.0, 2.0, 2.0, 2.0, 3.0]), 2.0, 0.01) == np.inf
+    assert settling_time(time, np.full(5, np.nan), 2.0, 0.01) == np.inf
+    assert settling_time(time, np.full(5, -2.0), -2.0, 0.01) == 0.0
+    assert settling_time(time, np.array([1.0, 1.0, 0.0, 0.0, 0.0]), 0.0, 0.01) == 2.0
+
+
+def test_a_missing_gauge_is_one_of_endless_noise(make_beam, make_filter, sine):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
+    broken = y.copy()
+    broken[:, 1, 2] = np.nan
+    broken[20:30, 0] = np.nan
+    run = run_filter(model, mean, P0, u, broken)
+    rest = replace(model, H=model.H[[0, 1, 3]], r=model.r[[0, 1, 3]])
+    without = run_filter(rest, mean, P0, u, y[:, 1][:, [0, 1, 3]])
+    np.testing.assert_allclose(run.mean[:, 1], without.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(without.mean).max())
+    np.testing.assert_allclose(run.nis[:, 1], without.nis[:, 0], rtol=1e-8)
+    assert np.all(np.isnan(run.innovation[:, 1, 2]))
+    assert np.all(run.nis[20:30, 0] == 0)
+    assert np.all(np.diff(run.std[20:31, 0, 8]) > 0)
+
+
+def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter, sine):
+    """And a step without any sample is a prediction, nothing else."""
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
+    y[10:15], y[30, :, 2] = np.nan, np.nan
+    run = run_filter(model, mean, P0, u, y, keep="all")
+    assert run.covariance.shape[1] == 1
+    apart = run_filter(replace(model, H=np.stack([model.H] * 3)), mean, P0, u, y, keep="all")
+    np.testing.assert_allclose(run.mean, apart.mean, rtol=1e-8, atol=1e-9 * np.abs(apart.mean).max())
+    np.testing.assert_allclose(run.log_likelihood, apart.log_likelihood, rtol=1e-9)
+    assert np.isnan(run.whitened[10:15]).all()
+    A = run.jacobian[0, 0]
+    np.testing.assert_allclose(run.mean[12], run.mean[11] @ A.T, rtol=1e-12)
+    np.testing.assert_array_equal(run.covariance[12, 0], predict(run.covariance[11], A, model.process)[0])
+    together, single = smooth(model, run), smooth(model, apart)
+    np.testing.assert_allclose(together.mean, single.mean, rtol=1e-7, atol=1e-8 * np.abs(single.mean).max())
+
+
+@pytest.mark.parametrize("parameters", [(), ("E",)])
+def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter, sine, parameters):
+    """The same intensity r then means a fourth of the variance a sample."""
+    inputs, known = ((), ("tip",)) if parameters else (("tip",), ())
+    model = make_filter(make_beam(modes=4), inputs, parameters, known, every=4)
+    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)[:, :, : len(known)]
+    truth, y = draw_truth(model, np.zeros(9), prior(model), u, [0, 1])
+    assert y.shape == (20, 2, 4)
+    assert np.std((y - truth[4::4] @ model.H.T) / np.sqrt(model.r / (4 * model.h))) == pytest.approx(1, abs=0.15)
+    run = run_filter(model, np.zeros(9), prior(model), u, y, keep="all")
+    sparse = np.full((80, 2, 4), np.nan)
+    sparse[3::4] = y
+    full = run_filter(replace(model, every=1, r=model.r / 4), np.zeros(9), prior(model), u, sparse, keep="all")
+    np.testing.assert_array_equal(run.mean, full.mean)
+    np.testing.assert_array_equal(smooth(model, run).mean, smooth(replace(model, every=1, r=model.r / 4), full).mean)
+
+
+def test_noise_by_a_schedule(make_beam, make_filter, sine):
+    """Twice the noise from step 30 on, told step by step, is two filters one after the other."""
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
+    schedule = np.where(np.arange(60)[:, None, None] < 30, 1.0, 2.0) * model.r
+    run = run_filter(replace(model, r=schedule), mean, P0, u, y)
+    first = run_filter(model, mean, P0, u[:30], y[:30])
+    second = run_filter(replace(model, r=2 * model.r), first.mean[-1], first.last, u[30:], y[30:])
+    np.testing.assert_allclose(run.mean[-1], second.mean[-1], rtol=1e-9, atol=1e-12 * np.abs(run.mean).max())
+    np.testing.assert_allclose(run.std[-1], second.std[-1], rtol=1e-9)
+    np.testing.assert_allclose(run.log_likelihood, first.log_likelihood + second.log_likelihood, rtol=1e-9)
+
+
+def test_a_normal_posterior_on_a_lattice_of_its_own_standard_deviation_is_normal():
+    point = np.arange(-5.0, 6.0)
+    weight = norm.pdf(point)
+    own = marginal(0.3 + 0.02 * point, weight / weight.sum(), 0.02, (0.0, 0.1))
+    np.testing.assert_allclose(own.density, norm.pdf(own.value, 0.3, 0.02), atol=2e-4 * own.density.max())
+    np.testing.assert_allclose(own.prior, norm.pdf(own.value, 0.0, 0.1))
+    assert own.left == pytest.approx(0.2, rel=1e-4)
+    assert own.peak == pytest.approx([0.3], abs=1e-3)
+    assert own.share == pytest.approx([1.0])
+
+
+def test_each_parameter_of_a_correlated_normal_posterior_has_its_marginal():
+    mean, covariance = np.array([0.1, -0.2]), np.array([[4.0, 2.9], [2.9, 2.5]])
+    lattice = lattice_about(mean, covariance, 1.0, 5.0)
+    off = lattice.point - mean
+    weight = np.exp(-0.5 * np.sum(off @ np.linalg.inv(covariance) * off, axis=1))
+    weight /= weight.sum()
+    for i in range(2):
+        own = marginal(lattice.point[:, i], weight, float(lattice.step[i]), (0.0, 10.0))
+        exact = norm.pdf(own.value, mean[i], np.sqrt(covariance[i, i]))
+        np.testing.assert_allclose(own.density, exact, atol=2e-3 * exact.max())
+
+
+def test_a_posterior_of_two_peaks_has_both_with_their_probabilities_and_keeps_its_moments():
+    point = np.arange(-40, 120) * 0.1
+    weight = 0.3 * norm.pdf(point, 0.0, 0.4) + 0.7 * norm.pdf(point, 8.0, 0.5)
+    weight /= weight.sum()
+    own = marginal(point, weight, 0.1, (0.0, 10.0))
+    assert own.peak == pytest.approx([0.0, 8.0], abs=0.05)
+    assert own.share == pytest.approx([0.3, 0.7], abs=1e-3)
+    step = own.value[1] - own.value[0]
+    mean = step * own.density @ own.value
+    assert step * own.density.sum() == pytest.approx(1.0, abs=1e-6)
+    assert mean == pytest.approx(weight @ point, rel=1e-6)
+    assert step * own.density @ (own.value - mean) ** 2 == pytest.approx(weight @ (point - mean) ** 2, rel=1e-5)
+
+
+def test_points_that_are_no_lattice_have_a_normal_density_of_their_moments():
+    own = marginal(np.array([-1.0, 1.0]), np.array([0.5, 0.5]), np.inf, (0.0, 4.0))
+    np.testing.assert_allclose(own.density, norm.pdf(own.value))
+    assert own.left == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(("distance", "peaks"), [(2.0, 1), (2.8, 1), (3.4, 2)])
+def test_two_humps_are_two_peaks_where_less_than_half_of_the_lower_lies_between(distance, peaks):
+    value = np.linspace(-6, 10, 801)
+    density = norm.pdf(value) + norm.pdf(value, distance)
+    between = 2 * norm.pdf(distance / 2) / density.max()
+    assert (between < 0.5) == (peaks == 2)
+    assert len(peaks_of(value, density)[0]) == peaks
+
+
+def test_a_peak_that_holds_less_than_a_hundredth_is_none():
+    value = np.linspace(-6, 16, 801)
+    found, share = peaks_of(value, 0.995 * norm.pdf(value) + 0.005 * norm.pdf(value, 10.0))
+    assert found == pytest.approx([0.0], abs=0.03)
+    assert share == pytest.approx([0.995], abs=1e-6)
+
+
+SMOOTH = [IntegratedRandomWalk(20.0), Matern(10.0, 0.5), Matern(10.0, 2.5), Oscillator(20.0, 0.02)]
+
+
+def unknowns(*models):
+    names = ("F", "G")[: len(models)]
+    return Unknowns(names, (), dict(zip(names, (1e4, 30.0), strict=False)), {}, dict(zip(names, models, strict=True)))
+
+
+@pytest.mark.parametrize("model", SMOOTH)
+@pytest.mark.parametrize("h", [1e-4, 1e-2])
+def test_the_gathered_noise_is_the_integral(model, h):
+    A, Q = rate_matrix(model), input_intensity(model, 0.0)
+    expected = quad_vec(lambda s: expm(A * s) @ Q @ expm(A * s).T, 0, h, epsrel=1e-12, epsabs=0)[0]
+    F, full = np.zeros((4 + len(A), 4 + len(A))), np.zeros((4 + len(A), 4 + len(A)))
+    F[4:, 4:], full[2, 2], full[4:, 4:] = A, 7.0, Q
+    found = process_covariance(F, full, h)
+    np.testing.assert_allclose(found[4:, 4:], expected, rtol=1e-9, atol=1e-12 * expected.max())
+    assert found[2, 2] == pytest.approx(7.0 * h, rel=1e-12)
+    assert np.linalg.eigvalsh(found[4:, 4:]).min() > -1e-12 * expected.max()
+    many = process_covariance(F, np.stack([full, 3 * full]), h)
+    np.testing.assert_allclose(many, [found, 3 * found], rtol=1e-12, atol=1e-15 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("model", [Matern(10.0, nu) for nu in (0.5, 1.5, 2.5)] + [Oscillator(20.0, 0.02)])
+def test_a_stationary_input_stays_as_large_as_it_is(model):
+    P = solve_continuous_lyapunov(rate_matrix(model), -input_intensity(model, 0.0))
+    A, h = input_transition(unknowns(model), 2e-3), 2e-3
+    Q = process_covariance(rate_matrix(model), input_intensity(model, 0.0), h)
+    np.testing.assert_allclose(A @ P @ A.T + Q, P, atol=1e-12)
+
+
+def test_walks_are_held_exactly_and_in_their_order():
+    both = unknowns(RandomWalk(), IntegratedRandomWalk(20.0))
+    omega = 2 * np.pi * 20
+    hold = input_hold(both, 1e-3)
+    np.testing.assert_allclose(hold[:, 0], [[1e4, 0, 0], [0, 0, 0], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(hold[:, 1], [[0, 30, 0], [0, 0, 30 * omega * 1e-3], [0, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(process_covariance(np.zeros((3, 3)), np.eye(3), 0.1), 0.1 * np.eye(3), rtol=1e-14)
+
+
+@pytest.mark.parametrize("h", [1e-4, 1e-2, 0.3])
+def test_what_a_load_moves_while_it_drifts_is_in_the_noise_of_a_step(h):
+    """Two modes under a random walk, the second turning up to 600 rad in a step: the integral over the whole state."""
+    omega, zeta = np.array([60.0, 2000.0]), 0.01
+    F, Q = np.zeros((5, 5)), np.diag([0.0, 0.0, 1e-3, 1e-2, 5.0])
+    F[:2, 2:4], F[2:4, :2], F[2:4, 2:4] = np.eye(2), -np.diag(omega**2), -np.diag(2 * zeta * omega)
+    F[2:4, 4] = [30.0, 80.0]
+    found = process_covariance(F, Q, h)
+    x, w = np.polynomial.legendre.leggauss(20)
+    pieces = max(4, int(2000 * h))
+    nodes = np.concatenate([h / pieces * (i + 0.5 + 0.5 * x) for i in range(pieces)])
+    expected = sum(
+        weight * expm(F * s) @ Q @ expm(F * s).T for s, weight in zip(nodes, np.tile(0.5 * h / pieces * w, pieces), strict=True)
+    )
+    size = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-9)
+    assert np.linalg.eigvalsh(found / np.outer(size, size)).min() > -1e-12
+
+
+@pytest.mark.parametrize("model", SMOOTH)
+def test_the_hold_passes_through_the_load(model):
+    one, h = unknowns(model), 1e-3
+    zeta = np.arange(1.0, 1.0 + len(rate_matrix(model)))
+    c = input_hold(one, h)[:, 0] @ zeta
+    for s in (0.0, 0.5, 1.0):
+        assert c @ [1, s, s * s] == pytest.approx(1e4 * (expm(rate_matrix(model) * s * h) @ zeta)[0], rel=1e-10)
+
+
+@pytest.mark.parametrize("model", [IntegratedRandomWalk(20.0), Oscillator(20.0), Matern(20.0, 1.5)])
+def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, model):
+    """The placement's Riccati equation (5.14) with A_u in F is the limit of the filter with the same input model."""
+    beam = make_beam(modes=3)
+    differences = []
+    for h in 2.0 ** np.array([-16, -17, -18, -19]):
+        filtering = make_filter(beam, ("tip",), models={"tip": model}, h=h, q_velocity=1e-2)
+        n = filtering.size
+        scale = np.concatenate([1 / np.sqrt(np.diag(beam.model.stiffness.at(beam.model.reference))), np.ones(n - 3)])
+        F = linearise(beam.model, filtering.unknowns, filtering.fixed, np.zeros((1, 6)), np.zeros((1, 1)))[0]
+        whitened = filtering.H * scale / np.sqrt(filtering.r)[:, None]
+        limit = solve_continuous_are(
+            (F * scale / scale[:, None]).T, whitened.T, filtering.Q / np.outer(scale, scale), np.eye(4)
+        )
+        A = step(filtering, np.zeros((1, n)), np.zeros((3, 0)))[1][0] * scale / scale[:, None]
+        ahead = solve_discrete_are(A.T, whitened.T, filtering.process / np.outer(scale, scale), np.eye(4) / h)
+        gain = ahead @ whitened.T @ np.linalg.inv(whitened @ ahead @ whitened.T + np.eye(4) / h)
+        steady = ahead - gain @ whitened @ ahead
+        again = predict(steady[None], A[None], filtering.process / np.outer(scale, scale))
+        _, again, _ = update(np.zeros((1, n)), again, whitened, np.full((1, 4), 1 / h), np.zeros((1, 4)))
+        d = np.sqrt(np.diag(limit))
+        np.testing.assert_allclose(again[0] / np.outer(d, d), steady / np.outer(d, d), atol=1e-7)
+        differences.append(np.abs((steady - limit) / np.outer(d, d)).max())
+    rate = np.array(differences[:-1]) / differences[1:]
+    assert differences[-1] < 1e-2
+    np.testing.assert_allclose(rate[-2:], 2.0, atol=0.15)

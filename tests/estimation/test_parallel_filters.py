@@ -98,13 +98,13 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
     assert apart.motion.pairs.shape[-1] == model.model.size
     full = replace(apart, motion=plain_motion(apart.A, apart.G, apart.A_nu, apart.G_nu))
     n, m = apart.H.shape[2], apart.H.shape[1]
-    known, samples = both_forces()[:60, :, :1], 1e-6 * np.random.default_rng(4).standard_normal((60, m))
+    known, samples = both_forces()[:50, :, :1], 1e-6 * np.random.default_rng(4).standard_normal((50, m))
     samples[5, 0], samples[9] = np.nan, np.nan
-    R = np.tile(1e-13 * np.arange(1.0, m + 1), (60, 1))
+    R = np.tile(1e-13 * np.arange(1.0, m + 1), (50, 1))
     found = []
     for each in (apart, full):
         filters = filters_of(each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True)
-        found.append(advance(each, filters, known.reshape(60, -1), known_ends(known, own), samples, R, np.zeros(m), True))
+        found.append(advance(each, filters, known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m), True))
     for name in ("fit", "expected", "S", "slope"):
         one, other = (getattr(own, name) for own in found)
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max())

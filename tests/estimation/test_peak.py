@@ -25,31 +25,34 @@ AMPLITUDE = 3.0
 
 
 def steps_of(p):
-    """Transition of [q, q̇] and what a force that is constant within a step adds."""
-    F, column = continuous({"k1": REFERENCE["k1"] * np.exp(p), "k2": REFERENCE["k2"]})
-    whole = expm(np.block([[F[:4, :4], column[:4, None]], [np.zeros((1, 5))]]) * H)
-    return whole[:4, :4], whole[:4, 4]
+    """Transitions (n, 4, 4) of [q, q̇] at p (n,), and what a force that is constant within a step adds (n, 4)."""
+    whole = np.zeros((len(p), 5, 5))
+    for block, value in zip(whole, p, strict=True):
+        F, column = continuous({"k1": REFERENCE["k1"] * np.exp(value), "k2": REFERENCE["k2"]})
+        block[:4, :4], block[:4, 4] = F[:4, :4], column[:4]
+    step = expm(whole * H)
+    return step[:, :4, :4], step[:, :4, 4]
 
 
 def settled_readings(p, phase, steps):
-    """Under AMPLITUDE sin(phase · j), for all time (steps, 2)."""
+    """Under AMPLITUDE sin(phase · j), for all time (n, steps, 2)."""
     A, b = steps_of(p)
     z = np.exp(1j * phase)
-    X = np.linalg.solve(z * np.eye(4) - A, -1j * AMPLITUDE * b)
-    return (X[:, None] * z ** np.arange(1, steps + 1)).real.T[:, :2] @ ROWS.T
+    X = np.linalg.solve(z * np.eye(4) - A, -1j * AMPLITUDE * b[..., None])[:, None, :, 0]
+    return (X * z ** np.arange(1, steps + 1)[:, None]).real[..., :2] @ ROWS.T
 
 
 def readings_from_rest(p, force):
     A, b = steps_of(p)
-    x = [np.zeros(4)]
+    x = [np.zeros_like(b)]
     for load in force:
-        x.append(A @ x[-1] + b * load)
-    return np.array(x[1:])[:, :2] @ ROWS.T
+        x.append((A @ x[-1][..., None])[..., 0] + b * load)
+    return np.stack(x[1:], axis=1)[..., :2] @ ROWS.T
 
 
 def log_density(readings, y, noise):
     """Of VALUES, but for a constant."""
-    off = np.array([np.sum((readings(p) - y) ** 2) for p in VALUES])
+    off = np.sum((readings(VALUES) - y) ** 2, axis=(1, 2))
     return -0.5 * (off / noise**2 + (VALUES / STD) ** 2)
 
 
@@ -69,7 +72,7 @@ def held(force):
 @pytest.mark.parametrize(("truth", "noise"), [(0.45, 1e-3), (-0.55, 1e-3), (0.7, 5e-3)])
 def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise):
     force = AMPLITUDE * np.sin(0.7 * np.arange(150))
-    y = readings_from_rest(truth, force) + noise * np.random.default_rng(1).standard_normal((150, 2))
+    y = readings_from_rest([truth], force)[0] + noise * np.random.default_rng(1).standard_normal((150, 2))
     density = log_density(lambda p: readings_from_rest(p, force), y, noise)
     model = model_of(noise)
     peak = peak_of(model, np.zeros(5), prior(1e-9), held(force), y, no_nuisances(model), NO_OFFSETS, None)
@@ -84,7 +87,7 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
 @pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), (0.35, -0.3, 1e-3), (0.7, 0.5, 2e-2)])
 def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
     """The last of these has two peaks, of half of the probability each."""
-    y = settled_readings(truth, phase, 40) + noise * np.random.default_rng(3).standard_normal((40, 2))
+    y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
     weight = np.exp(density - density.max())
     weight /= weight.sum()
@@ -104,7 +107,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
 def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
     """σ of the posterior is a thousandth of that of the prior and less."""
     truth, phase = -0.3, 0.7
-    y = settled_readings(truth, phase, 40) + noise * np.random.default_rng(3).standard_normal((40, 2))
+    y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
     model, known = model_of(noise), held(AMPLITUDE * np.sin(phase * np.arange(40)))
     bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
@@ -122,7 +125,7 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     values = REFERENCE | {"k1": REFERENCE["k1"] * np.exp(truth)}
     first = np.sqrt(np.linalg.eigvalsh(sum(values[name] * STIFFNESS[name] for name in values))[0])
     phase = 1.01 * first * H
-    y = settled_readings(truth, phase, steps) + noise * np.random.default_rng(4).standard_normal((steps, 2))
+    y = settled_readings([truth], phase, steps)[0] + noise * np.random.default_rng(4).standard_normal((steps, 2))
     tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
     known = held(AMPLITUDE * np.sin(phase * np.arange(steps)))
     exact = model_of(noise)

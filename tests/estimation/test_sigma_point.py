@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import filter_bank
@@ -18,7 +17,7 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
-from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start
+from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
 from .drawn import drawn
 
 
@@ -65,14 +64,7 @@ def test_a_regression_has_the_exact_moments_of_a_polynomial():
         assert np.linalg.eigvalsh(found.rest[b])[0] > 0
 
 
-def exact_given(p, known):
-    """A and drive of a step at p, from the textbook."""
-    F, column = continuous({name: value * np.exp(own) for (name, value), own in zip(REFERENCE.items(), p, strict=True)})
-    whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
-    return whole[:5, :5], whole[:5, 5] * known
-
-
-def dense(mean, P, known, count=24):
+def dense(mean, P, known, count=12):
     """Mean and covariance of [s⁺, p] after a step without noise: Gauss-Hermite in p, s given p in closed form."""
     node, weight = np.polynomial.hermite_e.hermegauss(count)
     z, w = np.array(list(product(node, repeat=2))), np.array([np.prod(own) for own in product(weight, repeat=2)])
@@ -82,8 +74,8 @@ def dense(mean, P, known, count=24):
     left = P[:5, :5] - gain @ P[5:, :5]
     ahead, spread = np.zeros((len(p), 7)), np.zeros((7, 7))
     for i, own in enumerate(p):
-        A, drive = exact_given(own, known)
-        ahead[i] = np.concatenate([A @ (mean[:5] + gain @ (own - mean[5:])) + drive, own])
+        A, drive = step_at(own)
+        ahead[i] = np.concatenate([A @ (mean[:5] + gain @ (own - mean[5:])) + drive * known, own])
         spread[:5, :5] += w[i] * A @ left @ A.T
     middle = w @ ahead
     return middle, spread + (ahead - middle).T @ (w[:, None] * (ahead - middle))
@@ -152,8 +144,7 @@ def test_an_accelerometer_is_brute_force(make_beam, make_filter, sine):
         np.testing.assert_allclose(run.whitened[0, 0], [0.7, -1.0, 0.4], atol=1e-3)
 
 
-@pytest.mark.parametrize("form", ["joseph", "square_root"])
-@pytest.mark.parametrize("accelerometers", [0, 1])
+@pytest.mark.parametrize(("form", "accelerometers"), [("joseph", 0), ("square_root", 1)])
 def test_is_the_kalman_filter_where_parameters_are_known_exactly(make_beam, make_filter, sine, form, accelerometers):
     beam = make_beam(modes=3, graded=True, load_nodes=(16, 8))
     options = {"known": ("middle",), "q_velocity": 1e-2, "h": 1e-3, "accelerometers": accelerometers}
@@ -247,7 +238,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel(make_beam, make_filter,
 
 def test_joseph_and_square_root_agree_and_stay_positive(make_beam, make_filter, sine):
     model, mean, P, u, _, y = drawn(
-        make_filter, make_beam(modes=3, graded=True), sine, (), ("E", "rho"), steps=600, runs=1, q_parameter=0.0
+        make_filter, make_beam(modes=3, graded=True), sine, (), ("E", "rho"), steps=200, runs=1, q_parameter=0.0
     )
     one, two = (run_sigma_points(model, mean, P, u, y, keep="all", form=form) for form in ("joseph", "square_root"))
     p = model.parameter_states
@@ -268,9 +259,9 @@ def test_is_the_bank_where_a_parameter_is_strongly_seen(make_beam, make_filter, 
     )
     u = sine(model.h * np.arange(300), model.h, 1e4, 20.0)
     P = np.diag(np.concatenate([np.full(3, 1e-10), np.full(3, 1e-6), [wide**2]]))
-    _, y = draw_truth(model, np.zeros(7), P, u, range(3))
+    _, y = draw_truth(model, np.zeros(7), P, u, range(1))
     run = run_sigma_points(model, np.zeros(7), P, u, y)
-    for b in range(3):
+    for b in range(1):
         bank = filter_bank(model, np.zeros(7), P, u, y[:, b]).run
         std = bank.std[-1, 0, 6]
         assert run.mean[-1, b, 6] == pytest.approx(bank.mean[-1, 0, 6], abs=far * std)

@@ -13,21 +13,23 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.tuning import scale_noise, tune
 
+STEPS = 200
+
 
 def drawn(make_beam, make_filter, **options):
     model = make_filter(make_beam(modes=3), ("tip",), h=1e-3, noise_step=1e-3, **options)
-    nothing, P0 = np.zeros((600, 3, 0)), np.diag([0.0] * 6 + [1.0])
+    nothing, P0 = np.zeros((STEPS, 3, 0)), np.diag([0.0] * 6 + [1.0])
     _, y = draw_truth(model, np.zeros(7), P0, nothing, [0])
     return model, np.zeros(7), P0, nothing, y
 
 
 @pytest.mark.parametrize(("process", "noise"), [(1.0, 1.0), (5.0, 0.1)])
 def test_factors_of_both_noises_are_found(make_beam, make_filter, process, noise):
-    """σ of the log of a factor is about √(2/samples): 600 for Q, 2400 for R."""
+    """σ of the log of a factor is about √(2/samples): one a step for Q, four for R."""
     model, *rest = drawn(make_beam, make_filter)
     found = tune(replace(model, Q=process * model.Q, r=noise * model.r), *rest)
-    assert np.log(found.factors["process"] * process) == pytest.approx(0, abs=4 * np.sqrt(2 / 600))
-    assert np.log(found.factors["noise"] * noise) == pytest.approx(0, abs=4 * np.sqrt(2 / 2400))
+    assert np.log(found.factors["process"] * process) == pytest.approx(0, abs=4 * np.sqrt(2 / STEPS))
+    assert np.log(found.factors["noise"] * noise) == pytest.approx(0, abs=4 * np.sqrt(2 / (4 * STEPS)))
     assert not found.undecided
     assert found.gained >= 0
 
@@ -60,7 +62,7 @@ def test_parts_of_the_process_noise_are_distinguished(make_beam, make_filter):
 
 def test_a_schedule_of_noise_is_scaled_as_a_whole(make_beam, make_filter):
     model, *rest = drawn(make_beam, make_filter)
-    schedule = np.broadcast_to(4 * model.r, (600, 1, 4))
+    schedule = np.broadcast_to(4 * model.r, (STEPS, 1, 4))
     found = tune(replace(model, r=schedule), *rest, parts=("noise",))
     assert found.factors["noise"] == pytest.approx(0.25, rel=0.15)
 

@@ -41,7 +41,7 @@ def test_the_band_of_a_mean_square_is_that_of_tables():
     assert chi_square_band(1, level=0.95) == pytest.approx((0.000982, 5.0239), rel=1e-3)  # Abramowitz and Stegun, table 26.8
 
 
-@pytest.mark.parametrize("draws", [1, 2, 5, 20, 100])
+@pytest.mark.parametrize("draws", [1, 5, 100])
 def test_of_sigmas_that_hold_27_in_ten_thousand_are_called_wrong(draws):
     """As many on either side: the number of false alarms is binomial."""
     e = np.random.default_rng(4).standard_normal((100_000, draws))
@@ -100,10 +100,10 @@ def in_time(rho, samples, many, seed=6):
     return lfilter([np.sqrt(1 - rho**2)], [1, -rho], w, axis=0)[500:]
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("rho", [0.0, 0.9])
 def test_samples_that_follow_each_other_count_as_so_many_independent_ones(rho):
     """The mean of x² over n samples scatters by 2/n Σ ρ_k² = 2/n (1 + ρ²)/(1 − ρ²), k over all lags."""
-    n, x = 400, in_time(rho, 400, 20_000)
+    n, x = 400, in_time(rho, 400, 8_000)
     alike = samples_alike(x)
     assert alike == pytest.approx((1 + rho**2) / (1 - rho**2), rel=0.03)
     assert np.var(np.mean(x**2, axis=0)) == pytest.approx(2 * alike / n, rel=0.05)

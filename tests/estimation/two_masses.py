@@ -11,7 +11,7 @@ from strainsight.estimation.model import FilterModel
 
 from .chain import MASSES, RATIO, REFERENCE, ROWS, STIFFNESS, H
 
-STEPS = 80
+STEPS = 50
 NOISE, LOAD = 5e-4, 4.0
 GAIN, OFFSET, DRIFT, DAMPING, STIFFER = 0.02, 4e-4, 4e-4, 0.3, 0.01
 SHARE = np.arange(1, STEPS + 1)[:, None] / STEPS

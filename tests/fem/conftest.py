@@ -7,7 +7,8 @@ import pytest
 
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
-from ..solids import CUTS, HEX, PYRAMID, SOLIDS
+from ..structures import hexahedra
+from ..solids import CUTS, PYRAMID, SOLIDS
 
 
 def with_midsides(position: np.ndarray, cells: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -50,20 +51,17 @@ def make_box(
     **more,
 ) -> Mesh:
     """A box of counts hexahedra, cut into `kind`; inner corners moved by `distort` cells, root clamped if asked."""
-    axes = [np.arange(c + 1) for c in counts]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(grid)).reshape([c + 1 for c in counts])
-    i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(c) for c in counts], indexing="ij"))
-    hexahedra = np.stack([number[i + a, j + b, k + c] for a, b, c in HEX], axis=1)
+    grid, _, cells = hexahedra(counts)
+    cells = cells.reshape(-1, 8)
     inner = np.all((grid > 0) & (grid < np.array(counts)), axis=1)
     rng = np.random.default_rng(seed)
     moved = grid + distort * rng.uniform(-1, 1, grid.shape) * inner[:, None]
     position = moved / np.array(counts) * np.array(size)
     if SOLIDS[kind].corners == PYRAMID:
-        inside = position[hexahedra].mean(axis=1)
-        hexahedra = np.column_stack([hexahedra, len(position) + np.arange(len(hexahedra))])
+        inside = position[cells].mean(axis=1)
+        cells = np.column_stack([cells, len(position) + np.arange(len(cells))])
         position = np.vstack([position, inside + 0.3 * distort * rng.uniform(-1, 1, inside.shape) * size / counts])
-    cells = np.concatenate([hexahedra[:, list(cut)] for cut in CUTS[SOLIDS[kind].corners]])
+    cells = np.concatenate([cells[:, list(cut)] for cut in CUTS[SOLIDS[kind].corners]])
     if SOLIDS[kind].edges:
         position, cells = with_midsides(position, cells, kind)
     fixed = [(n, c) for n in np.flatnonzero(np.isclose(position[:, 0], 0.0)) for c in range(3)] if clamp_root else []

@@ -1,4 +1,4 @@
-"""One factor, many right-hand sides, and clear words where there is no factor."""
+"""One factor, many right-hand sides, real and complex, and clear words where there is no factor."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from scipy import sparse
 
 from strainsight import memory
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import factorisation, pardiso
+from strainsight.fem import complex_factor, factorisation, pardiso
+from strainsight.fem.complex_factor import factorise_complex
 from strainsight.fem.factorisation import factorise
 
 
@@ -180,3 +181,19 @@ for threads in (1, 2):
 assert np.array_equal(*found), np.abs(found[0] - found[1]).max()
 """
     subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[2], check=True, timeout=100)
+
+
+def test_a_complex_factor_solves_and_refuses_what_it_cannot(monkeypatch):
+    rng = np.random.default_rng(0)
+    R = rng.standard_normal((30, 30))
+    A = R @ R.T + np.eye(30) + 1j * np.diag(rng.uniform(0, 50, 30))
+    b = rng.standard_normal(30) + 1j * rng.standard_normal(30)
+    np.testing.assert_allclose(factorise_complex(sparse.csr_array(A))(b), np.linalg.solve(A, b), rtol=1e-11)
+    with pytest.raises(NumericalError):
+        factorise_complex(sparse.csr_array(np.diag([1.0 + 0j, 0.0])))
+    with pytest.raises(NumericalError):
+        factorise_complex(sparse.csr_array(np.ones((2, 2), dtype=complex)))
+    monkeypatch.setattr(complex_factor, "SUPERLU_LIMIT", 10)
+    monkeypatch.setattr(complex_factor, "_pardiso", lambda upper: (_ for _ in ()).throw(ImportError()))
+    with pytest.raises(UserError, match="PARDISO"):
+        factorise_complex(sparse.csr_array(A))

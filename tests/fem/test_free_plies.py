@@ -49,9 +49,17 @@ def apart(X, Y):
     return float(np.abs((X - Y).toarray() / np.outer(d, d)).max())
 
 
-@pytest.mark.parametrize("kind", ["quad4", "tri3", "quad8", "tri6"])
-@pytest.mark.parametrize("laminate", [ANY, SANDWICH], ids=["any", "sandwich"])
-@pytest.mark.parametrize("names", [("e1",), ("g12",), ("g1z", "g2z"), ("e1", "e2", "g12")], ids=" ".join)
+@pytest.mark.parametrize(
+    ("kind", "laminate", "names"),
+    [
+        ("quad4", ANY, ("e1", "e2", "g12")),
+        ("quad4", SANDWICH, ("g1z", "g2z")),
+        ("tri3", SANDWICH, ("e1",)),
+        ("tri3", ANY, ("g1z", "g2z")),
+        ("quad8", ANY, ("g12",)),
+        ("tri6", SANDWICH, ("g1z", "g2z")),
+    ],
+)
 def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
     """Anywhere in the ranges; at the reference to the last digit; slopes are those of the plies, too; the mass stays."""
     mesh, free = distorted(laminate, kind), moduli(*names)
@@ -64,7 +72,7 @@ def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
 
     assert abs(K.at(reference) - anew(reference)).max() <= 1e-15 * abs(K.constant).max() * len(K.terms)
     rng = np.random.default_rng(1)
-    for _ in range(3):
+    for _ in range(2):
         theta = {own.name: rng.uniform(*own.range) for own in free}
         assert apart(K.at(theta), anew(theta)) < 5e-8
         for name in names:

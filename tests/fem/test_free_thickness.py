@@ -32,7 +32,7 @@ from .shell_models import unit_square
 
 E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
 FREE = Parameter("t", "thickness", (1,), T, range=(0.6 * T, 1.5 * T))
-VALUES = (0.62 * T, 0.8 * T, 1.07 * T, 1.3 * T, 1.49 * T)
+VALUES = (0.62 * T, 1.07 * T, 1.49 * T)
 PLY = Lamina(7, 1.3e11, 9e9, 0.3, 5e9, 4e9, 3e9, 1500.0)
 DIAGONALS = [1.0, 0.8, 0.3], [0.1, 0.0, 0.02], [0.9, 0.7, 0.3], [0.3, 0.2]
 """Of membrane, coupling, bending and shear, over E."""

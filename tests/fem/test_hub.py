@@ -35,6 +35,7 @@ def lowest(hub):
     return model, *modes(model.stiffness.constant, model.mass.constant, 16)
 
 
+@pytest.mark.slow
 def test_the_deck_is_the_one_in_the_list_of_checksums(hub):
     listed = dict(reversed(line.split()) for line in (MESHES / "hub.sha256").read_text().splitlines())
     assert set(listed) == {"hub-coarse.bdf.gz", "hub.bdf.gz"}
@@ -62,6 +63,7 @@ def test_ten_frequencies_do_not_change(lowest):
     assert np.allclose(lowest[1][:10], stored, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_rigid_motions_take_no_energy(hub):
     """rᵀKr against Σ k_ii r_i², for three translations and three rotations about the centre of mass."""
     K = assemble(hub)[0].constant
@@ -108,6 +110,7 @@ def solid_volume():
     return ball - 3 * (cap(R, R - FACE) + bore) - (cap(R, R + FLANGE) - cap(r, r + FLANGE))
 
 
+@pytest.mark.slow
 def test_mass_is_density_times_volume(hub):
     """The volume inside the surface of the mesh, by the divergence theorem; and that of the solid, by formulae, which
     straight sides would miss by 4e-4."""

@@ -112,6 +112,7 @@ def test_the_rings_of_a_bolt_hole_have_kirschs_strain(script):
     np.testing.assert_allclose(found, expected, atol=0.05)
 
 
+@pytest.mark.slow
 def test_the_bolts_carry_all_of_the_force_and_its_moment(lug, static):
     forces = (assemble(lug)[0].constant @ static).reshape(-1, 3, 3)
     held = np.unique(lug.fixed[:, 0])
@@ -124,6 +125,7 @@ def test_the_bolts_carry_all_of_the_force_and_its_moment(lug, static):
             np.testing.assert_allclose(np.cross(arm, carried).sum(axis=0), sign * moment, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_strain_across_a_section_carries_the_force_and_its_moment(lug, static):
     """Gauges on both faces half way up the trapezoid: σ_z over the section is the pull, its first moment along x that of the
     force along x; σ_z on the faces, linear through the plate, that of the force along y."""
@@ -162,6 +164,7 @@ def cantilever_in_bending():
     return np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min()) / (2 * np.pi)
 
 
+@pytest.mark.slow
 def test_on_a_rigid_base_the_upright_bends_like_a_cantilever(lug, model):
     """Between a beam and a strip that cannot contract across, stiffer by 1/(1 − ν²), and shorter by the weld's leg of 6 in
     108 mm. The base plate makes the bracket softer than that."""

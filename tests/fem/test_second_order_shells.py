@@ -12,9 +12,8 @@ from strainsight.fem.shells import shell_masses, shell_stiffnesses, shell_strain
 
 from .second_order import KINDS, MIDDLES, square
 from .shell_models import frequencies, isotropic, mass, rigid_motions, rows, rows_of, stiffness, summed, unit_square
-from .test_shell_elements import general_section, stiff
+from .test_shell_elements import AREA, OUTER, QUADS, STATES, XY, along, coupled, general_section, motions, stiff
 from .test_shell_frequencies import CANTILEVER, CLAMPED, FREE, NU, PLATES, RHO, TAPERED, E, ritz
-from .test_shell_patches import AREA, OUTER, QUADS, STATES, XY, along, coupled, motions
 
 LARGEST = {("quad8", False): 4e-3, ("tri6", False): 5e-3, ("quad8", True): 0.012, ("tri6", True): 0.033}
 """Error of frequencies, and of the rhombus."""

@@ -1,15 +1,16 @@
-"""A shell element by itself: rigid motions, symmetries, mass, its errors."""
+"""Flat shells of three and four nodes: rigid motions, sections and masses, and patches of them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses, shell_strain_rows
 
-from .shell_models import KINDS, halved, isotropic, mass, rigid_motions, stiffness, unit_square
+from .shell_models import KINDS, halved, isotropic, mass, rigid_motions, rows, rows_of, stiffness, summed, unit_square
 
 ONE = np.array([1])
 NONE = np.zeros(1)
@@ -188,3 +189,190 @@ def test_two_triangles_have_the_mass_of_their_quad():
     motions = rigid_motions(x)[:, :3]
     one, two = (motions.T @ (mass(x, cells, 3.0, 0.1) @ motions) for cells in (quad, halved(quad)))
     np.testing.assert_allclose(one, two, rtol=1e-13, atol=1e-15)
+
+
+OUTER = np.array([[0.0, 0.0], [0.24, 0.0], [0.24, 0.12], [0.0, 0.12]])
+INNER = np.array([[0.04, 0.02], [0.18, 0.03], [0.16, 0.08], [0.08, 0.08]])
+XY = np.vstack([OUTER, INNER])
+"""The patch of MacNeal & Harder (1985)."""
+QUADS = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]])
+AREA = 0.24 * 0.12
+CELLS = {"quad4": QUADS, "tri3": halved(QUADS)}
+CENTRE = {"quad4": (0.0, 0.0), "tri3": (1 / 3, 1 / 3)}
+
+STATES = {
+    "stretched": ((1.0e-3, -0.4e-3, 0.7e-3), (0, 0, 0)),
+    "bent": ((0, 0, 0), (0.02, -0.05, 0.0)),
+    "twisted": ((0, 0, 0), (0, 0, 0.06)),
+    "all": ((1.0e-3, -0.4e-3, 0.7e-3), (0.02, -0.05, 0.06)),
+}
+
+
+def motions(xy: np.ndarray, strain, kappa) -> np.ndarray:
+    """(n, 6): u, v, w, θ_x = w,y, θ_y = −w,x and θ_z = ½(v,x − u,y) of constant ε and κ = −(w,xx, w,yy, 2 w,xy)."""
+    x, y = xy.T
+    spin = 0.9e-3
+    u = np.zeros((len(xy), 6))
+    u[:, 0] = strain[0] * x + (strain[2] / 2 - spin) * y
+    u[:, 1] = (strain[2] / 2 + spin) * x + strain[1] * y
+    u[:, 2] = -(kappa[0] * x**2 + kappa[1] * y**2 + kappa[2] * x * y) / 2
+    u[:, 3] = -(kappa[1] * y + kappa[2] * x / 2)
+    u[:, 4] = kappa[0] * x + kappa[2] * y / 2
+    u[:, 5] = spin
+    return u
+
+
+def in_space(kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """The patch and the rotation that turns it."""
+    R = Rotation.from_rotvec([0.4, -0.8, 1.3]).as_matrix()
+    return np.column_stack([XY, np.zeros(8)]) @ R.T, R
+
+
+def along(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Voigt strain along x, y of the patch → that along the axes of elements (e, 3, 3)."""
+    c, s = (R.T @ axes[:, :, 0].T)[:2]
+    rows = [[c * c, s * s, c * s], [s * s, c * c, -c * s], [-2 * c * s, 2 * c * s, c * c - s * s]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def coupled(seed: int) -> np.ndarray:
+    """A positive [A B; B D] with all couplings, of a shell 1 mm thick."""
+    rng = np.random.default_rng(seed)
+    root = rng.uniform(-1, 1, (6, 6)) + 2 * np.eye(6)
+    root[:, 3:] *= 0.3e-3
+    return root.T @ root
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("state", STATES)
+def test_a_patch_holds_constant_strain(kind, state):
+    """With the outer nodes held in the state, inner ones are in it, strain at every point is that, to 1e-10; E of a shell
+    with t/L = 1/240, turned in space."""
+    x, R = in_space(kind)
+    cells = CELLS[kind]
+    count = len(cells)
+    K = summed(
+        shell_stiffnesses(x[cells], *isotropic(1e6, 0.25, 1e-3, count), np.zeros(count), np.arange(count)), cells, 8
+    )
+    exact = (motions(XY, *STATES[state]).reshape(-1, 2, 3) @ R.T).ravel()
+    held, free = rows(np.arange(4)), rows(np.arange(4, 8))
+    u = exact.copy()
+    u[free] = spsolve(K[free][:, free], -K[free][:, held] @ exact[held])
+    np.testing.assert_allclose(u, exact, atol=1e-10 * np.abs(exact).max())
+    strain, kappa = map(np.array, STATES[state])
+    axes = shell_axes(x[cells], np.arange(count))
+    for at in (CENTRE[kind], (0.3, 0.5)):
+        for z in (0.0, 5e-4, -5e-4):
+            read = shell_strain_rows(
+                x[cells], np.tile(at, (count, 1)), np.full(count, z), np.zeros(count), np.arange(count)
+            )
+            found = np.einsum("eij,ej->ei", read, u[rows_of(cells)])
+            expected = along(axes, R) @ (strain + z * kappa)
+            np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(strain + 5e-4 * kappa).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("offset", [0.0, 2e-3])
+def test_constant_strain_has_the_energy_of_its_section(kind, offset):
+    """½ (ε, κ)ᵀ [A B; B D] (ε, κ) area, with all couplings, each element with the section along its own axes; the middle
+    surface may lie off the nodes: u of the nodes is then that of the surface less φ × d z."""
+    cells = CELLS[kind]
+    x = np.column_stack([XY, np.zeros(8)])
+    count = len(cells)
+    section = coupled(4)
+    T = along(shell_axes(x[cells], np.arange(count)), np.eye(3))
+    both = np.zeros((count, 6, 6))  # strain along the patch's axes → along the element's
+    both[:, :3, :3] = both[:, 3:, 3:] = T
+    own = np.linalg.inv(both)
+    C = own.swapaxes(1, 2) @ section @ own
+    S = np.repeat(1e-3 * np.eye(2)[None], count, axis=0)
+    K = shell_stiffnesses(
+        x[cells], C[:, :3, :3], C[:, :3, 3:], C[:, 3:, 3:], S, np.full(count, offset), np.arange(count)
+    )
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        strain, kappa = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3) / 0.3e-3
+        u = motions(XY, strain, kappa)
+        u[:, 0] -= offset * u[:, 4]
+        u[:, 1] += offset * u[:, 3]
+        q = u.ravel()[rows_of(cells)]
+        energy = np.einsum("ei,eij,ej->", q, K, q) / 2
+        state = np.concatenate([strain, kappa])
+        assert energy == pytest.approx(state @ section @ state / 2 * AREA, rel=1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_constant_shear_has_the_energy_of_its_section(kind):
+    """½ γᵀSγ area of w and θ that give γ = (w,x + θ_y, w,y − θ_x) without curvature. Inside a triangle rotation may differ
+    from that at its nodes, which takes up a part of S L²/D of the energy: there it is that of a plate that does not bend, by
+    extrapolation from D of 1e7 and 1e8 times that of the section."""
+    cells = CELLS[kind]
+    x = np.column_stack([XY, np.zeros(8)])
+    count = len(cells)
+    A, B, D, _ = isotropic(1e6, 0.25, 1e-3, count)
+    S = np.array([[3.0, 0.5], [0.5, 2.0]])
+    axes = shell_axes(x[cells], np.arange(count))[:, :2, :2]
+    u = np.zeros((8, 6))
+    u[:, 2] = 0.3 * XY[:, 0] - 0.7 * XY[:, 1]
+    u[:, 3], u[:, 4] = 0.4, -0.8
+    q = u.ravel()[rows_of(cells)]
+
+    def energy(stiff: float) -> float:
+        own = axes.swapaxes(1, 2) @ S @ axes
+        K = shell_stiffnesses(x[cells], A, B, stiff * D, own, np.zeros(count), np.arange(count))
+        return float(np.einsum("ei,eij,ej->", q, K, q))
+
+    gamma = np.array([0.3 - 0.8, -0.7 - 0.4])
+    found = energy(1.0) if kind == "quad4" else (10 * energy(1e8) - energy(1e7)) / 9
+    assert found == pytest.approx(gamma @ S @ gamma * AREA, rel=1e-10 if kind == "quad4" else 1e-9)
+
+
+@pytest.mark.parametrize("slender", [1.0, 8.0])
+def test_a_rectangle_bends_in_its_plane_as_a_beam(slender):
+    """u = κ x y, v = −κ(x² + ν y²)/2: ε_xx = κ y, ε_yy = −νκ y, γ = 0 at every point, whatever the aspect, and the energy is
+    ½ κ² E t b³L/12 (the nodes turn with θ_z = v,x = −κ x)."""
+    L, b, E, nu, t, kappa = slender, 1.0, 1.0, 0.3, 0.01, 0.2
+    corners = np.array([[-L / 2, -b / 2, 0], [L / 2, -b / 2, 0], [L / 2, b / 2, 0], [-L / 2, b / 2, 0]])
+    x, y = corners[:, 0], corners[:, 1]
+    u = np.zeros((4, 6))
+    u[:, 0], u[:, 1], u[:, 5] = kappa * x * y, -kappa * (x**2 + nu * y**2) / 2, -kappa * x
+    K = shell_stiffnesses(corners[None], *isotropic(E, nu, t, 1), np.zeros(1), np.ones(1))[0]
+    assert u.ravel() @ K @ u.ravel() / 2 == pytest.approx(kappa**2 * E * t * b**3 * L / 24, rel=1e-10)
+    for at in ([0.0, 0.0], [0.9, -0.8], [-1.0, 1.0]):
+        read = shell_strain_rows(corners[None], np.array([at]), np.zeros(1), np.zeros(1), np.ones(1), nu=nu)[0]
+        found, expected = read @ u.ravel(), kappa * at[1] * b / 2 * np.array([1, -nu, 0])
+        np.testing.assert_allclose(found, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_strain_on_the_faces_of_a_bent_plate(kind):
+    """ε = ε̄ − z (w,xx, w,yy, 2 w,xy) of a smooth field on a skewed mesh: its error at the centres falls with h for three
+    nodes, whose centre is no point of symmetry, and with h² for four."""
+    z = 0.01
+
+    def error(n: int) -> float:
+        s, r, cells = unit_square(n, n, kind)
+        x = np.column_stack([s + 0.3 * r, r + 0.1 * s * r, 0 * s])
+        at = np.tile(CENTRE[kind], (len(cells), 1))
+        count = len(cells)
+        a, b = 1.7, 1.3
+        X, Y = x[:, 0], x[:, 1]
+        u = np.zeros((len(x), 6))
+        u[:, 0], u[:, 1] = 0.02 * np.sin(X) * np.cos(Y), 0.03 * X * Y
+        u[:, 5] = (0.03 * Y + 0.02 * np.sin(X) * np.sin(Y)) / 2
+        u[:, 2] = np.sin(a * X) * np.sin(b * Y)
+        u[:, 3] = b * np.sin(a * X) * np.cos(b * Y)
+        u[:, 4] = -a * np.cos(a * X) * np.sin(b * Y)
+        read = shell_strain_rows(x[cells], at, np.full(count, z), np.zeros(count), np.arange(count))
+        found = np.einsum("eij,ej->ei", read, u.ravel()[rows_of(cells)])
+        X, Y = x[cells].mean(axis=1)[:, :2].T
+        wxx, wyy = -(a**2) * np.sin(a * X) * np.sin(b * Y), -(b**2) * np.sin(a * X) * np.sin(b * Y)
+        wxy = a * b * np.cos(a * X) * np.cos(b * Y)
+        membrane = [0.02 * np.cos(X) * np.cos(Y), 0.03 * X, 0.03 * Y - 0.02 * np.sin(X) * np.sin(Y)]
+        expected = np.stack(membrane, axis=1) - z * np.stack([wxx, wyy, 2 * wxy], axis=1)
+        T = along(shell_axes(x[cells], np.arange(count)), np.eye(3))
+        return float(np.abs(found - np.einsum("eij,ej->ei", T, expected)).max() / np.abs(expected).max())
+
+    coarse, fine = error(8), error(32)
+    assert fine < (5e-4 if kind == "quad4" else 0.025)
+    assert coarse / fine > (12 if kind == "quad4" else 3.5)

@@ -1,8 +1,9 @@
-"""The whole model in time against exponentials of dense matrices and closed forms."""
+"""The whole model in time against exponentials and closed forms, its Padé approximations, and its periodic motion."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import factorial
 
 import numpy as np
 import pytest
@@ -12,10 +13,11 @@ from scipy.linalg import eigh
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem import complex_factor
 from strainsight.fem import transient as module
-from strainsight.fem.pade import pade
+from strainsight.fem.pade import DEGREES, choose, pade
+from strainsight.fem.steady import steady_state
 from strainsight.fem.transient import transient
 from strainsight.fem.viscous import ViscousDamping, modal_damping
-from strainsight.signals.histories import Sine, hold_coefficients
+from strainsight.signals.histories import Constant, MultiSine, Sine, hold_coefficients, tones_of
 
 from .transients import NONE, chain, dense_damping, exact, model_of, random_load
 
@@ -194,3 +196,87 @@ def test_progress_and_a_motion_that_overflows():
     assert shares == [0.0, 32 / 70, 64 / 70]
     with pytest.raises(NumericalError, match="finite"):
         transient(model_of(K, M), np.eye(2)[:, :1], {}, NONE, np.full((3, 1, 1), np.nan), 1e-3, np.eye(2), highest=1.0)
+
+
+@pytest.mark.parametrize("degree", DEGREES)
+def test_the_approximation_has_its_order_and_its_damping(degree):
+    """R has the Taylor coefficients of eᶻ up to z^(2s−1) and no further, |R(iy)| ≤ 1 everywhere, and |R∞| < 1."""
+    scheme = pade(degree)
+    turn = np.arange(64)
+    coefficient = np.fft.fft(scheme.at(np.exp(2j * np.pi * turn / 64)))[: 2 * degree + 1].real / 64
+    error = np.abs(coefficient - [1 / factorial(k) for k in range(2 * degree + 1)])
+    assert error[:-1].max() < 3e-14 < error[-1]
+    y = np.geomspace(1e-2, 1e6, 2000)
+    assert np.all(np.abs(scheme.at(1j * y)) <= 1 + 1e-13)
+    assert abs(scheme.at(1e12j)) == pytest.approx(abs(scheme.infinity), rel=1e-6)
+    assert abs(scheme.infinity) < 0.91
+    assert np.all(scheme.pole.real > 0)
+
+
+@pytest.mark.parametrize("y", [0.01, 0.3, 0.5, 0.9, 2.7, 3.0, 5.6, 7.0, 20.0])
+def test_what_is_resolved_keeps_its_period_and_its_amplitude(y):
+    scheme, substeps = choose(y)
+    R = scheme.at(1j * y / substeps) ** substeps
+    turned = np.angle(R * np.exp(-1j * y))
+    assert abs(turned) <= 1.01e-4 * y
+    assert abs(np.log(abs(R))) <= 1e-4 * y
+
+
+def test_fewest_solves_and_never_more_factors_for_nothing():
+    cost = {y: choose(y)[0].degree * choose(y)[1] // 2 for y in (0.1, 0.5, 1.0, 2.0, 4.0, 8.0)}
+    assert cost == {0.1: 1, 0.5: 1, 1.0: 2, 2.0: 2, 4.0: 3, 8.0: 6}
+
+
+# ---- one and few unknowns
+
+
+DAMPINGS = ["modal", "undamped above", "rayleigh", "none"]
+
+
+def damping_of(kind, K, M):
+    K, M = sparse.csr_array(K), sparse.csr_array(M)
+    return {
+        "modal": modal_damping(K, M, 0.02, 4),
+        "undamped above": modal_damping(K, M, 0.02, 4, above="none"),
+        "rayleigh": ViscousDamping(2.0, 1e-5),
+        "none": NONE,
+    }[kind]
+
+
+@pytest.mark.parametrize("kind", DAMPINGS)
+@pytest.mark.parametrize("hertz", [0.0, 3.0, 11.0, 40.0])
+def test_it_is_the_dense_complex_solution(kind, hertz):
+    """Below, between and above the modes of a chain of eight, 5.4 to 69 Hz."""
+    K, M = chain(8)
+    damping, omega = damping_of(kind, K, M), 2 * np.pi * hertz
+    S, U = np.random.default_rng(1).standard_normal((8, 2)), np.array([1.0 - 2.0j, 0.5 + 0.3j])
+    dense = K - omega**2 * M + 1j * omega * dense_damping(K, M, damping)
+    expected = np.linalg.solve(dense, S @ U)
+    z, v = steady_state(sparse.csr_array(K), sparse.csr_array(M), S, damping, np.array([omega]), U[None])
+    np.testing.assert_allclose(z, expected.real, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(v, (1j * omega * expected).real, rtol=0, atol=1e-9 * max(1, omega) * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("kind", ["modal", "rayleigh"])
+def test_stepped_on_it_repeats(kind):
+    """Three tones and a constant over their common period of 0.5 s, to the error of the scheme; from rest it is far from it."""
+    K, M = chain(8)
+    damping = damping_of(kind, K, M)
+    S = np.eye(8)[:, [7, 3]]
+    signals = [MultiSine(4.0, 12.0, 3, 5.0, seed=2), Constant(2.0)]
+    tones, T = tones_of(signals), 1000
+    held = hold_coefficients(signals, 0.0, 0.5 / T, T)
+    start = steady_state(sparse.csr_array(K), sparse.csr_array(M), S, damping, tones.frequency, tones.amplitude)
+    found = transient(model_of(K, M), S, {}, damping, held, 0.5 / T, np.eye(8), start=start).reading
+    size = np.abs(found).max()
+    assert np.abs(found[-1] - found[0]).max() <= 1e-5 * size
+    rest = transient(model_of(K, M), S, {}, damping, held, 0.5 / T, np.eye(8)).reading
+    assert np.abs(rest[-1] - rest[0]).max() > 0.1 * size
+
+
+def test_a_tone_at_an_undamped_mode_is_refused():
+    """k/m = 10⁴ to the last bit."""
+    K, M = sparse.csr_array(np.array([[1e4]])), sparse.csr_array(np.array([[1.0]]))
+    tones = tones_of([Sine(100.0 / (2 * np.pi), 1.0)])
+    with pytest.raises(NumericalError):
+        steady_state(K, M, np.ones((1, 1)), NONE, np.array([100.0]), tones.amplitude)

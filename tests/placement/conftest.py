@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -14,10 +16,13 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.placement.elimination import Scenario, whole_pool_weight
 from strainsight.rom.model import Damping, ReducedModel
 
+from ..structures import beam_curvature, beam_matrices, clamped_beam
+from .wandering import COMBINED
+
 E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Beam:
     model: ReducedModel
     rows: np.ndarray
@@ -26,45 +31,13 @@ class Beam:
     theta: dict[str, float]
 
 
-def hermite(elements: int, inertia: float) -> tuple[np.ndarray, np.ndarray]:
-    """K and M of a clamped Euler-Bernoulli beam, per unit modulus and unit density."""
-    h = LENGTH / elements
-    ke = inertia / h**3 * np.array(
-        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h],
-         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h * h, -6 * h, 4 * h * h]]
-    )
-    me = WIDTH * HEIGHT * h / 420 * np.array(
-        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h * h, 13 * h, -3 * h * h],
-         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h * h, -22 * h, 4 * h * h]]
-    )
-    size = 2 * (elements + 1)
-    K, M = np.zeros((size, size)), np.zeros((size, size))
-    for e in range(elements):
-        s = slice(2 * e, 2 * e + 4)
-        K[s, s] += ke
-        M[s, s] += me
-    return K[2:, 2:], M[2:, 2:]
-
-
-def curvature(position: np.ndarray, elements: int) -> np.ndarray:
-    """Rows that give w'' at positions x from the free unknowns."""
-    h = LENGTH / elements
-    rows = np.zeros((len(position), 2 * (elements + 1)))
-    for row, x in zip(rows, position, strict=True):
-        e = min(int(x / h), elements - 1)
-        s = x / h - e
-        row[2 * e : 2 * e + 4] = [
-            (12 * s - 6) / h**2, (6 * s - 4) / h, (6 - 12 * s) / h**2, (6 * s - 2) / h
-        ]
-    return rows[:, 2:]
-
-
+@cache
 def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: int = 0, ratio: float = 0.01,
               foundation: float = 0.0) -> Beam:
     """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
     elements = 24
-    Kz, Mz = hermite(elements, WIDTH * HEIGHT**3 / 12)
-    Ky, My = hermite(elements, HEIGHT * WIDTH**3 / 12)
+    inertia = WIDTH * HEIGHT**3 / 12, HEIGHT * WIDTH**3 / 12
+    (Kz, Mz), (Ky, My) = (map(clamped_beam, beam_matrices(elements, LENGTH, own, WIDTH * HEIGHT)) for own in inertia)
     o = np.zeros_like(Kz)
     K, M = np.block([[Kz, o], [o, Ky]]), np.block([[Mz, o], [o, My]])
     spring = foundation * np.eye(len(K))
@@ -87,7 +60,7 @@ def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: in
     rng = np.random.default_rng(seed)
     place = rng.uniform(0.02, 1.95, gauges)
     z, y = rng.choice([-1, 1], gauges) * HEIGHT / 2, rng.uniform(-1, 1, gauges) * WIDTH / 2
-    bend = curvature(place, elements)
+    bend = beam_curvature(place, elements, LENGTH)
     rows = np.hstack([-z[:, None] * bend, -y[:, None] * bend]) @ Psi
     # steady response to the two sines, mode by mode
     t = np.linspace(0, 1, 2001)
@@ -98,9 +71,12 @@ def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: in
         wave = gain * np.exp(1j * omega[j] * t)[:, None]
         x += np.hstack([wave.imag, (1j * omega[j] * wave).imag])
     u = np.column_stack([1e4 * np.sin(omega[0] * t), 1e3 * np.sin(omega[1] * t)])
+    for shared in (rows, x, u):
+        shared.flags.writeable = False
     return Beam(model, rows, x, u, {"E": E0, "rho": RHO0})
 
 
+@cache
 def make_scenarios(
     beam: Beam,
     inputs: tuple[str, ...],
@@ -155,6 +131,27 @@ def covariance_by_sign(scenario: Scenario, gauges: list[int]) -> np.ndarray:
         P = solve_continuous_lyapunov(F - gain @ H, -Q - (gain * r) @ gain.T)
         P = 0.5 * (P + P.T)
     return P
+
+
+@cache
+def traces(digest: bytes) -> dict[tuple[int, ...], float]:
+    """tr(W P) of sets of gauges of one scenario, as far as they have been asked for."""
+    return {}
+
+
+def costs_of_sets(pools, keep: int, aggregate: str = "mean") -> dict[tuple[int, ...], float]:
+    """{gauges: tr(W P)} of all sets of so many gauges, by the oracle; each is computed once a session."""
+    every, each = list(combinations(range(len(pools[0].rows)), keep)), []
+    for s in (pool.scenario for pool in pools):
+        known = traces(b"".join(X.tobytes() for X in (s.F, s.Q, s.H, s.r, s.weight)))
+        known |= {g: s.weight @ np.diag(covariance_by_sign(s, list(g))) for g in every if g not in known}
+        each.append(known)
+    return {gauges: float(COMBINED[aggregate]([known[gauges] for known in each])) for gauges in every}
+
+
+@pytest.fixture(scope="session")
+def every_set():
+    return costs_of_sets
 
 
 @pytest.fixture(scope="session")

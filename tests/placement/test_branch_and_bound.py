@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, count
+from itertools import combinations, count, cycle
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,20 +22,6 @@ from strainsight.placement.score import score
 CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",)), (("Fz",), ("rho",))]
 
 
-@pytest.fixture(scope="module")
-def every_set(oracle):
-    """Costs of all sets, {gauges: cost}."""
-
-    def costs(pools, keep, aggregate):
-        combine = {"mean": np.mean, "worst": np.max}[aggregate]
-        return {
-            gauges: float(combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools]))
-            for gauges in combinations(range(len(pools[0].rows)), keep)
-        }
-
-    return costs
-
-
 def agrees(found, costs):
     """The best set or a tie with it; its cost to the digits of the oracle; a bound below the optimum, as close as claimed."""
     best, runner_up = sorted([*costs.values(), np.inf])[:2]
@@ -49,8 +35,9 @@ def agrees(found, costs):
     assert found.lower_bound >= found.cost * (1 - 1.001e-6)
 
 
-@pytest.mark.parametrize(("size", "keep"), [(12, 5), (16, 3)])
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+@pytest.mark.parametrize(
+    ("inputs", "parameters", "size", "keep"), [(*case, *size) for case, size in zip(CASES, cycle([(10, 4), (13, 3)]))]
+)
 def test_it_finds_what_exhaustive_search_finds(every_set, beam_of, scenarios_of, inputs, parameters, size, keep):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(size, 2, seed=size + keep), inputs, parameters)]
     costs = every_set(pools, keep, "mean")
@@ -63,7 +50,7 @@ def test_it_finds_what_exhaustive_search_finds(every_set, beam_of, scenarios_of,
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 @pytest.mark.parametrize(("inputs", "parameters"), CASES[1:3])
 def test_several_scenarios_are_searched_at_once(every_set, beam_of, scenarios_of, inputs, parameters, aggregate):
-    scenarios = scenarios_of(beam_of(12, 2, seed=5), inputs, parameters, instants=(55, 260, 871))
+    scenarios = scenarios_of(beam_of(10, 2, seed=5), inputs, parameters, instants=(55, 260))
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 4, aggregate)
     found = branch_and_bound(pools, 4, aggregate)
@@ -141,7 +128,7 @@ def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_
 
 
 def test_fixed_gauges_stay_and_the_rest_is_optimal(every_set, beam_of, scenarios_of):
-    pools = [solve_pool(s) for s in scenarios_of(beam_of(12, 2, seed=2), ("Fz",), ("E",))]
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 2, seed=2), ("Fz",), ("E",))]
     costs = every_set(pools, 4, "mean")
     bad = int(eliminate([p.scenario for p in pools], 4).removed[0])
     for bonded in ([bad], [bad, 3], [bad, 3, 5, 7]):
@@ -152,9 +139,9 @@ def test_fixed_gauges_stay_and_the_rest_is_optimal(every_set, beam_of, scenarios
 
 
 def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(24), ("Fz", "Fy"), ("E",))
+    (scenario,) = scenarios_of(beam_of(14, 4), ("Fz", "Fy"), ("E",))
     rng = np.random.default_rng(3)
-    shuffle = rng.permutation(24)
+    shuffle = rng.permutation(14)
     moved = Scenario(scenario.F, scenario.Q, scenario.H[shuffle] * 1e6, scenario.r[shuffle] * 1e12, scenario.weight)
     here = branch_and_bound([solve_pool(scenario)], 4)
     there = branch_and_bound([solve_pool(moved.scaled(10.0 ** rng.uniform(-4, 4, len(scenario.F))))], 4)
@@ -194,7 +181,7 @@ def test_the_only_gauge_that_sees_an_unknown_is_found(oracle, beam_of, scenarios
     H[np.ix_(np.delete(np.arange(12), 7), sideways)] = 0.0
     one_sees = Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)
     pool = solve_pool(one_sees)
-    costs = {(g, 7): float(pool.scenario.weight @ np.diag(oracle(pool.scenario, [g, 7]))) for g in range(12) if g != 7}
+    costs = {(g, 7): pool.scenario.weight @ np.diag(oracle(pool.scenario, [g, 7])) for g in range(12) if g != 7}
     found = branch_and_bound([pool], 2)
     assert found.gauges.tolist() == sorted(min(costs, key=costs.get))
     assert found.proven
@@ -215,7 +202,7 @@ def test_impossible_requests_are_refused(beam_of, scenarios_of):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     """Three states and rows of small integers, from the worst set of all: what it finds, it finds itself."""
     rng = np.random.default_rng(seed)
@@ -236,37 +223,39 @@ def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_no_half_loses_a_set_or_claims_more_than_its_best(every_set, beam_of, scenarios_of, aggregate, monkeypatch):
-    scenarios = scenarios_of(beam_of(10, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
+    scenarios = scenarios_of(beam_of(9, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 4, aggregate)
-    search = room.Search(pools, limits_of(10, 4), aggregate, 1e-6)
+    search = room.Search(pools, limits_of(9, 4), aggregate, 1e-6)
     monkeypatch.setattr(search, "offer", lambda gauges, bound=0.0: None)
     search.best = np.array(max(costs, key=costs.get))
     search.cost = float(np.quantile(list(costs.values()), 0.5))
 
-    def sets_of(node):
-        inside, outside = set(np.flatnonzero(node.inside)), set(np.flatnonzero(node.outside))
-        return {gauges for gauges in costs if inside <= set(gauges) and not outside & set(gauges)}
+    members, cost = np.array([np.isin(np.arange(9), gauges) for gauges in costs]), np.array(list(costs.values()))
+    better = cost < search.target * (1 - 1e-9)
 
-    nodes, claims = [(-np.inf, search.root(np.zeros(10, dtype=bool)))], 0
+    def sets_of(node):
+        return ~(node.inside & ~members).any(axis=1) & ~(node.outside & members).any(axis=1)
+
+    nodes, claims = [(-np.inf, search.root(np.zeros(9, dtype=bool)))], 0
     for bound, node in nodes:
         halves = search.children(node, bound)
         for half_bound, half in halves:
             assert half_bound >= bound
-            assert half_bound <= min((costs[g] for g in sets_of(half)), default=np.inf) * (1 + 1e-9)
+            assert half_bound <= cost[sets_of(half)].min(initial=np.inf) * (1 + 1e-9)
             claims += half_bound > 0
         if halves:
-            kept = set().union(*(sets_of(half) for _, half in halves))
-            assert all(costs[g] >= search.target * (1 - 1e-9) for g in sets_of(node) - kept)
+            kept = np.any([sets_of(half) for _, half in halves], axis=0)
+            assert not (sets_of(node) & ~kept & better).any()
             nodes += halves
         else:
             # a single set is left, or none that costs less
-            assert sum(costs[g] < search.target * (1 - 1e-9) for g in sets_of(node)) <= 1
+            assert (sets_of(node) & better).sum() <= 1
     assert claims > 20
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_bound_of_several_planes_is_their_linear_program(aggregate, seed):
     rng = np.random.default_rng(seed)
     cuts = [Cut(rng.uniform(0, 1, 2), rng.uniform(-1, 0, (2, 7)), np.zeros(2), ()) for _ in range(3)]
@@ -281,7 +270,7 @@ def test_the_bound_of_several_planes_is_their_linear_program(aggregate, seed):
     np.testing.assert_allclose(low.weights[[2, 5]], [1, 0])
     np.testing.assert_allclose(low.weights.sum(), 4)
     np.testing.assert_allclose(model(low.weights), low.value, atol=1e-7)
-    mixtures = rng.dirichlet(np.full(len(sets), 0.3), 2000) @ np.array(sets)
+    mixtures = rng.dirichlet(np.full(len(sets), 0.3), 500) @ np.array(sets)
     assert low.value <= min(model(v) for v in [*mixtures, *sets]) + 1e-12
     assert low.taken.sum() == 3
     for gauge in np.flatnonzero(free):

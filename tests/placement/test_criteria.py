@@ -72,11 +72,10 @@ def in_pairs(scenario):
 
 
 @EVERY
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("over", [UNKNOWNS, ("Fz", "E"), ("E",)])
+@pytest.mark.parametrize(("aggregate", "over"), [("mean", UNKNOWNS), ("worst", ("Fz", "E")), ("mean", ("E",))])
 def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggregate, over):
-    _, pools, cost = case_of(criterion, over, aggregate=aggregate)
-    every = {gauges: cost(gauges) for gauges in combinations(range(10), 4)}
+    _, pools, cost = case_of(criterion, over, size=9, aggregate=aggregate)
+    every = {gauges: cost(gauges) for gauges in combinations(range(9), 4)}
     best = min(every.values())
     swapped = exchange(pools, [0, 1, 2, 3], aggregate)
     chosen = tuple(swapped.gauges.tolist())
@@ -84,7 +83,7 @@ def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggreg
     assert swapped.cost[-1] == pytest.approx(every[chosen], rel=1e-8)
     for out in chosen:
         rest = [g for g in chosen if g != out]
-        assert all(every[tuple(sorted([*rest, g]))] >= every[chosen] * (1 - 1e-8) for g in range(10) if g not in chosen)
+        assert all(every[tuple(sorted([*rest, g]))] >= every[chosen] * (1 - 1e-8) for g in range(9) if g not in chosen)
     certificate = certify(pools, chosen, swapped.cost[-1], aggregate)
     assert certificate.lower_bound <= best * (1 + 1e-8)
     assert certificate.relaxed - certificate.lower_bound <= 2e-3 * certificate.relaxed
@@ -98,9 +97,10 @@ def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggreg
 
 
 @EVERY
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("over", [UNKNOWNS, ("Fz", "E")])
-@pytest.mark.parametrize("rosettes", [False, True])
+@pytest.mark.parametrize(
+    ("aggregate", "over", "rosettes"),
+    [("mean", UNKNOWNS, True), ("worst", UNKNOWNS, False), ("mean", ("Fz", "E"), False), ("worst", ("Fz", "E"), True)],
+)
 def test_every_removal_is_the_least_rise_of_all(case_of, criterion, aggregate, over, rosettes):
     scenarios, _, cost = case_of(criterion, over, size=12, rosettes=rosettes, aggregate=aggregate)
     found = eliminate(scenarios, 4, aggregate)
@@ -134,7 +134,7 @@ def test_its_slope_in_the_weight_of_a_gauge_is_that_of_differences_and_no_rise_i
 
 
 @EVERY
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_between_two_weightings_the_metric_lies_below_the_chord(case_of, criterion, seed):
     """Convexity, from which every bound comes; and 1/c is concave, which is more."""
     (scenario,), _, _ = case_of(criterion, instants=(63,))
@@ -175,16 +175,16 @@ def test_what_a_failure_costs_and_what_is_added_is_by_the_same_metric(case_of, c
 
 @pytest.mark.parametrize("over", ["Fz", "E"])
 def test_of_one_unknown_all_criteria_choose_the_same(case_of, over):
-    found = [eliminate(case_of(name, (over,), size=40)[0], 4).removed.tolist() for name in NAMES]
+    found = [eliminate(case_of(name, (over,), size=20)[0], 4).removed.tolist() for name in NAMES]
     assert all(other == found[0] for other in found)
-    swapped = [exchange(case_of(name, (over,), size=40)[1], [0, 1, 2, 3]).swaps for name in NAMES]
+    swapped = [exchange(case_of(name, (over,), size=20)[1], [0, 1, 2, 3]).swaps for name in NAMES]
     assert all(other == swapped[0] for other in swapped)
 
 
 def test_the_determinant_does_not_know_the_units_of_the_unknowns_and_the_others_do(case_of):
     units = np.array([100.0, 1.0, 0.01])
     for name in NAMES:
-        scenarios, _, _ = case_of(name, size=40)
+        scenarios, _, _ = case_of(name, size=20)
         weight = scenarios[0].weight.copy()
         weight[-3:] *= units
         here, there = (eliminate([replace(s, weight=w) for s in scenarios], 4) for w in (scenarios[0].weight, weight))

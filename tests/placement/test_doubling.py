@@ -28,24 +28,28 @@ def system(seed, damping, noise):
     return A, rng.standard_normal((2, 6)) * [1, 1, 1, 1, 0, 0] / noise, N
 
 
-def stepped(A, H, N, steps):
-    """P after `steps` predictions and updates, one reading after the other, from 1e10 of each variance; forty digits."""
+def stepped(A, H, N, *steps):
+    """P after so many predictions and updates, one reading after the other, from 1e10 of each variance; forty digits."""
     with mpmath.workdps(40):
         A, H, Q = (mpmath.matrix(X.tolist()) for X in (A, H, N @ N.T))
         P = 10**10 * mpmath.eye(A.rows)
-        for _ in range(steps):
+        found = []
+        for k in range(1, max(steps) + 1):
             P = A * P * A.T + Q
             for i in range(H.rows):
                 Ph = P * H[i, :].T
                 P -= Ph * Ph.T / (1 + (H[i, :] * Ph)[0])
-        return np.array(P.tolist(), dtype=float)
+            if k in steps:
+                found.append(np.array(P.tolist(), dtype=float))
+        return found
 
 
-@pytest.mark.parametrize(("noise", "damping"), [(1e-5, 0.3), (1e-2, 0.02), (1.0, 0.02), (0.5, 0.3)])
+@pytest.mark.parametrize(("noise", "damping"), [(1e-5, 0.3), (1.0, 0.02)])
 def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping):
     A, H, N = system(1, damping, noise)
-    P, after = covariance(A, H, N), stepped(A, H, N, 400)
-    np.testing.assert_allclose(after, stepped(A, H, N, 300), rtol=1e-12)  # it has come there
+    before, after = stepped(A, H, N, 300, 340)
+    P = covariance(A, H, N)
+    np.testing.assert_allclose(after, before, rtol=1e-12)  # it has come there
     std = np.sqrt(np.diag(after))
     assert np.abs((P - after) / np.outer(std, std)).max() < doubling.ACCEPTED
 

@@ -20,15 +20,11 @@ CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
 
 
 @pytest.fixture(scope="module")
-def worst_losses(oracle):
+def worst_losses(every_set):
     """{gauges: largest cost after a failure} of all sets of `keep` gauges."""
 
     def all_of(pools, keep, aggregate):
-        combine = {"mean": np.mean, "worst": np.max}[aggregate]
-        cost = {
-            gauges: float(combine([p.scenario.weight @ np.diag(oracle(p.scenario, list(gauges))) for p in pools]))
-            for gauges in combinations(range(len(pools[0].rows)), keep - 1)
-        }
+        cost = every_set(pools, keep - 1, aggregate)
         return {
             gauges: max(cost[rest] for rest in combinations(gauges, keep - 1))
             for gauges in combinations(range(len(pools[0].rows)), keep)
@@ -76,8 +72,7 @@ def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways, beam_
     assert np.all(np.isinf(loss_if_one_fails(pools, [0, 4, 8])))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+@pytest.mark.parametrize(("inputs", "parameters", "seed"), [(*CASES[0], 0), (*CASES[1], 1), (*CASES[2], 0), (*CASES[2], 2)])
 def test_no_single_swap_lowers_the_worst_loss(worst_losses, beam_of, scenarios_of, inputs, parameters, seed):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(11, 2, seed=seed), inputs, parameters)]
     worst = worst_losses(pools, 4, "mean")

@@ -26,7 +26,7 @@ def kleinman_in_fifty_digits(F, Q, rows, start):
         G = H.T * H
         pairs = [(i, j) for i in range(n) for j in range(i, n)]
         at = {pair: k for k, pair in enumerate(pairs)}
-        for _ in range(5):
+        for _ in range(3):
             A, S = f - P * G, q + P * G * P
             system, right = mpmath.zeros(len(pairs)), mpmath.zeros(len(pairs), 1)
             for (i, j), k in at.items():
@@ -41,7 +41,7 @@ def kleinman_in_fifty_digits(F, Q, rows, start):
         return P
 
 
-@pytest.mark.parametrize("dulled", [1.0, 1e4, 1e9])
+@pytest.mark.parametrize("dulled", [1.0, 1e9])
 def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_of, scenarios_of, dulled):
     (scenario,) = scenarios_of(beam_of(7, 2), ("Fz",), ("E",))
     r = scenario.r.copy()

@@ -111,7 +111,7 @@ def test_every_solve_after_a_failure_is_counted_and_none_begins_beyond_the_limit
     _, _, swaps = whole.swapped(start)
     assert swaps
     assert whole.solves == len(calls)
-    for limit in range(1, whole.solves, 5):
+    for limit in range(1, whole.solves, 11):
         search = case.search(limits_of(8, 4), limit)
         search.swapped(start)
         # the losses of the set, its bounds and one set that is tried are not left halfway

@@ -59,7 +59,6 @@ def with_accelerometers(scenario, modes, precision, count=2):
 
 
 PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
-    (("Fz",), ("E",), 1e-4, 1e-4),
     (("Fz",), ("E",), 1e-4, 1e-6),
     (("Fz", "Fy"), ("E",), 1e-6, 1e-6),
     (("Fz",), ("E", "rho"), 1e-4, 1e-4),
@@ -67,10 +66,12 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 ]
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-4])
-@pytest.mark.parametrize(("inputs", "parameters"), [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("rho",))])
+@pytest.mark.parametrize(
+    ("inputs", "parameters", "noise"),
+    [((), ("E",), 1e-7), (("Fz",), ("E",), 1e-9), (("Fz",), ("E",), 1e-4), (("Fz", "Fy"), ("rho",), 1e-9)],
+)
 def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, inputs, parameters):
-    (scenario,) = scenarios_of(beam_of(8, 3), inputs, parameters, noise=noise)
+    (scenario,) = scenarios_of(beam_of(8, 2), inputs, parameters, noise=noise)
     pool = solve_pool(scenario)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
     np.testing.assert_allclose(pool.P, truth, rtol=0, atol=1e-8)
@@ -133,7 +134,7 @@ def test_the_factor_is_taken_only_where_the_sum_has_lost_digits(beam_of, scenari
         assert len(asked) == expected
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize(("modes", "parameters", "inputs"), [(9, ("E",), ()), (10, ("E",), ("Fz",)), (14, (), ("Fz",))])
 def test_residual_of_21_to_31_states_is_below_1e10(beam_of, scenarios_of, noise, modes, inputs, parameters):
     (scenario,) = scenarios_of(beam_of(60, modes), inputs, parameters, noise=noise)

@@ -38,12 +38,12 @@ def residual(scenario, gauges, P):
     return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4])
+@pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
 def test_forty_modes_and_five_unknowns_are_solved_at_every_noise(beam_of, noise):
-    found = eliminate([five_unknowns(beam_of, noise, modes=40, foundation=1e5)], 6)
+    found = eliminate([five_unknowns(beam_of, noise, modes=40, foundation=1e5, gauges=12)], 6)
     (pool,) = found.pools
     assert len(pool.P) == 87
-    assert residual(pool.scenario, range(30), pool.P) < 1e-10
+    assert residual(pool.scenario, range(12), pool.P) < 1e-10
     assert np.linalg.eigvalsh(pool.P).min() > 0
     assert found.residual < 1e-10
     assert np.all(found.rise > 0)
@@ -116,13 +116,13 @@ def follow(oracle, found):
 def test_a_pool_of_duplicates_is_brute_force_and_evaluates_one_of_each(oracle, beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(8, 5), ("Fz",), ("E",))
     rng = np.random.default_rng(5)
-    copy = rng.permutation(np.repeat(np.arange(8), 4))
+    copy = rng.permutation(np.repeat(np.arange(8), 2))
     # a gauge bonded the other way round, or read in another unit, says the same
-    factor = rng.choice([-4.0, -1.0, 1.0, 2.0], 32)
+    factor = rng.choice([-4.0, -1.0, 1.0, 2.0], 16)
     H, r = scenario.H[copy] * factor[:, None], scenario.r[copy] * factor**2
     found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)
     follow(oracle, found)
-    left = np.ones(32, dtype=bool)
+    left = np.ones(16, dtype=bool)
     for out, ties in zip(found.removed, found.ties, strict=True):
         twins = np.flatnonzero(left & (copy == copy[out]))
         assert out == twins[0]

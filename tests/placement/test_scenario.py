@@ -1,13 +1,25 @@
-"""What is asked of a pool before any gauge leaves."""
+"""Scenarios, their information matrix, the score of a set, the choice among ties, and refusals."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from strainsight.errors import InfeasibleError
-from strainsight.placement.information import information
-from strainsight.placement.scenario import Scenario, fewest_gauges, refined, solve_pool
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.placement.branch_and_bound import branch_and_bound
+from strainsight.placement.choice import Step, known_to_go, least_missed
+from strainsight.placement.criteria.choices import CRITERIA
+from strainsight.placement.elimination import eliminate
+from strainsight.placement.information import CANCELLED, Information, as_information, information
+from strainsight.placement.limits import limits_of
+from strainsight.placement.metric import Metric
+from strainsight.placement.remaining import Remaining
+from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
+from strainsight.placement.score import score, scores
+
+from .rules import PAIRS, POOL, PRICE, Rules, zone
+from .variances import variance
+from .wandering import COMBINED, costs_of, pools_of
 
 
 def wandering(channels, unknowns):
@@ -61,3 +73,288 @@ def test_what_no_process_noise_reaches_is_named():
     F = np.array([[0.0, 1.0, 0.0], [-4.0, -0.1, 1.0], [0.0, 0.0, 0.0]])
     with pytest.raises(InfeasibleError, match="Fz is reached by no process noise"):
         solve_pool(Scenario(F, np.diag([0.0, 1.0, 0.0]), H, np.ones(3), weight), ["Fz"])
+
+
+def test_the_kept_set_scores_what_the_elimination_ended_with(beam_of, scenarios_of):
+    for aggregate in ("mean", "worst"):
+        found = eliminate(scenarios_of(beam_of(30), ("Fz",), ("E",), instants=(55, 260)), 4, aggregate)
+        np.testing.assert_allclose(score(found.pools, found.kept, aggregate), found.cost[-1], rtol=1e-8)
+        np.testing.assert_allclose(score(found.pools, range(30), aggregate), found.cost[0], rtol=1e-8)
+
+
+def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
+    pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
+    unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
+    assert score(pools, [3]) == np.inf
+    assert score(pools, []) == np.inf
+    lost = scores(by_criteria(pools, unknown), [3], unknown, np.ones(2))
+    assert lost.cost == dict.fromkeys([criterion.name for criterion in CRITERIA], np.inf)
+    assert lost.std.tolist() == [np.inf] * 2
+
+
+def test_standard_deviations_are_in_the_coordinates_that_were_given(oracle, beam_of, scenarios_of):
+    (scenario,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",))
+    pools = eliminate([scenario], 4).pools
+    gauges, unknown = [1, 4, 6, 9], np.array([len(scenario.F) - 1, 0])
+    P = oracle(pools[0].scenario, gauges)
+    expected = (np.sqrt(np.diag(P)) * pools[0].scale)[unknown]
+    found = scores(by_criteria(pools, unknown), gauges, unknown, np.ones(2))
+    np.testing.assert_allclose(found.std, expected, rtol=1e-8)
+
+
+def by_criteria(pools, unknown):
+    """The scenarios by every criterion of these states of x*."""
+    weight = np.isin(np.arange(len(pools[0].P)), unknown).astype(float)
+    return {c.name: [pool.under(Metric(weight, c)) for pool in pools] for c in CRITERIA}
+
+
+def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
+    scenarios = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",), instants=(55, 260))
+    pools = eliminate(scenarios, 4).pools
+    size = len(pools[0].P)
+    gauges, unknown = [0, 2, 4, 6, 9], np.arange(size - 3, size)
+    scale = np.array([1e4, 1e3, 2e11])
+    P = [oracle(pool.scenario, gauges) * np.outer(pool.scale, pool.scale) for pool in pools]
+    blocks = [p[np.ix_(unknown, unknown)] for p in P]
+    by = by_criteria(pools, unknown) | {"as chosen by": [pool.under(scenarios[0].metric) for pool in pools]}
+    for aggregate, combine in COMBINED.items():
+        found = scores(by, gauges, unknown, scale, aggregate)
+        for criterion in CRITERIA:
+            expected = combine([variance(criterion.name, block) for block in blocks])
+            np.testing.assert_allclose(found.cost[criterion.name], expected, rtol=1e-8)
+        np.testing.assert_allclose(found.cost["as chosen by"], score(pools, gauges, aggregate), rtol=1e-12)
+        spread = (np.diag(blocks[0]) + np.diag(blocks[1])) / 2
+        np.testing.assert_allclose(found.std, np.sqrt(spread) * scale, rtol=1e-8)
+
+
+def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(beam_of, scenarios_of, monkeypatch):
+    pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
+
+    def refuse(*_):
+        raise NumericalError("not solved")
+
+    monkeypatch.setattr("strainsight.placement.score.subset_covariance", refuse)
+    found = scores(by_criteria(pools, [0]), [1, 2, 3], np.array([0]), np.ones(1))
+    assert np.isnan([*found.cost.values(), *found.std]).all()
+
+
+@pytest.mark.parametrize("count", [1, 4, 5, 30])
+def test_the_factor_is_no_larger_than_the_states_and_its_square_is_the_sum(count):
+    rows = np.random.default_rng(count).normal(size=(count, 4))
+    known = information(rows)
+    assert known.factor.shape == (min(count, 4), 4)
+    np.testing.assert_allclose(known.factor.T @ known.factor, sum(np.outer(h, h) for h in rows), atol=1e-13 * count)
+    np.testing.assert_allclose(known.G, sum(np.outer(h, h) for h in rows), atol=1e-13 * count)
+    d, block = np.array([1.0, 10, 0.1, 3]), np.array([[1.0, 2, 3, 4], [0, 0, 1, 0]])
+    for changed, truth in ((known.scaled(d), rows * d), (known.with_rows(block), np.vstack([rows, block]))):
+        np.testing.assert_allclose(changed.G, truth.T @ truth, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(changed.factor.T @ changed.factor, truth.T @ truth, rtol=1e-12, atol=1e-12)
+
+
+def test_a_sum_alone_has_no_factor():
+    alone = as_information(np.eye(3))
+    assert as_information(alone) is alone
+    block = np.ones((1, 3))
+    for known in (alone, alone.scaled(np.ones(3)), alone.with_rows(block)):
+        assert known.factor is None
+        assert known.needed(np.eye(3)) is None
+    np.testing.assert_array_equal(alone.with_rows(block).G, np.eye(3) + 1)
+    np.testing.assert_array_equal(alone.squared(2 * np.eye(3)), 4 * np.eye(3))
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_the_factor_is_needed_where_the_diagonals_are_so_many_times_the_trace(beyond):
+    """One gauge that reads x + y, and what is known of the two is their sum: Σ PᵢᵢGᵢᵢ = 2 and tr(P G) = 2(1 − c)."""
+    ratio = CANCELLED * (1.001 if beyond else 0.999)
+    P = np.array([[1.0, 1 / ratio - 1], [1 / ratio - 1, 1.0]])
+    known = information(np.ones((1, 2)))
+    assert np.diag(P) @ np.diag(known.G) == pytest.approx(ratio * np.trace(P @ known.G))
+    assert (known.needed(P) is not None) == beyond
+    np.testing.assert_allclose(known.squared(P), P @ np.ones((2, 2)) @ P, rtol=1e-12)
+
+
+def test_the_factor_keeps_digits_that_the_sum_has_lost():
+    """A gauge of precision 1e-9 reads x + y: P h is 1e-9 of P, and P hhᵀ P of it 1e-18, beyond any sum of doubles."""
+    rows, e = np.array([[1.0, 1.0], [1e-5, 0.0]]) * 1e9, 1e-9
+    P = np.array([[1.0, -1 + e], [-1 + e, 1.0]])
+    Ph = (P @ rows.T).T
+    truth = sum(np.outer(v, v) for v in Ph)
+    np.testing.assert_allclose(information(rows).squared(P), truth, rtol=1e-6)
+    assert isinstance(information(rows), Information)
+
+
+SIZE, LEVELS, WEIGHT = 12, (1.0, 9.0), np.array([1.0, 3.0, 0.5])
+
+
+class Left:
+    """What is left after some gauges have gone; two scenarios, H (2, pool, 3) at unit noise."""
+
+    def __init__(self, H, aggregate, removed=(), fixed=()):
+        self.H, self.aggregate = H, aggregate
+        self.pools = pools_of(H, LEVELS, WEIGHT)
+        self.left = Remaining(self.pools, fixed)
+        for gauge in removed:
+            self.left.remove(int(np.flatnonzero(self.left.index == gauge)[0]))
+        self.gauges = self.left.gauges.tolist()
+        P = [subset_covariance(pool, self.gauges) for pool in self.pools]
+        self.loops = [loop_of(pool, self.gauges, p) for pool, p in zip(self.pools, P, strict=True)]
+        self.costs = np.array([pool.metric.value(p) for pool, p in zip(self.pools, P, strict=True)])
+        self.step = Step(self.pools, self.loops, self.costs, self.left, aggregate)
+
+    def each(self, gauges):
+        """tr(W P) of every scenario."""
+        return costs_of(self.H[:, gauges], LEVELS, WEIGHT, np.ones(len(gauges)))
+
+    def rise(self, gauge):
+        combine = COMBINED[self.aggregate]
+        return combine(self.each([g for g in self.gauges if g != gauge])) - combine(self.each(self.gauges))
+
+    def found(self, relief=None):
+        at_places = None if relief is None else relief[self.left.index]
+        return least_missed(self.step, at_places)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("seed", range(6))
+def test_the_least_rise_per_relief_of_all_is_found(aggregate, seed):
+    """Relief of any size, none at all for some gauges: they stay. A bound is never above the rise."""
+    rng = np.random.default_rng(seed)
+    H = rng.normal(size=(2, SIZE, 3))
+    H[:, [4, 9]] = -H[:, [2, 6]]
+    for removed, fixed in (((), ()), ((1, 7, 10), (0, 3)), ((0, 3, 5, 8, 10, 11, 7), (1,))):
+        step = Left(H, aggregate, removed, fixed)
+        for relief in (None, 10.0 ** rng.uniform(-2, 2, SIZE) * (rng.random(SIZE) < 0.7), np.full(SIZE, 100.0)):
+            per = np.ones(SIZE) if relief is None else relief
+            per[[4, 9]] = per[[2, 6]]
+            rates = {g: step.rise(g) / per[g] for g in step.gauges if g not in fixed and per[g] > 0}
+            least = min(rates.values())
+            best = [g for g, rate in rates.items() if rate <= least * (1 + 1e-8)]
+            choice, solves, worth = step.found(relief)
+            assert (choice.gauge, choice.ties) == (best[0], tuple(best[1:]))
+            assert step.left.index[choice.at] == choice.gauge
+            np.testing.assert_allclose(choice.rise, step.rise(choice.gauge), rtol=1e-7)
+            parts = [p.scenario.weight @ np.diag(D) for p, D in zip(step.pools, choice.increments, strict=True)]
+            np.testing.assert_allclose(
+                step.costs + parts, step.each([g for g in step.gauges if g != choice.gauge]), rtol=1e-9
+            )
+            assert 2 <= solves <= 2 * len(rates)
+            for place, gauge in enumerate(step.left.index.tolist()):
+                assert gauge not in step.gauges or worth[place] <= step.rise(gauge) + 1e-9
+
+
+def test_where_every_removal_loses_an_unknown_none_is_found():
+    H = np.random.default_rng(1).normal(size=(2, SIZE, 3))
+    step = Left(H, "mean", range(3, SIZE))
+    choice, solves, _ = step.found()
+    assert choice is None
+    assert solves == 3
+    assert Left(H, "mean", range(5, SIZE), fixed=range(5)).found()[:2] == (None, 0)
+
+
+@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+def test_a_gauge_that_is_known_to_go_is_taken_at_what_it_costs(aggregate):
+    step = Left(np.random.default_rng(2).normal(size=(2, SIZE, 3)), aggregate, (0, 4, 6))
+    for gauge in (2, 11):
+        choice = known_to_go(step.step, gauge)
+        assert (choice.gauge, step.left.index[choice.at], choice.ties) == (gauge, gauge, ())
+        np.testing.assert_allclose(choice.rise, step.rise(gauge), rtol=1e-8)
+        parts = [p.scenario.weight @ np.diag(D) for p, D in zip(step.pools, choice.increments, strict=True)]
+        np.testing.assert_allclose(step.costs + parts, step.each([g for g in step.gauges if g != gauge]), rtol=1e-9)
+
+
+REFUSED = {
+    "fixed in one zone": (
+        {"keep": 4, "fixed": (0, 1), "zones": [zone("place.at_most.0", [0, 1, 2], 1)]},
+        "place.at_most.0",
+        r"what is bonded already \(gauges.fixed\) takes 2 gauges of the 1 that place.at_most.0 allows",
+    ),
+    "fixed too near to its own mirror image": (
+        {"keep": 5, "fixed": (3, 4), "near": [(3, 4), (4, 4), (6, 6)]},
+        "place.minimum_spacing",
+        "the gauges of row 4 of the pool are bonded already",
+    ),
+    "too near to their own mirror images": (
+        {"keep": 4, "near": [(g, g) for g in range(8)]},
+        "place.minimum_spacing",
+        "place.minimum_spacing leaves room for 3 of the pool's 11",
+    ),
+    "fixed too dear": (
+        {"keep": 4, "fixed": (0, 10), "price": PRICE, "budget": 7.5},
+        "place.budget",
+        "takes 8 of the 7.5 that place.budget allows",
+    ),
+    "zones": (
+        {"keep": 4, "zones": [zone("place.at_most.0", range(6), 1), zone("place.at_most.1", range(5, 11), 2)]},
+        "place.at_most.1",
+        "place.at_most.1 together with place.at_most.0 leaves room for 3 of the pool's 11",
+    ),
+    "one zone": (
+        {"keep": 4, "zones": [zone("place.at_most.3", range(11), 2)]},
+        "place.at_most.3",
+        "4 gauges asked for, place.at_most.3 leaves room for 2 of the pool's 11",
+    ),
+    "spacing of what is fixed": (
+        {"keep": 3, "fixed": (0,), "near": [(0, i) for i in range(1, 10)]},
+        "place.minimum_spacing",
+        "place.minimum_spacing leaves room for 2 of the pool's 11",
+    ),
+    "budget": (
+        {"keep": 4, "price": PRICE + 1, "budget": 2.6},
+        "place.budget",
+        r"the cheapest gauges that detect every unknown cost 2\.7, place.budget is 2\.6",
+    ),
+    "budget of nothing": (
+        {"keep": 4, "price": PRICE, "budget": 0.0},
+        "place.budget",
+        "the cheapest gauges that detect every unknown cost 0.7, place.budget is 0",
+    ),
+    "count": ({"keep": 1}, None, r"1 gauges cannot observe 2 unknowns \(Fz, E\)"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_leaves_no_layout_is_named(beam_of, scenarios_of, case):
+    asked, key, words = REFUSED[case]
+    (scenario,) = scenarios_of(beam_of(POOL, 2), ("Fz",), ("E",))
+    limits = Rules(**asked).limits
+    with pytest.raises(InfeasibleError, match=words) as refused:
+        eliminate([scenario], limits, names=("Fz", "E"))
+    assert refused.value.key == key
+    assert refused.value.remedy
+    with pytest.raises(InfeasibleError):
+        branch_and_bound([solve_pool(scenario)], limits)
+
+
+def test_a_zone_around_all_that_see_an_unknown_is_named_with_it(beam_of, scenarios_of):
+    beam = beam_of(POOL, 3)
+    (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
+    H = scenario.H.copy()
+    sideways = np.flatnonzero(np.abs(beam.model.input_shape[:, 1]) > 1e-6 * np.abs(beam.model.input_shape).max())
+    H[np.ix_(np.arange(POOL) != 7, sideways)] = 0.0
+    scenario = Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)
+    closed = Rules(4, zones=[zone("place.at_most.0", [6, 7], 0)]).limits
+    with pytest.raises(InfeasibleError, match=r"kept within place.at_most.0, they cannot tell Fy") as refused:
+        eliminate([scenario], closed, names=("Fz", "Fy"))
+    assert refused.value.key == "place.at_most.0"
+    # gauge 7 is too dear for its neighbours: it stays, as every layout needs it
+    price = np.where(np.arange(POOL) == 7, 9.0, 1.0)
+    rules = Rules(4, price=price, budget=10.5, near=[(7, i) for i in (0, 1, 2, 3, 4)])
+    kept = eliminate([scenario], rules.limits).kept
+    assert 7 in kept
+    assert rules.hold(kept)
+    with pytest.raises(InfeasibleError, match=r"cost 10, place.budget is 9"):
+        eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
+    # what is bonded blinds the layout: three gauges of which none sees Fy
+    blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
+    with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
+        eliminate([scenario], blind)
+    assert refused.value.key == "place.keep"
+
+
+def test_impossible_counts_keep_their_words():
+    with pytest.raises(ConfigError, match="12 gauges are to be kept of a pool of 11 with 0 fixed"):
+        limits_of(11, 12)
+    with pytest.raises(ConfigError, match="1 gauges are to be kept of a pool of 11 with 2 fixed"):
+        limits_of(11, 1, fixed=(3, 4))
+    with pytest.raises(ConfigError, match="18 gauges are to be kept of a pool of 17 with 4 fixed"):
+        limits_of(11, 18, size=PAIRS, fixed=(0, 1))

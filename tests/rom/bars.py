@@ -15,6 +15,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
+from ..structures import hexahedra
+
 MESHES = Path(__file__).parents[2] / "meshes"
 ROOT, TIP, SIDE = 901, 902, 903
 SIZE = np.array([1.2, 0.3, 0.2])
@@ -25,11 +27,8 @@ RHO = 7850.0
 def bar(counts: tuple[int, int, int] = (8, 3, 2), side: bool = False, clamped: bool = False) -> Mesh:
     """A bar of hexahedra in two materials, its end faces tied to ROOT and TIP, a patch of its top to SIDE if asked."""
     nx, ny, nz = counts
-    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
+    grid, number, cells = hexahedra(counts)
     position = START + grid / np.array(counts) * SIZE
-    number = np.arange(len(grid)).reshape(nx + 1, ny + 1, nz + 1)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
     region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
     block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
     middle = START + 0.5 * SIZE

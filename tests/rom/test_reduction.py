@@ -27,6 +27,8 @@ from strainsight.rom.reduction import (
 from strainsight.rom.samples import held_out_samples, parameter_samples
 from strainsight.rom.snapshots import scaled, snapshots
 
+from ..structures import hexahedra
+
 DAMPING = Damping("modal", ratio=0.01)
 STEEL, ALLOY = Material(1, 2.1e11, 0.3, 7850.0), Material(2, 7.0e10, 0.33, 2700.0)
 TWO = (
@@ -42,11 +44,8 @@ ONE = (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),)
 def beam(length: float = 1.0, materials: tuple[Material, Material] = (STEEL, ALLOY)) -> Mesh:
     """A cantilever of 8 × 2 × 2 hexahedra, 10:1:0.8, region 1 the first half, clamped at x = 0."""
     nx, ny, nz = 8, 2, 2
-    grid = np.stack(np.meshgrid(np.arange(nx + 1), np.arange(ny + 1), np.arange(nz + 1), indexing="ij"), axis=-1)
-    position = grid.reshape(-1, 3) * np.array([length / nx, 0.1 * length / ny, 0.08 * length / nz])
-    number = np.arange(len(position)).reshape(nx + 1, ny + 1, nz + 1)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([number[i : nx + i, j : ny + j, k : nz + k] for i, j, k in corners], axis=-1)
+    grid, _, cells = hexahedra((nx, ny, nz))
+    position = grid * np.array([length / nx, 0.1 * length / ny, 0.08 * length / nz])
     region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
     block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
     root = np.flatnonzero(position[:, 0] == 0)

@@ -244,7 +244,8 @@ def _corrected(
         ]
 
     middle = np.mean([own.mean[:, 0] for own in at_points(found.samples)], axis=0)
-    caused, own, V = _effects(model, found.centre, covariance, known, middle, nuisances, nu, offsets, settled)
+    there = np.isfinite(found.samples)
+    caused, own, V = _effects(model, found.centre, covariance, known, there, middle, nuisances, nu, offsets, settled)
     each = at_points(found.samples - caused @ nu)
     x = np.stack([one.mean[:, 0] for one in each]) + np.einsum("tda,d->ta", own, nu)
     return x, np.stack([one.covariance_of(np.arange(len(at))) for one in each]), V
@@ -300,6 +301,7 @@ def _effects(
     point: np.ndarray,
     covariance: np.ndarray,
     known: np.ndarray,
+    there: np.ndarray,
     motion: np.ndarray,
     nuisances: Nuisances,
     nu: np.ndarray,
@@ -307,7 +309,8 @@ def _effects(
     settled: Settled | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Along a motion (T + 1, n), what one of every nuisance adds to the samples (T, m, d), to the motion (T + 1, d, n), and to
-    the error of the smoothed states (T + 1, d, n); beyond the coordinates loads displace what nu (d,) makes of them."""
+    the error (T + 1, d, n) of states smoothed by the samples that are there (T, m); beyond the coordinates loads displace what
+    nu (d,) makes of them."""
     one = linear_models(model, point[None], nuisances, biased)
     steps, d, n = len(known), one.nuisances, one.H.shape[-1]
     if d == 0:
@@ -325,6 +328,6 @@ def _effects(
     beyond = nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + ends @ one.W.T)
     caused += np.einsum("dmp,tp->tdm", one.E, ends) + np.einsum("dmf,tf->tdm", one.B, beyond)
     caused += one.offset + own[1:] @ one.H[0].T
-    seen = np.where((np.arange(1, steps + 1) % model.every == 0)[:, None, None], caused, np.nan)
+    seen = np.where(there[:, None], caused, np.nan)
     found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased, nuisances)
     return np.swapaxes(caused, 1, 2), own, found.mean - own
