@@ -7,8 +7,8 @@ import pytest
 
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
-from ..structures import hexahedra
 from ..solids import CUTS, PYRAMID, SOLIDS
+from ..structures import hexahedra
 
 
 def with_midsides(position: np.ndarray, cells: np.ndarray, kind: str) -> tuple[np.ndarray, np.ndarray]:
