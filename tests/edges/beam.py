@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import json
 import shutil
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -182,7 +184,7 @@ def of_material(modulus: float) -> dict[str, Any]:
 def finished(
     folder: Path, until: str, text: str, changes: Mapping[str, Any] = {}, base: Mapping[str, Any] = PLACEMENT_CONFIG
 ) -> dict[str, Artefact]:
-    """stage → artefact of a run up to a stage, made once for all tests; a RuntimeWarning is an error (pyproject.toml).
+    """stage → artefact of a run up to a stage, made once for all tests, which warns each of them; a RuntimeWarning is an error.
 
     The run reads the files that lie in the folder; its results are copied there."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -200,10 +202,17 @@ def finished(
             shutil.copy(file, place)
         loaded = load_config(place / path.name, ())
         job = Job(loaded.data, place, place / "results", loaded.locate, loaded.model)
-        found = {event.stage: event.artefact for event in run(stages, job) if event.artefact is not None}
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            warnings.simplefilter("error", RuntimeWarning)
+            found = {event.stage: event.artefact for event in run(stages, job) if event.artefact is not None}
         assert not (strange := infinite(found)), strange
+        (place / "warnings.json").write_text(json.dumps([str(one.message) for one in caught]), encoding="utf-8")
 
-    shutil.copytree(once("edge", "\n".join(inputs), make) / "results", folder / "results", dirs_exist_ok=True)
+    kept = once("beam", "\n".join(inputs), make)
+    for words in json.loads((kept / "warnings.json").read_text(encoding="utf-8")):
+        warnings.warn(words, stacklevel=2)
+    shutil.copytree(kept / "results", folder / "results", dirs_exist_ok=True)
     results = folder / "results" / load_config(path, ()).data["name"]
     return {stage.name: Artefact(results / f"{stage.name}.h5") for stage in stages}
 

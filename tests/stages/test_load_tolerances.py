@@ -348,7 +348,7 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
         return own, plain, on_average(own, plain, channels)
 
     own, _, model = averaged(one)
-    test = SimpleNamespace(channels=np.array([one]), known=None, values=None)
+    test = SimpleNamespace(channels=np.array([one]), known=np.zeros((1, 3, 0)), values=None)
     start = np.zeros((model.size, model.size))
     given = SimpleNamespace(
         model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None
