@@ -190,7 +190,7 @@ def test_kernels_and_config_stay_out_of_the_workflow():
         "strainsight.workflow",
         *(
             f"strainsight.workflow.{m}"
-            for m in ["artefact", "code", "reuse", "lock", "output", "plan", "provenance", "runner", "seal", "slices"]
+            for m in ["artefact", "code", "contents", "reuse", "lock", "output", "plan", "provenance", "runner", "seal", "slices"]
         ),
         "strainsight.workflow.stage",
         "strainsight.workflow.store",

@@ -17,7 +17,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.errors import ArtefactError, UserError
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.workflow import artefact, store
+from strainsight.workflow import contents, store
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output, Table
 from strainsight.workflow.seal import seal
@@ -335,7 +335,7 @@ def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused
     with h5py.File(path, "a") as file:
         attack(file, other)
     seal(path)
-    monkeypatch.setattr(artefact, "MAX_OBJECTS", 100)
+    monkeypatch.setattr(contents, "MAX_OBJECTS", 100)
     start = time.process_time()
     with pytest.raises(ArtefactError, match="damaged"):
         Artefact(path)

@@ -26,12 +26,12 @@ from strainsight.workflow.artefact import (
     GRID,
     Artefact,
     Header,
-    content_digest,
     digest_or_none,
     header_of,
     plain_name,
     sha256_of,
 )
+from strainsight.workflow.contents import content_digest, read_contents
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.provenance import provenance
 from strainsight.workflow.seal import BLOCK, seal
@@ -69,7 +69,8 @@ def write_artefact(path: Path, output: Output, header: Header, records: tuple[st
         with h5py.File(part, "r+", track_order=False) as file:
             _write_content(file, output)
             _write_header(file, header, output.message)
-            file.attrs["digest"] = content_digest(file)
+            file.flush()
+            file.attrs["digest"] = content_digest(file, read_contents(file), output.message)
         seal(part)
 
     gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
