@@ -33,6 +33,7 @@ from strainsight.estimation.load_faults import Innovations, KnownLoads, innovati
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import known_at, peak_of
 from strainsight.estimation.settled import Settled
+from strainsight.estimation.unmodelled_load import ResidualPattern
 from strainsight.estimation.verdict import OVERCONFIDENT, judged
 
 BELIEVABLE = 1.5
@@ -235,13 +236,14 @@ def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
 class Finding:
     """contradicts: whether a record contradicts its model; as_it_is: without a fault; check of its channels; diagnosis: None
     where there was no reason to look for a fault; shifted: the mode that is too far from the model, where its innovations
-    are believable and no fault explains them."""
+    are believable and no fault explains them; pattern: of a load that the model does not have, where neither does."""
 
     contradicts: bool
     as_it_is: Explained
     check: ChannelCheck
     diagnosis: Diagnosis | None
     shifted: ShiftedMode | None = None
+    pattern: ResidualPattern | None = None
 
 
 def examined(

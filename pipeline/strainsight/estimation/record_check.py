@@ -37,10 +37,14 @@ from strainsight.estimation.stretches import (
     stretch_at,
     with_intensity,
 )
+from strainsight.estimation.unmodelled_load import ResidualPattern, residual_pattern
 from strainsight.estimation.verdict import OVERCONFIDENT, judged
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""
+
+FASTER = (3.0, 10.0, 30.0, 100.0)
+"""Factors on the intensity of unknown loads, which explain a pattern of residuals where their process noise is too small."""
 
 Progress = Callable[[float], None]
 
@@ -96,6 +100,9 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
         diagnosis = Diagnosis(as_it_is[0], check, ratios, (best,), best, (best,))
         return RecordCheck(Finding(True, as_it_is[0], check, diagnosis), part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
+    if finding.diagnosis is not None and (pattern := _unmodelled_load(part, as_it_is, finding.diagnosis)) is not None:
+        diagnosis = replace(finding.diagnosis, named=None, candidates=())
+        finding = replace(finding, contradicts=True, diagnosis=diagnosis, shifted=None, pattern=pattern)
     if len(part.samples) == len(whole.samples) or finding.diagnosis is None or len(finding.diagnosis.candidates) < 2:
         return RecordCheck(finding, part, worst, _moving(part))
     later = part.begin - whole.begin
@@ -106,6 +113,29 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
         return RecordCheck(finding, part, worst, _moving(part))
     diagnosis = replace(finding.diagnosis, named=named, candidates=candidates)
     return RecordCheck(replace(finding, diagnosis=diagnosis), whole, worst, _moving(part))
+
+
+def _unmodelled_load(
+    part: Suspect, fit: tuple[Explained, BankRun | None], diagnosis: Diagnosis
+) -> ResidualPattern | None:
+    """The pattern of a load that the model does not have.
+
+    None where a fault, or loads of the model that change faster than stated, explain the measurements as well, and where channels
+    are too few to tell a pattern.
+    """
+    as_it_is, bank = fit
+    inputs, every = part.model.unknowns.inputs, part.model.every
+    if bank is None or part.samples.shape[1] < len(inputs) + 2:
+        return None
+    sampled = slice(every - 1, None, every)
+    white, innovation = bank.run.whitened[sampled, 0], bank.run.innovation[sampled, 0]
+    pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
+    if pattern is None:
+        return None
+    others = [one.evidence for one in diagnosis.candidates]
+    others += [explained(with_intensity(part, factor), None)[0].evidence for factor in FASTER if inputs]
+    evidence = as_it_is.evidence + pattern.gain
+    return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 
 
 def _agrees(part: Suspect, fit: tuple[Explained, BankRun | None]) -> bool:

@@ -16,6 +16,7 @@ from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.fault_search import ShiftedMode, Suspect
 from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
 from strainsight.estimation.record_check import RecordCheck, check_record
+from strainsight.estimation.unmodelled_load import ResidualPattern
 from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.measurements.units import required_unit
 from strainsight.records.estimated import ChannelsChecked
@@ -23,6 +24,8 @@ from strainsight.rom.model import modal_basis
 
 MOST_TIMES = 20
 """Spans of a fault that are named one by one."""
+LEAST_SHARE = 0.1
+"""Of a channel in the pattern of an additional load, to be named."""
 OTHER_STEP = 100.0
 """Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
 
@@ -84,6 +87,11 @@ def judgement_of(
         text = (
             "the record contradicts the model, and no single fault of a channel or a known load explains it: "
             f"{_shift_in_words(problem, finding.shifted)}"
+        )
+    elif finding.pattern is not None:
+        text = (
+            "the measurements are inconsistent with the model, and no single fault of a channel or a known load explains it: "
+            f"{_pattern_in_words(finding.pattern, test.labels)}"
         )
     else:
         size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
@@ -272,6 +280,17 @@ def _shift_in_words(problem: Problem, shifted: ShiftedMode) -> str:
         f"mode {shifted.mode + 1} fits best at {shifted.factor * modelled:.4g} Hz, the model has {modelled:.4g} Hz, "
         f"{shifted.size:.2g} σ of tolerances.frequency apart; check masses, supports and joints, or measure that frequency and "
         "correct the model"
+    )
+
+
+def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
+    """An additional load: the channels that show it, how much, and what to check."""
+    order = np.argsort(-pattern.share, kind="stable")
+    most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
+    return (
+        f"an additional load, or another disturbance of {', '.join(most)}: along one pattern of channels, and along no other, "
+        f"innovations are {pattern.size:.3g} times as large as claimed and slow (correlation {pattern.correlation:.2f}); "
+        "add the missing load (loads), or check temperature, cables and supports"
     )
 
 
