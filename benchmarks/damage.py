@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure.damage import asked_places, theta_at
-from strainsight.cases.structure.damaged_places import Places, damage_at
+from strainsight.cases.structure.damage import Places, asked_places, damage_at, theta_at
+from strainsight.cases.structure.damage_drawn import may_walk_otherwise, walking, walks
 from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
 from strainsight.cases.structure.settings import parameters_of
@@ -29,7 +29,6 @@ from strainsight.cases.structure.surface import Displaced, skin_of
 from strainsight.cases.structure.tolerated_loads import field_beyond
 from strainsight.cases.structure.trial import sample_noise, trial_of
 from strainsight.cases.structure.truth import ModalMotion, truth_of
-from strainsight.cases.structure.walks import may_walk_otherwise, walking, walks
 from strainsight.config.damage import DamageSettings
 from strainsight.damage.intervals import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank

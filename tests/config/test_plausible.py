@@ -9,7 +9,7 @@ from typing import Annotated, get_args
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from strainsight.cases.structure.damaged_places import curve_of
+from strainsight.cases.structure.damage import curve_of
 from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.damage import DamageSettings, MeanStress, SNCurve, damage_problems

@@ -21,12 +21,11 @@ from strainsight.augmentation.input_models import (
 from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
-from strainsight.estimation.discrete import input_hold, input_transition, process_covariance
 from strainsight.estimation.draws import covariance_factor, draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.metrics import input_error, load_scale, settling_time
-from strainsight.estimation.model import inputs_of, loads_of, physical
+from strainsight.estimation.model import input_hold, input_transition, inputs_of, loads_of, physical, process_covariance
 from strainsight.estimation.motion import step
 from strainsight.estimation.posterior import marginal, peaks_of
 from strainsight.estimation.smoother import smooth

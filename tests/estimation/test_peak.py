@@ -11,8 +11,7 @@ from scipy.linalg import expm
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.peak import peak_of
-from strainsight.estimation.scan import MOST_SCANNED, resonance_widths, scan_lattice
+from strainsight.estimation.peak import MOST_SCANNED, peak_of, resonance_widths, scan_lattice
 from strainsight.estimation.settled import Settled
 
 from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, continuous, driven_chain

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.cases.structure.damaged_places import surface_places
+from strainsight.cases.structure.damage import surface_places
 from strainsight.errors import UserError
 from strainsight.fem.affine import Parameter, at_their_references
 from strainsight.fem.model import build_model, nodal

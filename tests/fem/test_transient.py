@@ -13,9 +13,8 @@ from scipy.linalg import eigh
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem import complex_factor
 from strainsight.fem import transient as module
-from strainsight.fem.pade import DEGREES, choose, pade
 from strainsight.fem.steady import steady_state
-from strainsight.fem.transient import transient
+from strainsight.fem.transient import DEGREES, choose, pade, transient
 from strainsight.fem.viscous import ViscousDamping, modal_damping
 from strainsight.signals.histories import Constant, MultiSine, Sine, hold_coefficients, tones_of
 

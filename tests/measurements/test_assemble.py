@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import assemble
+from strainsight.measurements.assemble import assemble, held_samples, release
 from strainsight.measurements.bridges import ARRANGEMENTS, Bridge, strain_of
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.delay import Delay
-from strainsight.measurements.held import held_samples, release
 from strainsight.measurements.reader import read_recording
 from strainsight.measurements.records import Recording
 

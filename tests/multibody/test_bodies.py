@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
+from strainsight.multibody.advance import sensitivities
 from strainsight.multibody.bodies import FlexibleBody, RigidBody, mass_matrix
 from strainsight.multibody.coupled import coupled_modes, growth
 from strainsight.multibody.equations import mass_at
@@ -17,7 +18,6 @@ from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import fixed, revolute
 from strainsight.multibody.laws.actuators import follower_force
 from strainsight.multibody.laws.torsion import torsion
-from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.spectrum import coupled_frequencies

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from strainsight.compiled import kept
+from strainsight.multibody.advance import sensitivities
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
@@ -18,7 +19,6 @@ from strainsight.multibody.joints import coincidence, revolute
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.laws.linear import LinearLaw
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.step import compiled, step
 from strainsight.multibody.system import assemble
 

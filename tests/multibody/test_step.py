@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.advance import advance, slopes
+from strainsight.multibody.advance import advance, sensitivities, slopes
 from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.controlled import simulate_controlled
@@ -20,7 +20,6 @@ from strainsight.multibody.joints import prismatic, revolute, spherical
 from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.relations import place
-from strainsight.multibody.sensitivity import sensitivities
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble

@@ -8,7 +8,7 @@ from scipy.linalg import eigh, solve_sylvester, sqrtm
 
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import build_model
-from strainsight.rom.craig_bampton import craig_bampton
+from strainsight.rom.craig_bampton import craig_bampton, inertia_loads
 from strainsight.rom.model import (
     Damping,
     ReducedModel,
@@ -18,7 +18,6 @@ from strainsight.rom.model import (
     modal_basis,
 )
 from strainsight.rom.reach import OFF, excess, reach
-from strainsight.rom.residual_vectors import inertia_loads
 
 from .bars import TIP, bar, dense, pick
 

@@ -15,9 +15,8 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.mesh.joins import PointMass
-from strainsight.rom.craig_bampton import craig_bampton, floating_basis
+from strainsight.rom.craig_bampton import craig_bampton, floating_basis, inertia_loads, residual_vectors, rigid_field
 from strainsight.rom.inertia import inertia_invariants
-from strainsight.rom.residual_vectors import inertia_loads, residual_vectors, rigid_field
 
 from .bars import MESHES, ROOT, SIDE, TIP, bar, frequencies, gauge_rows, inertia_of, pick, rigid
 

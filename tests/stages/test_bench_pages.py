@@ -13,7 +13,7 @@ from strainsight.errors import ConfigError
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.page.document import own
 from strainsight.stages.bench.report import report_stage
-from strainsight.stages.pages.statements import statements_of
+from strainsight.stages.pages.suite import statements_of
 from strainsight.stages.suite import SUITE
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.plan import Job

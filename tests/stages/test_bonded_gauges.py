@@ -9,8 +9,8 @@ import pytest
 
 from strainsight import api
 from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.gauge_file import gauge_csv
 from strainsight.cases.layout.names import layout_labels
+from strainsight.cases.layout.output import gauge_csv
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.errors import UserError
 

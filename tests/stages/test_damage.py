@@ -8,7 +8,7 @@ import pyvista
 import rainflow
 
 from strainsight import api
-from strainsight.cases.structure.walks import DECISIVE, may_walk_otherwise, walking, walks
+from strainsight.cases.structure.damage_drawn import DECISIVE, may_walk_otherwise, walking, walks
 from strainsight.workflow.artefact import Artefact
 
 from .tested_beam import ALONE, BLIND, CONFIG, ROOT, changed, estimated

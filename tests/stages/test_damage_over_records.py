@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import rainflow
 
-from strainsight.cases.structure.damage import Asked, Recorded, damage_in_test
-from strainsight.cases.structure.damaged_places import Places
+from strainsight.cases.structure.damage import Asked, Places, Recorded, damage_in_test
 from strainsight.config.damage import DamageSettings, SNCurve
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.smoother import Smoothed

@@ -12,7 +12,7 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.gauge_file import gauge_csv
+from strainsight.cases.layout.output import gauge_csv
 from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, advice_at_gauges, notes_at_gauges
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.cases.structure.hot_spots import SHARE, at_guess, hot_spot_advice, share_of

@@ -13,7 +13,7 @@ import strainsight.report.placement.verdicts as words
 from strainsight.cases.structure import filtered_test
 from strainsight.cases.structure.diagnosed import judgement_of
 from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
-from strainsight.cases.structure.known_loads import common_part
+from strainsight.cases.structure.measured import common_part
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
 from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate, RecordOfTest

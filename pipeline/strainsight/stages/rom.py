@@ -6,8 +6,8 @@ import numpy as np
 
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import reduced_of
-from strainsight.cases.structure.scales import hertz
 from strainsight.cases.structure.settings import WHERE_LOADS_ACT
+from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import spectrum_of
-from strainsight.cases.structure.scales import hertz
+from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
 from strainsight.records.record import written
 from strainsight.stages import inputs

@@ -9,10 +9,9 @@ from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.excluded import by_bank, excluded, excluded_in_words
 from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.cases.structure.measured_csv import measured_csv
 from strainsight.cases.structure.out_of_range import validated_out_of_range, without_sigma
 from strainsight.cases.structure.sweeps import sweep_table
-from strainsight.cases.structure.validation import validation_of
+from strainsight.cases.structure.validation import measured_csv, validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of

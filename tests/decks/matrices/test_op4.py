@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight.decks.abaqus.deck import read_abaqus
-from strainsight.decks.matrices.files import read_matrix, read_numbering, symmetric
-from strainsight.decks.matrices.op4 import read_op4
+from strainsight.decks.matrices.files import read_matrix, read_numbering, read_op4, symmetric
 from strainsight.errors import DeckError
 from strainsight.fem.assembly import assemble
 from strainsight_cli.main import app

@@ -15,11 +15,10 @@ from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.inverse import zeroed
-from strainsight.multibody.inverse.followed import followed, rest_at
 from strainsight.multibody.inverse.linear import linearised
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
-from strainsight.multibody.inverse.zeroed import zero_at_rest
+from strainsight.multibody.inverse.zeroed import followed, rest_at, zero_at_rest
 from strainsight.multibody.joints import prismatic
 from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.relations import offset
@@ -168,7 +167,7 @@ def test_one_that_cannot_be_followed_is_sought(loaded, monkeypatch):
     xi = coordinates.xi(b.theta)
     zero(xi)
     far = xi + np.array([np.log(50.0), 0.0])
-    monkeypatch.setattr("strainsight.multibody.inverse.followed.STEPS", 1)
+    monkeypatch.setattr("strainsight.multibody.inverse.zeroed.STEPS", 1)
     expected = sought(loaded, far)
     np.testing.assert_allclose(zero(far)[0], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 

@@ -13,9 +13,8 @@ from PIL import Image
 from strainsight.errors import StrainsightError
 from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.picture import scene
-from strainsight.report.picture.labels import spread_labels
 from strainsight.report.picture.markers import arrow, free_end
-from strainsight.report.picture.picture import LINES
+from strainsight.report.picture.picture import LINES, spread_labels
 from strainsight.report.placement.data import Layout, Load
 
 from ..conftest import layout, mixed_layout

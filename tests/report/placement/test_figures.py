@@ -12,10 +12,18 @@ from strainsight.report.arrays import History
 from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.chart.histories import closing_figure, estimate_figure
 from strainsight.report.chart.panels import last_periods
-from strainsight.report.placement.comparisons import noise_figure, random_errors_figure, repeats_figure
 from strainsight.report.placement.data import Claim, GaugeSignal, Metric, NoiseRow, RandomSets, Repeats, Trend, Unknown
-from strainsight.report.placement.figures import elbow, placement_figures, trend_figure
-from strainsight.report.placement.signals import owner, signal_figure, signal_figures
+from strainsight.report.placement.figures import (
+    elbow,
+    noise_figure,
+    owner,
+    placement_figures,
+    random_errors_figure,
+    repeats_figure,
+    signal_figure,
+    signal_figures,
+    trend_figure,
+)
 
 from ...models import compute_once
 

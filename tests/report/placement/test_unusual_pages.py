@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from strainsight.report.placement.figures import signal_figure
 from strainsight.report.placement.page import placement_page
-from strainsight.report.placement.signals import signal_figure
 
 from ..outline import Outline, nothing_comes_from_outside, own_scripts, words
 from .shown import PNG, page

@@ -11,9 +11,8 @@ import pytest
 import pyvista as pv
 
 from strainsight.report.picture.layout import Gauge, Layout, Load
-from strainsight.report.space.model import Shape, contour_of, space, vertex_shift
+from strainsight.report.space.model import Shape, contour_of, space, straight, surface, vertex_shift
 from strainsight.report.space.section import SCRIPTS, STYLE, space_section
-from strainsight.report.space.surface import straight, surface
 from strainsight.report.view.parts import _colours
 from strainsight.report.view.viewed import FACETS, Panel, View
 

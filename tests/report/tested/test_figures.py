@@ -12,9 +12,8 @@ from strainsight.report.chart.drawing import kept
 from strainsight.report.chart.panels import about
 from strainsight.report.picture.geometry import at_points
 from strainsight.report.tested.data import peak_of
-from strainsight.report.tested.loads import load_figure
+from strainsight.report.tested.figures import load_figure, residual_figure
 from strainsight.report.tested.readings import reading_figure
-from strainsight.report.tested.spectra import residual_figure
 
 from .findings import findings, history, load, reading, spectrum
 

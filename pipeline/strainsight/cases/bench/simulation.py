@@ -13,14 +13,14 @@ from strainsight.cases.bench.loads import drives_of, loads_of
 from strainsight.cases.bench.rings import rings_in_time
 from strainsight.cases.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
 from strainsight.cases.bench.start import start_of
-from strainsight.cases.bench.unsolved import explained
 from strainsight.cases.resources import Resources
 from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.config.bench.connections import Driven
-from strainsight.errors import ConfigError, NumericalError, blame
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.controlled import simulate_controlled
-from strainsight.multibody.initial import moving_constraints
+from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
+from strainsight.multibody.laws.friction import Friction
 from strainsight.multibody.laws.turning import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate
@@ -33,6 +33,8 @@ SPUN = 1.0
 """[rad] a step up to which a driven angle is followed."""
 TILT = 0.1
 """[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
+LOCKED = 0.02
+"""Share of what the start has of the independence of its constraints, below which they are near a dead centre."""
 
 
 @dataclass(frozen=True)
@@ -177,3 +179,56 @@ def _turn(bench: Bench, found: Trajectory, h: float) -> float:
     starts = [bench.system.of[name].start for name in bench.poses]
     spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
     return float(h * max(spins, default=0.0))
+
+
+def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
+    """Drives that lead where the joints do not let them, friction that is too sharp for its step, or the error as it is.
+
+    q (n,) the start; u (T + 1, nu) at 0, h, 2h, …
+    """
+    return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
+
+
+def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError | None:
+    """φ(q, p(t)) = 0 from instant to instant, each from the last: does a configuration allow what the drives ask for, and is it
+    further from one where the constraints depend on each other, a dead centre, than LOCKED of the start?"""
+    drives = bench.system.drives
+    if not drives.names:
+        return None
+    first = 0.0
+    for k, own in enumerate(u):
+        try:
+            q = project_position(bench.system, q, own)
+            share = _independence(bench, q, own)
+            first = share if k == 0 else first
+            why = "stand at a dead centre" if share < LOCKED * first else ""
+        except InfeasibleError:
+            why = "do not let the drives go on"
+        if why:
+            asked = ", ".join(f"{name} {own[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
+            return ConfigError(
+                f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
+                key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
+                remedy="let it go less far, or move its frames",
+            )
+    return None
+
+
+def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
+    """Smallest singular value of the gradients of all constraints, each of length 1 in the metric."""
+    B = constraints_at(bench.system, q, u)[1] / bench.system.metric
+    return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
+
+
+def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
+    laws = {e.force.name: e.force.law for e in bench.system.elements}
+    sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
+    if not sharp or "was not solved" not in error.what:
+        return None
+    name = min(sharp, key=lambda own: sharp[own])
+    return NumericalError(
+        error.what,
+        key=f"forces.{name}",
+        remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
+        "simulate.time_step",
+    )

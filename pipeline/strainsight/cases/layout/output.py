@@ -12,9 +12,10 @@ from scipy.spatial.distance import cdist
 from strainsight.cases.layout.advice import advice_table
 from strainsight.cases.layout.comparison import Comparison, criteria_table
 from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.gauge_file import gauge_csv
-from strainsight.cases.layout.gauge_list import gauge_table, marked_places
+from strainsight.cases.layout.gauge_lines import gauge_lines, line_edges, measured_cells, measured_columns
+from strainsight.cases.layout.gauge_list import GaugeList, gauge_table, marked_places
 from strainsight.cases.layout.placement import Placed
+from strainsight.csv_cells import csv_bytes
 from strainsight.gauges.candidates import STRAIN, UNITS, channels_of_gauges, grouped
 from strainsight.gauges.export import uff_text
 from strainsight.mesh.model import Mesh
@@ -22,6 +23,7 @@ from strainsight.placement.recommendation import worth_keeping
 from strainsight.records.grids import gauge_grid
 from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
 from strainsight.records.record import Place, written
+from strainsight.report.datum import Frame
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 
 CLUSTER = 0.05
@@ -203,3 +205,24 @@ def _summary(found: Placed) -> dict[str, Scalar]:
     if certificate:
         numbers |= {"lower_bound": certificate.lower_bound, "gap": certificate.gap}
     return numbers
+
+
+def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: Frame) -> bytes:
+    """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
+    σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
+    what is to be looked at where it is bonded, where there is something."""
+    bridged, noted = any(listed.arms), any(listed.notes)
+    axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
+    head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
+    head += ["sign"] * bridged
+    rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
+    lines = gauge_lines(listed)
+    for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
+        i = own.gauge
+        numbers = [*np.round([*own.position, *own.normal, *own.direction], 12) + 0.0, own.angle, own.length, own.peak]
+        bonded = "yes" if listed.bonded[i] else "no"
+        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
+        missing = [f"{values[i]:.9g}" for values in without.values()]
+        tail = [listed.unit[i], *[own.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
+    return csv_bytes(rows)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.augmentation.linearisation import linearisation_instants, linearise
+from strainsight.augmentation.observability import undetectable_directions, undetectable_in_words, unseen_along
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.apart import Together, together_of
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.damage_drawn import drawn_damage
-from strainsight.cases.structure.detectable import undetectable
-from strainsight.cases.structure.diagnosed import Judgement, judgement_of
+from strainsight.cases.structure.diagnosed import Judgement, Together, judgement_of, together_of
 from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
 from strainsight.cases.structure.excluded import excluded_by_comparison
 from strainsight.cases.structure.filtered_test import (
@@ -25,12 +25,12 @@ from strainsight.cases.structure.filtered_test import (
     filtered_by_verdict,
     model_of,
 )
+from strainsight.cases.structure.filtering import posteriors_of
 from strainsight.cases.structure.forecast import CHECKED, FILTERED, HELD, LATER, forecast_in_words, forecast_of, paced
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
 from strainsight.cases.structure.out_of_range import beyond_ranges, out_of_range_in_words
-from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
 from strainsight.cases.structure.source import source_of
@@ -40,7 +40,7 @@ from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_at
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.errors import ConfigError, ContradictionError, InfeasibleError, NumericalError, blame
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.tuning import Tuning
@@ -50,6 +50,10 @@ from strainsight.records.damage import Damaged
 from strainsight.records.estimated import HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.signals.histories import instant_values
+
+AT_ONCE = 1000
+"""Instants that are linearised at a time."""
 
 
 @dataclass(frozen=True)
@@ -306,3 +310,55 @@ def _without_each(
         return undetectable(each[0].problem, channels, config.place.instants, config.seed, True)
 
     return held_out(each, hidden, bool(untold), using.progress)
+
+
+def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
+    """In words what these channels (k,) cannot tell: at some instant of the training run, and along all of it. Empty where that
+    is nothing.
+
+    Raises InfeasibleError where there is something and that is not allowed.
+    """
+    p, u = problem, instant_values(problem.u)
+    at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
+    if not any(undetectable_directions(F, H).shape[1] for F, H in zip(*_linearised(p, channels, at), strict=True)):
+        return ""
+    hidden = _hidden_along(p, channels)
+    if not hidden.shape[1]:
+        return ""
+    words = undetectable_in_words(hidden, p.unknowns.state_names)
+    if allowed:
+        return words
+    raise InfeasibleError(
+        f"the {len(channels)} channels cannot tell {words}",
+        key="estimate.channels",
+        remedy="give more channels, or go on all the same with --allow-unobservable",
+    )
+
+
+def _linearised(problem: Problem, channels: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F* (s, n*, n*) and H* (s, m, n*) at some instants of the training run."""
+    p = problem
+    motion = p.model, p.unknowns, p.model.reference, p.x[at], instant_values(p.u)[at]
+    F = linearise(*motion)
+    return F, p.channels.sensed(channels).linearised(*motion, F)
+
+
+def _hidden_along(problem: Problem, channels: np.ndarray) -> np.ndarray:
+    """Directions (n*, d): of the loads, which are the same at all instants, else of the parameters by all of the run."""
+    k, n = len(problem.unknowns.parameters), 2 * problem.model.size
+    states = problem.unknowns.size(problem.model) - k
+    driven, read = [], []
+    for part in np.array_split(np.arange(len(problem.x)), -(-len(problem.x) // AT_ONCE)):
+        F, H = _linearised(problem, channels, part)
+        driven.append(F[:, :n, states:])
+        read.append(H[:, :, states:])
+    F, H = F[0, :states, :states], H[0, :, :states]
+    alone = undetectable_directions(F, H)
+    if alone.shape[1] or not k:
+        return np.pad(alone, [(0, k), (0, 0)])
+    inputs = problem.unknowns.position(problem.model)[: len(problem.unknowns.inputs)]
+    motion = F[:n, :n], F[:n, inputs], H[:, :n], H[:, inputs]
+    loads, parameters = unseen_along(*motion, np.concatenate(driven), np.concatenate(read), problem.h)
+    hidden = np.zeros((states + k, parameters.shape[1]))
+    hidden[inputs], hidden[states:] = loads, parameters
+    return hidden

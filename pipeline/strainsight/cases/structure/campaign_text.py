@@ -9,7 +9,7 @@ from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
 from strainsight.cases.structure.estimation_text import channel_table, estimation_csv, rms, without_each
-from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
+from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.records.estimated import CampaignRecord
 from strainsight.workflow.output import Scalar, Table

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
-from strainsight.cases.structure.fixed_gauges import fixed_gauges
+from strainsight.cases.structure.bonded_file import STRAIN_KINDS, BondedPlace, read_bonded
 from strainsight.cases.structure.settings import families
-from strainsight.config.gauges import AxisDirection, Gauges
+from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges, NamedGauge
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.gauges.admissible import admissible
-from strainsight.gauges.bonded import bonded
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.bridges import Bridges, bridges
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
 from strainsight.gauges.motion import motion_candidates
@@ -26,6 +26,8 @@ from strainsight.gauges.walk import skin_of
 from strainsight.gauges.zones import inside
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
+
+FILE = "gauges.fixed_file"
 
 
 @dataclass(frozen=True)
@@ -164,3 +166,67 @@ def _bridged(found: Bridges, pattern: str) -> _StrainGauges:
             remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
         )
     return _StrainGauges(found.candidates, alone=found.alone, twice=found.twice)
+
+
+def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
+    """All of them, those of the config itself first; file: that of `gauges.fixed_file`.
+
+    Raises ConfigError for a name that is there twice, and for a line of the file that is no strain gauge.
+    """
+    entries = [_stated(gauges, i, entry) for i, entry in enumerate(gauges.fixed)]
+    if file is not None:
+        with blame(FILE):
+            entries += [_entry(gauges, file, name, place) for name, place in read_bonded(file).items()]
+    names = [entry.name for entry in entries]
+    for i, entry in enumerate(entries):
+        if entry.name and entry.name in names[:i]:
+            raise ConfigError(
+                f"two bonded gauges are called {entry.name}",
+                key=entry.key.partition(".arms")[0],
+                remedy="rename one of them",
+            )
+    return entries
+
+
+def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedEntry:
+    key, name = f"gauges.fixed.{i}", entry.name or ""
+    if isinstance(entry, NamedGauge):
+        return BondedEntry(entry.position, entry.direction, _length(gauges, entry.length), entry.angles, name, key)
+    arms = [
+        (BondedEntry(arm.position, arm.direction, _length(gauges, arm.length), key=f"{key}.arms.{k}"), arm.sign)
+        for k, arm in enumerate(entry.arms)
+    ]
+    return bridge_of(arms, name, name or str(i + 1))
+
+
+def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, said: str) -> BondedEntry:
+    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; said: what messages call
+    it."""
+    named = [(replace(arm, name=f"{said}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    (first, _), *others = sorted(named, key=lambda arm: -arm[1])
+    return replace(first, name=name, arms=others)
+
+
+def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedEntry:
+    if place.kind not in STRAIN_KINDS:
+        raise ConfigError(
+            f"{name} is of the kind '{place.kind}' ({file.name}:{place.line}), and only strain gauges can be bonded beforehand",
+            key=FILE,
+            remedy="remove its line",
+        )
+    if place.arms:
+        arms = [
+            (
+                BondedEntry(arm.position.tolist(), arm.direction.tolist(), _length(gauges, arm.length), key=FILE),
+                arm.sign,
+            )
+            for arm in place.arms
+        ]
+        return bridge_of(arms, name, name)
+    return BondedEntry(
+        place.position.tolist(), place.direction[0].tolist(), _length(gauges, place.length), place.angles, name, FILE
+    )
+
+
+def _length(gauges: Gauges, stated: float | None) -> float:
+    return float(gauges.grid_length if stated is None else stated)

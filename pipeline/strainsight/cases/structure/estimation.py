@@ -16,13 +16,12 @@ from strainsight.cases.structure.filtered_test import (
     Filtering,
     budget_in,
 )
+from strainsight.cases.structure.filtering import posteriors_of
 from strainsight.cases.structure.nuisances import exact_frequencies_in_words
-from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings
-from strainsight.cases.structure.resultants import resultants_of
 from strainsight.cases.structure.settings import unknown_units
-from strainsight.cases.structure.surface import Skin, Virtual, virtual_labels
+from strainsight.cases.structure.surface import Skin, Virtual, resultants_of, virtual_labels
 from strainsight.cases.structure.surface_in_test import grid_of, moment_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.conditional import known_instants

@@ -18,7 +18,7 @@ from strainsight.cases.hold_out import (
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
-from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
+from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers
 from strainsight.csv_cells import csv_bytes
 from strainsight.records.estimated import Estimated
 from strainsight.workflow.output import Scalar, Table

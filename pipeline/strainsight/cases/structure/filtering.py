@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +14,16 @@ from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.posterior import marginal
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.smoother import smooth
+from strainsight.records.estimated import Posterior
+
+IDENTIFIED = 0.5
+"""Share of its initial σ that the samples may leave of a parameter that they identify."""
 
 
 @dataclass(frozen=True)
@@ -162,3 +168,45 @@ def smoothed(
     start, model = np.zeros(model.size), on_average(tolerated, model, channels)
     nuisances = nuisances_of(tolerated, model, channels)
     return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)
+
+
+def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
+    """Of every parameter of a bank; covariance (n*, n*) at t = 0. None by another filter, nor by columns, of which no more than
+    mean and covariance is known."""
+    if bank is None or bank.step is None:
+        return {}
+    names, guess = problem.unknowns.parameters, problem.unknowns.guess
+    first = problem.unknowns.size(problem.model) - len(names)
+    found = {}
+    for i, name in enumerate(names):
+        prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
+        own = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
+        value, peak = guess[name] * np.exp(own.value), guess[name] * np.exp(own.peak)
+        found[name] = Posterior(
+            value=value, density=own.density, prior=own.prior, left=own.left, peak=peak, share=own.share
+        )
+    return found
+
+
+def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | bool | int]:
+    """Every number by its name."""
+    numbers: dict[str, float | bool | int] = {}
+    for name, own in posterior.items():
+        numbers |= {f"left.{name}": own.left, f"identified.{name}": own.left <= IDENTIFIED}
+        numbers[f"peaks.{name}"] = len(own.peak)
+    return numbers
+
+
+def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str]) -> list[str]:
+    """What a reader has to know of it: that a parameter is hardly seen, or that several values explain the samples."""
+    words = []
+    for name, own in posterior.items():
+        if own.left > IDENTIFIED:
+            words.append(f"{name} is not identified: the measurements leave {100 * own.left:.0f} % of its initial σ")
+        if len(own.peak) > 1:
+            places = ", ".join(
+                f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
+                for peak, share in zip(own.peak, own.share, strict=True)
+            )
+            words.append(f"the measurements allow {len(own.peak)} values of {name}: {places}; its σ spans them all")
+    return words

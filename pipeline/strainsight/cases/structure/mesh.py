@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 
 from strainsight.cases.structure.grounds import grounding_warnings, heavy_points, loose_warnings
-from strainsight.cases.structure.sections import given_sections
-from strainsight.config.mesh import Face, Material, MaterialAxes, MeshFile, Support
+from strainsight.config.mesh import ElementSection, Face, Material, MaterialAxes, MeshFile, Support
 from strainsight.decks.effects import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.numbers import LARGEST_ID
 from strainsight.decks.reader import read_mesh
@@ -42,6 +42,7 @@ from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
@@ -49,6 +50,7 @@ from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_l
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.mesh.suspension import face_springs, node_springs
+from strainsight.mesh.thin import BeamSection, ShellSection
 
 
 def mesh_of(
@@ -288,3 +290,23 @@ def _config_ties(mesh: Mesh, key: str) -> Iterator[None]:
 
 def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sorted({number - 1 for number in numbers}))
+
+
+def given_sections(config: MeshFile, key: str = "mesh") -> dict[str, GivenSection]:
+    """Key → section, of the config's section at `key`."""
+    return {f"{key}.sections.{name}": _given(own) for name, own in config.sections.items()}
+
+
+def _given(own: ElementSection) -> GivenSection:
+    regions = None if own.regions == "all" else own.regions
+    if own.thickness is not None:
+        return GivenSection(regions, ShellSection(own.thickness), own.offset)
+    yy, zz, yz = (*(own.second_moments or (0.0, 0.0)), 0.0)[:3]
+    half = [(-0.5 * side, 0.5 * side) for side in own.size or ()]
+    section = BeamSection(
+        float(own.area or 0.0),  # the config asks for one of the two
+        np.array([[yy, yz], [yz, zz]]),
+        own.torsion or 0.0,
+        points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
+    )
+    return GivenSection(regions, section, direction=own.direction)

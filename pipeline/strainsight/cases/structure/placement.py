@@ -19,20 +19,22 @@ from strainsight.cases.layout.task import Readings, Task, Unknowns
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.at_gauges import advice_at_gauges, at_gauges, notes_at_gauges
 from strainsight.cases.structure.by_case import cases_in_words, cases_of, worst_case
-from strainsight.cases.structure.channels import largest_of_quantity, listed_gauges
+from strainsight.cases.structure.channels import Channels, largest_of_quantity, listed_gauges
 from strainsight.cases.structure.cost_of_place import of_pool_in_words
 from strainsight.cases.structure.expectation import alike_gauges, expectation
 from strainsight.cases.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.cases.structure.installation_noise import COHERENCE, avoids_errors
 from strainsight.cases.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.cases.structure.nuisances import not_held_in_words, tolerated
-from strainsight.cases.structure.pool import pool_of, prices
 from strainsight.cases.structure.problem import Problem, problem_in
 from strainsight.cases.structure.resolution import unresolved_gauges
 from strainsight.cases.structure.scenarios import placed_instants, scenarios_of
+from strainsight.cases.structure.settings import families
 from strainsight.cases.structure.start import ringing_in_words
-from strainsight.config.placement import Place, PlacementConfig
-from strainsight.errors import ConfigError, blame
+from strainsight.config.placement import Place, PlacementConfig, Symmetry
+from strainsight.errors import ConfigError, InfeasibleError, blame
+from strainsight.gauges.candidates import Candidates
+from strainsight.gauges.symmetry import mirror_partners
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
 from strainsight.records.placed import AtGauges, ByCase, HotSpots
@@ -281,3 +283,50 @@ def _observability(posed: Posed, scenario: Scenario, pool: PoolRows) -> Observab
         raw_scale=p.unknowns.state_scale,
         raw_rows=H,
     )
+
+
+def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Symmetry | None) -> PoolRows:
+    """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
+
+    kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are bonded ones; others without
+    a mirror image in the pool are left out. Raises InfeasibleError where nothing is left.
+    """
+    if symmetry is None:
+        return PoolRows(kept[:, None], channels.of(kept), 0)
+    with blame("place.symmetry"):
+        partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
+    bonded = np.zeros(channels.gauges, dtype=bool)
+    bonded[candidates.gauge[candidates.bonded]] = True
+    there = np.zeros(channels.gauges, dtype=bool)
+    there[kept] = True
+    pairs = []
+    for gauge in kept:
+        other = int(partner[gauge])
+        if bonded[gauge] or other == gauge:
+            pairs.append((int(gauge), -1))
+        elif other > gauge and there[other] and not bonded[other]:
+            pairs.append((int(gauge), other))
+    if not pairs:
+        raise InfeasibleError(
+            f"none of the {len(kept)} gauges of the pool has a mirror image in it",
+            key="place.symmetry",
+            remedy="check the plane, keep more candidates (screen.keep: all), or mirror the mesh",
+        )
+    gauges = np.array(pairs)
+    first, second = channels.of(gauges[:, 0]), channels.of(np.maximum(gauges[:, 1], 0))
+    second[gauges[:, 1] < 0] = -1
+    return PoolRows(gauges, _left_aligned(np.hstack([first, second])), len(kept) - int((gauges >= 0).sum()))
+
+
+def prices(config: PlacementConfig, pool: PoolRows, candidates: Candidates) -> np.ndarray:
+    """Price of every pool row (p,); gauges already bonded cost nothing."""
+    family = np.array([float(entry.price) for entry in families(config).values()])
+    first = candidates.first[pool.flat[0]]
+    return pool.summed(np.where(candidates.bonded[first], 0.0, family[candidates.array[first]]))
+
+
+def _left_aligned(channels: np.ndarray) -> np.ndarray:
+    """The channels of every row in front, −1 behind them, without columns that no row needs."""
+    order = np.argsort(channels < 0, axis=1, kind="stable")
+    moved = np.take_along_axis(channels, order, axis=1)
+    return moved[:, (moved >= 0).any(axis=0)]

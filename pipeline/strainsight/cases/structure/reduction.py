@@ -9,7 +9,6 @@ import numpy as np
 from strainsight.cases.material import damping_of
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.full_model import full_model
-from strainsight.cases.structure.scales import refuse_damping
 from strainsight.cases.structure.settings import (
     damping_parameter,
     load_shapes,
@@ -19,6 +18,7 @@ from strainsight.cases.structure.settings import (
     point_loads,
 )
 from strainsight.cases.structure.solver import solver_of, sweep_of
+from strainsight.cases.structure.training import refuse_damping
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references

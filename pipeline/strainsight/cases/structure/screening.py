@@ -10,9 +10,9 @@ import numpy as np
 from strainsight.cases.structure.clearance import bent_gauges, clearance_of
 from strainsight.cases.structure.installation_noise import COHERENCE, avoids_errors, installation_variances
 from strainsight.cases.structure.load_cases import run_as_stated, runs_of
-from strainsight.cases.structure.scales import refuse_noise
 from strainsight.cases.structure.settings import families
 from strainsight.cases.structure.start import Loading, motion_of
+from strainsight.cases.structure.training import refuse_noise
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.errors import ConfigError, InfeasibleError, blame

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.structure.thick_rows import rows_along
 from strainsight.config.estimate import Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
+from strainsight.config.loads import Load
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
@@ -25,7 +26,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.records.damage import DamageAt
-from strainsight.records.estimated import Moment, VirtualStrain
+from strainsight.records.estimated import Moment, Resultant, VirtualStrain
 
 
 def virtual_labels(entries: Sequence[NamedGauge]) -> tuple[str, ...]:
@@ -247,3 +248,35 @@ def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -
     size = np.where(np.isfinite(size), size, -1.0)
     k, channel = np.unravel_index(int(np.argmax(size)), size.shape)
     return int(k), int(channel)
+
+
+def resultants_of(
+    loads: Mapping[str, Load], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
+) -> dict[str, Resultant]:
+    """Place ("node 2") → resultant, for every place with more than one of the unknown loads, `inputs`.
+
+    F = Σ dᵢ uᵢ over unit directions d;  σ of |F| to first order: e·D P Dᵀ·e with e = F/|F|.
+    """
+    found = {}
+    for where, index in places_of(loads, inputs):
+        d = np.array([loads[inputs[i]].direction for i in index], dtype=float)
+        D = (d / np.linalg.norm(d, axis=1)[:, None]).T * model.amplitude[index]
+        at = model.position[index]
+        force = smoothed.mean[:, 0, at] @ D.T
+        magnitude = np.linalg.norm(force, axis=1)
+        e = force / np.where(magnitude > 0, magnitude, 1.0)[:, None]
+        P = smoothed.covariance_of(at)
+        along = e @ D
+        std = np.sqrt(np.maximum(np.einsum("ti,tij,tj->t", along, P, along), 0.0))
+        found[where] = Resultant(place=where, force=force, magnitude=magnitude, std=std)
+    return found
+
+
+def places_of(loads: Mapping[str, Load], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
+    """Places with more than one of the unknown loads, and which of `inputs` these are (k,)."""
+    places: dict[str, list[int]] = {}
+    for i, name in enumerate(inputs):
+        load = loads[name]
+        if load.direction is not None:
+            places.setdefault(f"node {load.node}" if load.node is not None else f"set {load.set}", []).append(i)
+    return [(where, np.array(index)) for where, index in places.items() if len(index) > 1]

@@ -9,7 +9,6 @@ import numpy as np
 
 from strainsight.cases.structure.filtered_test import Filtering
 from strainsight.cases.structure.nuisances import Tolerated
-from strainsight.cases.structure.resultants import places_of
 from strainsight.cases.structure.settings import parameters_of
 from strainsight.cases.structure.surface import (
     Displaced,
@@ -18,6 +17,7 @@ from strainsight.cases.structure.surface import (
     damage_on_surface,
     frames_of,
     largest_reading,
+    places_of,
     skin_of,
     surface_in_time,
     surface_then,

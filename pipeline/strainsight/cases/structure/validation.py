@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.cases.resources import Resources
-from strainsight.cases.structure.accuracy import Accuracy, accuracies
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
+from strainsight.cases.structure.filtering import posteriors_of
 from strainsight.cases.structure.nuisances import tolerated
-from strainsight.cases.structure.posterior import posteriors_of
 from strainsight.cases.structure.problem import filter_model, problem_of
-from strainsight.cases.structure.studies import (
-    Studies,
-    noise_levels,
-    random_sets,
-    repeated,
-    studies_of,
-)
+from strainsight.cases.structure.studies import Rank, Studies, noise_levels, random_sets, rank_of, repeated, studies_of
 from strainsight.cases.structure.sweeps import sweeps_of
-from strainsight.cases.structure.trial import Trial, scaled_error, trial_of
+from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
 from strainsight.cases.structure.variance import budget_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
+from strainsight.estimation.metrics import after_start, settling_time
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.estimation.verdict import band_of
+from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.mesh.model import Mesh
@@ -42,6 +38,11 @@ from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
 from strainsight.sweep.sweep import Sweep, watched
 from strainsight.sweep.threads import side_by_side
+
+SETTLED = 0.01
+"""Share of the truth that an estimate stays within once it has settled."""
+UNITS = ("m/m", "m/s2", "m")
+"""Of strain, acceleration and displacement, as a measurement file writes them."""
 
 
 @dataclass(frozen=True)
@@ -193,3 +194,84 @@ PART = 1000
 
 def _parts(channels: np.ndarray) -> list[np.ndarray]:
     return np.array_split(channels, max(1, len(channels) // PART))
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well an unknown is known by the layout.
+
+    estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
+    smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
+    scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
+    parameter; settling_time [s]: from when on a parameter stays within SETTLED of its truth, None of a load; rank and benefit:
+    among the random sets of all candidates, None for few.
+    """
+
+    estimate: float
+    error: float
+    std: float
+    smoothed: float
+    smoothed_std: float
+    scale: float
+    zero: bool
+    draws: int
+    smoothed_draws: int
+    settling_time: float | None
+    rank: Rank | None
+    benefit: Benefit | None
+
+
+def accuracies(
+    trial: Trial,
+    model: FilterModel,
+    run: FilterRun,
+    smoothed: Smoothed,
+    studies: Studies,
+) -> dict[str, Accuracy]:
+    """Unknown → how well it is known by the layout, whose filter and smoother have run; studies: with the random sets."""
+    error, std = real_and_claimed(trial, model, run.mean, run.std)
+    later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
+    found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
+    for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
+        constant = name in trial.problem.unknowns.parameters
+        scale, zero = trial.scale(name)
+        found[name] = Accuracy(
+            estimate=float(
+                np.mean(value[trial.constant_from(len(value)) :]) if constant else np.sqrt(np.mean(value**2))
+            ),
+            error=float(error[name][0]),
+            std=float(std[name][0]),
+            smoothed=float(later_error[name][0]),
+            smoothed_std=float(later_std[name][0]),
+            scale=scale,
+            zero=zero,
+            draws=1 if constant else _draws(value - trial.history[name], sigma),
+            smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
+            settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
+            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
+            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
+        )
+    return found
+
+
+def _draws(error: np.ndarray, std: np.ndarray) -> int:
+    """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
+    scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
+    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
+
+
+def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
+    """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
+
+    labels (k,) of the gauges of the layout; measured (T, m) by their channels; units of the loads.
+    """
+    channels = trial.problem.channels.of(trial.gauges)
+    which, grid = np.nonzero(channels >= 0)
+    quantity = trial.problem.channels.quantity[channels[which, grid]]
+    each = zip(which.tolist(), grid.tolist(), quantity.tolist(), strict=True)
+    names = [f"{labels[i]}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in each]
+    loads = [f"{name} [{units[name]}]" for name in trial.problem.known]
+    first = np.concatenate([trial.time[:1], np.full(len(names), np.nan), trial.known[0, 0]])
+    rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])
+    numbers = (["" if np.isnan(x) else f"{x:.12g}" for x in row] for row in rows)
+    return csv_bytes([["time [s]", *names, *loads], *numbers])

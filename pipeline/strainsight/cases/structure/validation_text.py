@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from strainsight.cases.filters_compared import disagreements_in_words, ratios
-from strainsight.cases.structure.posterior import posterior_doubts, posterior_numbers
+from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation
 from strainsight.workflow.output import Scalar, Table

@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.decks.abaqus.beam_sections import beam_section, own_constants
-from strainsight.decks.abaqus.composite_solids import composite_solid
 from strainsight.decks.abaqus.materials import Materials, definitions
 from strainsight.decks.abaqus.orientations import solid_orientation
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.shell_sections import shell_section
+from strainsight.decks.abaqus.shell_sections import composite_solid, shell_section
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG
 from strainsight.errors import DeckError

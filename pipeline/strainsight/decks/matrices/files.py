@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import struct
 import zlib
-from collections.abc import Iterator
+from array import array
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile, ZipInfo
 
 import numpy as np
+from numpy.lib import format as npy
 from scipy import sparse
 
 from strainsight.csv_cells import plain_cell
-from strainsight.decks.matrices.archive import require_room
 from strainsight.decks.matrices.calculix import read_calculix, read_dofs
 from strainsight.decks.matrices.market import read_market
-from strainsight.decks.matrices.op4 import read_op4
-from strainsight.decks.matrices.op4_parts import LARGEST
+from strainsight.decks.matrices.op4_binary import MARKERS, binary_matrices
+from strainsight.decks.matrices.op4_parts import LARGEST, Column
+from strainsight.decks.matrices.op4_text import text_matrices
 from strainsight.decks.numbers import no_integer, parse_integer
 from strainsight.decks.text import read_text
 from strainsight.errors import DeckError
+from strainsight.memory import require_memory
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"
 SYMMETRIC = 1e-8
@@ -34,6 +38,61 @@ DAMAGE = (
     *(BadZipFile, zlib.error, struct.error),
 )
 """What the readers of NumPy and SciPy raise on altered bytes."""
+AT_ONCE = 2
+"""Times what is unpacked that reading holds at once: the arrays, and the matrix that is made of them."""
+ENDING = ".npy"
+HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+"""Of arrays whose type has no names of columns; matrices have none."""
+
+
+def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
+    """The matrix of that name (case does not count), or the only one.
+
+    Raises DeckError for a name that is not there, a choice that is left open, complex numbers, a damaged file.
+    """
+    with path.open("rb") as file:
+        binary = MARKERS.get(file.read(4))
+    matrices = binary_matrices(path, *binary) if binary else text_matrices(path)
+    found = None
+    names: list[str] = []
+    for header, columns in matrices:
+        wanted = header.name.lower() == name.lower() if name else not names
+        names.append(header.name)
+        if wanted and found is not None:
+            raise DeckError(
+                f"it holds the matrix {header.name} twice",
+                where=str(path),
+                remedy="write every matrix under its own name",
+            )
+        if wanted:
+            found = _collected(header.shape, columns)
+        else:
+            for _ in columns:
+                pass
+    if name is None and len(names) > 1:
+        raise DeckError(
+            f"it holds {len(names)} matrices: {', '.join(names)}", where=str(path), remedy="give the name of one"
+        )
+    if found is None:
+        what = f"it holds no matrix {name!r}" if name else "it holds no matrix"
+        raise DeckError(what, where=str(path), remedy=f"it has {', '.join(names) or 'none'}")
+    return found
+
+
+def _collected(shape: tuple[int, int], columns: Iterator[Column]) -> sparse.csr_array:
+    values, column, row, count = array("d"), array("q"), array("q"), array("q")
+    for number, rows, lengths, numbers in columns:
+        values.frombytes(memoryview(numbers).cast("B"))
+        column.extend([number] * len(rows))
+        row.extend(rows)
+        count.extend(lengths)
+    n = np.array(count, dtype=np.int64)
+    within = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
+    entries = np.frombuffer(values) if len(values) else np.zeros(0)
+    place = (np.repeat(row, n) - 1 + within, np.repeat(column, n) - 1)
+    csr = sparse.csr_array(sparse.coo_array((entries, place), shape=shape).tocsr())
+    csr.eliminate_zeros()
+    return csr
 
 
 def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
@@ -265,3 +324,35 @@ _READERS = {
     ".sti": read_calculix,
     ".mas": read_calculix,
 }
+
+
+def require_room(path: Path, names: Iterable[str]) -> None:
+    """Raise UserError where memory does not hold these arrays of an archive; DeckError where the two headers of one, that of the
+    archive and its own, do not agree in its size."""
+    with ZipFile(path) as archive:
+        wanted = [info for info in archive.infolist() if info.filename.removesuffix(ENDING) in set(names)]
+        unpacked = sum(_size(archive, info, path) for info in wanted)
+    require_memory(
+        AT_ONCE * unpacked,
+        f"{path} ({path.stat().st_size / 1e6:.3g} MB) unpacks to {unpacked / 1e6:.4g} MB",
+        "write it sparse",
+    )
+
+
+def _size(archive: ZipFile, info: ZipInfo, path: Path) -> int:
+    """Bytes that an array unpacks to. Only its header is read, to which numpy sets a limit."""
+    with archive.open(info) as stream:
+        version = npy.read_magic(stream)
+        if version not in HEADERS:
+            raise DeckError(
+                f"{info.filename} is of the version {version} of .npy", where=str(path), remedy="write plain numbers"
+            )
+        shape, _, dtype = HEADERS[version](stream)
+        stated = stream.tell() + math.prod(shape) * dtype.itemsize
+    if stated != info.file_size and not dtype.hasobject:
+        raise DeckError(
+            f"{info.filename} is {info.file_size} bytes by the archive and {stated} by its own header",
+            where=str(path),
+            remedy="write the matrix again: the file is damaged, or was made to fill memory",
+        )
+    return max(stated, info.file_size)

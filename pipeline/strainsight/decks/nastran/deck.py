@@ -17,11 +17,10 @@ from strainsight.decks.nastran.anisotropic import ANISOTROPIC
 from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
 from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.grids import read_grids
-from strainsight.decks.nastran.loads import LOADS, static_loads
+from strainsight.decks.nastran.loads import LOADS, preloads, static_loads
 from strainsight.decks.nastran.masses import MASSES, point_masses
 from strainsight.decks.nastran.middles import straight_sides, with_middles
 from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
-from strainsight.decks.nastran.preload import preloads
 from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
 from strainsight.decks.nastran.relations import selected_cards, terms

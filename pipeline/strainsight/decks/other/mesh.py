@@ -10,23 +10,24 @@ from typing import Any
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.arrays import Labels, labels, numbers_of
+from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
 from strainsight.decks.other.cells import CellData, groups_of, thin_cells, with_sections
 from strainsight.decks.other.load import Loaded, load
-from strainsight.decks.other.orders import in_our_order
 from strainsight.decks.other.sandbox import load_sandboxed
-from strainsight.decks.other.sets import sets_of, tag_names
 from strainsight.decks.thin import SHELLS, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import GivenSection, with_given
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
-from strainsight.mesh.kinds.kind import in_order
+from strainsight.mesh.kinds.kind import ElementKind, in_order
+from strainsight.mesh.left_handed import left_handed
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
 WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3": 3}
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
+TURNED = "med"
+"""MED counts every solid the other way round ("Connectivity conventions of nodes of elements", Salome SMESH)."""
 
 
 def read_meshio(
@@ -166,3 +167,93 @@ def _regions(raw: Any, tags: Labels | None, blocks: tuple[CellBlock, ...]) -> di
     names = tag_names(raw, 3)
     found = np.unique(np.concatenate([np.zeros(0, np.int64), *(block.region for block in blocks)]))
     return {int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0) for tag in found}
+
+
+def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
+    """Cells (n, k) as meshio gives them for a format → our order.
+
+    Where every corner of every cell is then inverted, and cells of this kind are known to be written either
+    way (wedges; anything in MED), they are turned back, with a note.
+    """
+    nodes = in_order(nodes, kind.orders.get(form, kind.mirrored if form == TURNED else ()))
+    if (form == TURNED or kind.either_way) and left_handed(kind, nodes, position).all():
+        nodes = in_order(nodes, kind.mirrored)
+        notes.append(
+            f"{plural(len(nodes), kind.name + ' element')} numbered against the convention of {form}: turned round"
+        )
+    return nodes
+
+
+def tag_names(raw: Any, dimension: int) -> dict[int, list[str]]:
+    """Tag → names of it on cells of this dimension: field data name → (tag, dimension), and the families of MED."""
+    names: dict[int, list[str]] = {}
+    for name, value in (raw.field_data or {}).items():
+        pair = np.asarray(value).ravel() if not isinstance(value, list) else np.zeros(0)
+        if pair.size == 2 and pair.dtype.kind in "iu" and pair[1] == dimension:
+            names.setdefault(int(pair[0]), []).append(str(name))
+    for tag, family in (getattr(raw, "cell_tags", None) or {}).items():
+        names.setdefault(int(tag), []).extend(family)
+    return names
+
+
+def sets_of(
+    raw: Any,
+    tags: Labels | None,
+    cells: CellData,
+    elements: np.ndarray,
+    node_ids: IntArray,
+    element_ids: IntArray,
+    ignored: Counter[str],
+    taken: set[str],
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Sets of nodes and of elements; elements (cells,): which of the cells are some. The others give sets of nodes where they
+    have a name."""
+    points: dict[str, list[IntArray]] = {}
+    members: dict[str, list[IntArray]] = {}
+    for name, rows in (raw.point_sets or {}).items():
+        points.setdefault(name, []).append(np.asarray(rows, dtype=np.int64).ravel())
+    for tag, family in (getattr(raw, "point_tags", None) or {}).items():
+        for name in family:
+            points.setdefault(name, []).append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
+            taken.add("point_tags")
+    for b, block in enumerate(raw.cells):
+        named = False
+        for name, rows in _named_cells(raw, b, tags):
+            named = True
+            points.setdefault(name, []).append(np.unique(np.asarray(block.data)[rows]))
+            if b in cells.rows:
+                own = cells.rows[b]
+                members.setdefault(name, []).append(element_ids[own][rows[elements[own][rows]]])
+        left = len(block.data) - (int(np.count_nonzero(elements[cells.rows[b]])) if b in cells.rows else 0)
+        if left and not named:
+            ignored[f"{block.type} cells"] += left
+    for name, values in raw.point_data.items():
+        if name not in taken:
+            if (on := switches(values)) is not None:
+                points.setdefault(name, []).append(np.flatnonzero(on))
+            else:
+                ignored[f"point data {name}"] += 1
+    for name in raw.cell_data:
+        if name not in taken:
+            if name in cells.data and (on := switches(cells.data[name])) is not None:
+                members.setdefault(name, []).append(element_ids[on & elements])
+            else:
+                ignored[f"cell data {name}"] += 1
+    return (
+        {name: np.unique(node_ids[np.concatenate(rows)]) for name, rows in points.items()},
+        {name: np.unique(np.concatenate(ids)) for name, ids in members.items() if any(len(own) for own in ids)},
+    )
+
+
+def _named_cells(raw: Any, b: int, tags: Labels | None) -> list[tuple[str, IntArray]]:
+    """Name → rows of block b that belong to it: sets of cells, and tags with names."""
+    found = []
+    for name, per_block in (raw.cell_sets or {}).items():
+        if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
+            found.append((name, np.asarray(per_block[b], dtype=np.int64)))
+    if tags:
+        values = np.asarray(raw.cell_data[tags.name][b]).ravel()
+        for tag, names in tag_names(raw, raw.cells[b].dim).items():
+            if (rows := np.flatnonzero(values == tag)).size:
+                found += [(name, rows) for name in names]
+    return found

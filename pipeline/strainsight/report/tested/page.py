@@ -14,14 +14,14 @@ from strainsight.report.page.budget import budget_section
 from strainsight.report.page.document import document
 from strainsight.report.page.filters import filters_section
 from strainsight.report.page.listing import damage_section, listing_section
-from strainsight.report.page.markup import bullets, figures, pairs
+from strainsight.report.page.markup import bullets, figures, pairs, table
 from strainsight.report.space.section import STYLE, script
 from strainsight.report.tested.data import Findings
 from strainsight.report.tested.field import field_section, space_of
-from strainsight.report.tested.file import file_section
-from strainsight.report.tested.first import answer, extremes_section, first_screen
+from strainsight.report.tested.first import answer, extremes_section, first_screen, size_in_words
 from strainsight.report.tested.hold_out import hold_out_section
 from strainsight.report.tested.parts import Parts, chosen, multiples
+from strainsight.report.text import number, quantity
 
 FOOTER = (
     "σ is one standard deviation, as the filter claims it. Loads and the surface are smoothed: from all samples, earlier and "
@@ -37,6 +37,28 @@ CHECKED = (
     "RMS of each channel and of what the rest of the record says that it reads; residual over its σ is 1 where they agree. What "
     "explains the record best is named also where the record agrees with the model, and then says little."
 )
+
+
+def file_section(parts: Parts) -> str:
+    """What a reader needs to know, a year later, of where the numbers come from."""
+    report, own = parts.report, parts.report.file
+    facts = {
+        "file": escape(own.name),
+        "SHA-256": "<wbr>".join(own.sha256[i : i + 16] for i in range(0, len(own.sha256), 16)),
+        "size": size_in_words(own.bytes),
+        "format": escape(own.format),
+        "date": escape(own.date) or "not stated (estimate.date)",
+        "sample rate": quantity(own.rate, "Hz"),
+        "record": f"{number(own.duration)} s from {number(own.start)} s, {number(own.samples, 12)} samples",
+    }
+    text = table("file", (), list(facts.items()))
+    rows = [[escape(c.name), escape(c.measures), escape(c.unit), escape(c.calibration)] for c in own.channels]
+    channels = table("calibration", ("channel", "measures", "unit in the file", "what was done to it"), rows)
+    cards = f'<section class="card"><h3>The file</h3>{text}</section>'
+    cards += f'<section class="card"><h3>Its channels</h3>{channels}</section>'
+    if report.notes:
+        cards += f'<section class="card"><h3>What was done to the record</h3>{bullets(report.notes)}</section>'
+    return f'<h2 id="file">The file of the test</h2><div class="panels">{cards}</div>'
 
 
 def _beside(parts: Parts) -> str:

@@ -10,8 +10,8 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.clearance import clearance_warning
+from strainsight.cases.structure.filtering import posterior_doubts
 from strainsight.cases.structure.mesh import model_warnings
-from strainsight.cases.structure.posterior import posterior_doubts
 from strainsight.cases.structure.references import on_one_node
 from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.config.loads import Load

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight import __version__
+from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -17,18 +18,19 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.placement.data import Layout, Unknown
-from strainsight.report.suite.data import PlacementRun, Study, Suite, SuiteRun
+from strainsight.report.suite.data import Comparison, PlacementRun, Statement, Study, Suite, SuiteRun
 from strainsight.stages.pages.bench_run import estimate_of, motion_of, seeds_of, warnings_in
 from strainsight.stages.pages.page import warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
-from strainsight.stages.pages.statements import comparisons_of, statements_of
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context
 
 PAGE = "report"
 """The stage of a run that writes its own page, report.html."""
+OF_SEEDS = "estimate"
+"""The stage that has numbers once a seed."""
 
 
 def suite_of(context: Context[Slice]) -> Suite:
@@ -150,3 +152,62 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study,
                 )
         found.append(Study(name, study.note, study.over, tuple(study.numbers), places))
     return tuple(found)
+
+
+def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Statement, ...]:
+    """Raises ConfigError for every claim about a number that its run does not have."""
+    return tuple(all_of(claims, lambda claim: _statement(claim.measure, claim.text, claim.why, runs)))
+
+
+def comparisons_of(rows: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Comparison, ...]:
+    """Raises ConfigError for every row about a number that its run does not have."""
+    return tuple(all_of(rows, lambda row: _comparison(row, runs)))
+
+
+def _comparison(row: Any, runs: Sequence[SuiteRun]) -> Comparison:
+    as_printed, ours = (
+        None if own is None else _statement(own, row.says, "", runs) for own in (row.as_printed, row.ours)
+    )
+    return Comparison(row.source, row.says, row.printed, as_printed, ours, row.why)
+
+
+def _statement(measure: Any, text: str, why: str, runs: Sequence[SuiteRun]) -> Statement:
+    values = []
+    for place in measure.runs:
+        for name in measure.number:
+            found = measure.times * _numbers(measure, runs[place], name, "number")
+            if measure.against is not None:
+                key = "number" if measure.against_number is None else "against_number"
+                divisor = _numbers(measure, runs[measure.against], measure.against_number or name, key)
+                # seed by seed, where both have as many
+                divisor = divisor if len(divisor) == len(found) else divisor[:1]
+                found = np.divide(found, divisor, out=np.full(len(found), np.nan), where=divisor != 0)
+            values += [(int(place), str(name), float(value)) for value in found]
+    compared = ""
+    if measure.against is not None:
+        compared = f"{runs[measure.against].label}" + (f", {measure.against_number}" if measure.against_number else "")
+    return Statement(text, tuple(values), measure.above, measure.below, measure.equals, measure.unit, compared, why)
+
+
+def _numbers(measure: Any, run: SuiteRun, name: str, key: str) -> np.ndarray:
+    """A number of the estimate once a seed, where it has several, else that of the run's summary (1,)."""
+    if measure.stage == OF_SEEDS and name in run.seeds:
+        return np.asarray(run.seeds[name], dtype=float)
+    return np.array([_number(measure, run, name, key)])
+
+
+def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
+    """A number of the run's summary; NaN for one that is not there because a filter diverged."""
+    numbers = run.numbers[measure.stage]
+    value = numbers.get(name)
+    if isinstance(value, bool | int | float):
+        if isinstance(value, bool) != (measure.equals is not None):
+            what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
+            remedy = "give equals: true or false" if isinstance(value, bool) else "give above or below"
+            raise ConfigError(what, key=measure.key, remedy=remedy)
+        return float(value)
+    if value is None and numbers.get("lost"):
+        return float("nan")
+    known = [own for own, there in numbers.items() if not isinstance(there, str)]
+    what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
+    raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))

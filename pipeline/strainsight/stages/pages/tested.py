@@ -11,13 +11,13 @@ from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.damage_text import damage_tables
 from strainsight.cases.structure.estimation_text import channel_table
-from strainsight.cases.structure.posterior import posterior_doubts
+from strainsight.cases.structure.filtering import posterior_doubts
 from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import verdict
 from strainsight.records import estimated as recorded
 from strainsight.records.damage import Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
+from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
@@ -25,27 +25,20 @@ from strainsight.report.arrays import History
 from strainsight.report.page.listing import Listing
 from strainsight.report.placement.page import TEST_PAGE
 from strainsight.report.tested.campaign import CampaignFindings, RecordRow
-from strainsight.report.tested.data import (
-    Findings,
-    Map,
-    Moment,
-    Posterior,
-    Unknown,
-    peak_of,
-)
+from strainsight.report.tested.data import File, FileChannel, Findings, Map, Moment, Posterior, Unknown, peak_of
 from strainsight.report.tested.first import title_of
 from strainsight.report.text import capital
 from strainsight.report.view.viewed import exaggerated
 from strainsight.stages.pages.page_layout import layout_of_test
 from strainsight.stages.pages.page_numbers import filters_of
-from strainsight.stages.pages.tested_file import file_of
-from strainsight.stages.pages.tested_readings import held_out_of, load_spectrum, readings_of, residual_spectrum
+from strainsight.stages.pages.tested_readings import held_out_of, load_spectrum, readings_of, residual_spectrum, step_of
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
 CONTRADICTS = "the record contradicts the model"
 APART = "the record contradicts other records"
+NOTHING = "nothing was done"
 
 
 @dataclass(frozen=True)
@@ -263,3 +256,45 @@ def _moment(own: Estimated, points: np.ndarray) -> Moment | None:
     )
     strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
     return Moment(then.time, then.label, factor * shift, factor, (strain, mises))
+
+
+def file_of(own: Estimated) -> File:
+    """Its name, hash, rate, length and channels with their calibration."""
+    source, time = own.source, own.time
+    step = step_of(own.gauge.time) if len(own.gauge.time) > 1 else float(time[-1] - time[0])
+    return File(
+        name=source.file,
+        sha256=source.sha256,
+        bytes=source.bytes,
+        format=source.format,
+        date=source.date,
+        rate=1 / step,
+        start=float(time[0]),
+        duration=float(time[-1] - time[0]),
+        samples=len(own.gauge.time),
+        channels=tuple(
+            FileChannel(name, source.measures[i], source.unit[i], calibration_in_words(source, i))
+            for i, name in enumerate(source.channel)
+        ),
+    )
+
+
+def calibration_in_words(source: Source, i: int) -> str:
+    """What was done to channel i of the file, in the order in which it was done."""
+    unit, parts = source.unit[i], []
+    if source.offset[i]:
+        parts.append(f"less {source.offset[i]:g} {unit}")
+    if source.drift[i]:
+        parts.append(f"less {source.drift[i]:g} {unit} a second")
+    if np.isfinite(source.zero[i]).all():
+        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
+    if source.sign[i] < 0:
+        parts.append("sign turned")
+    if source.bridge[i]:
+        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
+        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
+    if source.scale[i] != 1:
+        parts.append(f"times {source.scale[i]:g}")
+    if source.delay[i]:
+        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
+    return "; ".join(parts) or NOTHING

@@ -7,7 +7,7 @@ from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table,
 from strainsight.cases.layout.exports.element_sets import abaqus_sets, elements_of, nastran_sets
 from strainsight.cases.layout.gauge_list import channel_labels
 from strainsight.cases.layout.workshop import Workshop, workshop_csv, workshop_of, workshop_unv
-from strainsight.cases.structure.linear_model import LinearModel, linear_model, mat_file
+from strainsight.cases.structure.observation import LinearModel, linear_model, mat_file
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh

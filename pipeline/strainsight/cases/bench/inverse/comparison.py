@@ -18,7 +18,6 @@ from strainsight.cases.bench.inverse.numbers import (
     smoothed_name,
     smoothed_numbers,
 )
-from strainsight.cases.bench.inverse.seeds import numbers_of_seeds
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
@@ -217,3 +216,41 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
 def _violation(own: Estimated, k: int) -> float:
     x = own.mean[k, :1]
     return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
+
+
+def numbers_of_seeds(own: Estimated, inputs: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
+    and sensors, as in the summary. None of a single seed. inputs: names of the unknown loads."""
+    starts = len(own.unknowns.starts)
+    runs = range(0, own.mean.shape[1], starts)
+    if len(runs) < 2:
+        return {}
+    found = [_numbers(own, inputs, seed, run) if own.lost[run] < 0 else {} for seed, run in enumerate(runs)]
+    names = dict.fromkeys(name for numbers in found for name in numbers)
+    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in found]) for name in names}
+
+
+def _numbers(own: Estimated, inputs: tuple[str, ...], seed: int, run: int) -> Numbers:
+    """Of one seed; truths are one for all, or one a seed."""
+    model, late = own.trial.model, len(own.nis) // 2
+    truth = min(seed, own.reality.inputs.shape[1] - 1)
+    numbers: Numbers = {"nis": float(np.nanmean(own.nis[late:, run]))}
+    for name, at, column in zip(inputs, model.u, own.unknowns.inputs, strict=True):
+        load = own.reality.inputs[1:, truth, column]
+        if np.isfinite(load).all():
+            numbers |= load_numbers(name, load, own.mean[1:, run, at], own.std[1:, run, at])
+    for name in own.unknowns.free:
+        column = own.bench.system.parameters.index(own.unknowns.parameters[name])
+        true = own.reality.theta[min(seed, len(own.reality.theta) - 1), column]
+        xi = own.mean[-1, run, model.xi]
+        values, slopes = own.unknowns.coordinates.theta(xi)
+        s, P = slopes[column], own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
+        last, std = np.array([values[column]]), np.array([np.sqrt(max(float(s @ P @ s), 0.0))])
+        if np.isfinite(true):
+            numbers |= parameter_numbers(name, np.array([true]), last, std)
+    for name, part in own.sensors.channels.items():
+        given = own.used.channels.get(name)
+        read = min(seed, own.reality.readings.shape[1] - 1)
+        measured = own.reality.readings[:, read, part] if given is None else own.measured[:, run, given]
+        numbers |= mismatch_numbers(name, measured, own.reading[1:, seed, part])
+    return numbers
