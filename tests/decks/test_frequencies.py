@@ -21,7 +21,6 @@ from .bars import (
     STIFF,
     Bar,
     E,
-    G,
     Reference,
     T,
     anisotropic,
@@ -137,14 +136,6 @@ def rolled(own: Bar) -> str:
     return bulk(free([CORD, *found, ["SPC1", 1, 2, *numbers(own.tip[:2])]]))
 
 
-def permanent(own: Bar) -> str:
-    found = cards(own, held=False)
-    for card in found:
-        if card[0] == "GRID" and card[1] in numbers(own.root):
-            card += ["", 123]
-    return bulk(free(found)).replace("SPC = 1\n", "")
-
-
 def left_handed(own: Bar) -> str:
     found = cards(own)
     for card in found:
@@ -233,16 +224,9 @@ CASES: dict[str, Case] = {
     **{f"bdf {kind}": nastran(lambda own: bulk(free(cards(own))), kind=kind) for kind in OF},
     **{f"inp {kind}": abaqus(inp, kind=kind) for kind in OF},
     "large fields, marks": nastran(fixed_width),
-    "large fields of hex20": nastran(fixed_width, kind="hex20"),
-    "included": nastran(lambda own: {"": bulk("INCLUDE 'own.blk'\n"), "own.blk": free(cards(own))}),
-    "GRDSET": nastran(added(["GRDSET", "", "", "", "", "", "", 456])),
     "cylinder": nastran(in_cylinder),
     "CD": nastran(rolled, turned_roller),
-    "SPCADD": nastran(lambda own: bulk(free(cards(own)) + "SPCADD,4,1\n").replace("SPC = 1", "SPC = 4")),
-    "PS": nastran(permanent),
     "left-handed": nastran(left_handed),
-    "E and G": nastran(replaced(["MAT1"], ["MAT1", 1, E, G, "", RHO])),
-    "G and NU": nastran(replaced(["MAT1"], ["MAT1", 1, "", G, NU, RHO])),
     "WTMASS": nastran(replaced(["MAT1"], ["MAT1", 1, E, "", NU, RHO * 386.0], ["PARAM", "WTMASS", 1 / 386.0])),
     **{f"RBE2, CONM2, {kind}": nastran(RBE2, rigid_tip, kind) for kind in ("tet10", "hex20")},
     "RBE3": nastran(RBE3, averaged),
@@ -250,11 +234,8 @@ CASES: dict[str, Case] = {
     "RBAR": nastran(added(*map(rigid_bar, (1, 2, 3))), barred),
     "CELAS": nastran(added(*CELAS), sprung),
     "MAT9": nastran(replaced(["MAT1"], MAT9), anisotropic),
-    "MAT9 of hex20": nastran(replaced(["MAT1"], MAT9), anisotropic, "hex20"),
     "SPC not at zero": nastran(added(lambda own: ["SPC", 1, number(own.tip[0]), 1, 0.1]), held_tip),
-    "heat, output, PARAM": nastran(added(["TEMPD", 5, 20.0], ["PARAM", "POST", -1], ["EIGRL", 3])),
     "CONM2 on a solid": nastran(added(lambda own: ["CONM2", 91, number(own.tip[0]), "", 12.0]), loaded),
-    "keyword, comma": abaqus(lambda own: inp(own).replace("*ELASTIC\n", "*Elastic,\n")),
     "instance": abaqus(instance),
     "TRANSFORM": abaqus(lambda own: inp(own, ROLLER.format(*numbers(own.tip[:2]))), turned_roller),
     "ENCASTRE": abaqus(lambda own: inp(own, "*BOUNDARY\nROOT, ENCASTRE\nTIP, YSYMM\n"), symmetry),
@@ -270,11 +251,6 @@ CASES: dict[str, Case] = {
         lambda own: inp(own) + f"*STEP\n*STATIC\n*BOUNDARY\n{number(own.tip[0])}, 1, 1, .1\n*END STEP\n", held_tip
     ),
     "TIE": abaqus(two),
-    "remarks": abaqus(
-        lambda own: inp(own).replace("*DENSITY\n", "*\n*DENSITY    # of steel\n")
-        + "*STEP\n*TEMPERATURE\nROOT, 20.\n*END STEP\n"
-    ),
-    "supports of a step": abaqus(lambda own: inp(own, STEP)),
 }
 
 

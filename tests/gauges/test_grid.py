@@ -249,11 +249,11 @@ def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
-    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (50, 3))
+    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (16, 3))
     found = locate(skin_of(position, facets), points)
-    least = np.full(50, np.inf)
+    least = np.full(16, np.inf)
     for nodes in facets.nodes[:, : len(FACET_KINDS[kind].nodes)]:
-        _, x = project(FACET_KINDS[kind], np.broadcast_to(position[nodes], (50, len(nodes), 3)), points)
+        _, x = project(FACET_KINDS[kind], np.broadcast_to(position[nodes], (16, len(nodes), 3)), points)
         least = np.minimum(least, np.linalg.norm(x - points, axis=1))
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 

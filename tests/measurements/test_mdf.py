@@ -15,7 +15,7 @@ from strainsight.measurements.daq_file import read_daq
 from strainsight.measurements.reader import read_recording
 
 from ..refusals import expect_refusal
-from .written import COUNT, STEP, A, B, T, mdf, signal
+from .written import COUNT, A, B, T, mdf, signal
 
 # Channels of MDF files as asammdf writes them come back in physical units, on the clock of their master channel.
 pytest.importorskip("asammdf")
@@ -74,16 +74,6 @@ def group(names, kinds, master=None):
     return Namespace(channels=channels, channel_group=Namespace(acq_name="", cycles_nr=COUNT, cg_master_index=master))
 
 
-def test_a_table_of_values_is_a_conversion_too(tmp_path):
-    """A linear interpolation between raw 0, 10, 20 → 0, 1, 4."""
-    raw = np.arange(COUNT, dtype="u2") % 21
-    table = {
-        "raw_0": 0.0, "phys_0": 0.0, "raw_1": 10.0, "phys_1": 1.0, "raw_2": 20.0, "phys_2": 4.0, "interpolation": True,
-    }
-    path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", raw, conversion=table)]))
-    np.testing.assert_allclose(read(path, ["G1"]).channels["G1"], np.interp(raw, [0, 10, 20], [0, 1, 4]), rtol=1e-14)
-
-
 def test_invalidation_bits_are_missing_samples(tmp_path):
     bad = np.isin(np.arange(COUNT), [0, 7, 8, COUNT - 1])
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", invalidation_bits=bad), signal("G2")]))
@@ -101,14 +91,6 @@ def test_a_name_in_several_groups_wants_its_group(tmp_path):
     np.testing.assert_array_equal(read(path, ["fast/G1"]).channels["fast/G1"], A)
     assert read(path, ["slow/G1"]).units == {"slow/G1": "N"}
     np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], A[::10])
-
-
-def test_groups_of_one_name_go_by_their_number(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("", [signal("G1")]), ("", [signal("G1", 2 * A)]))
-    with pytest.raises(UserError) as caught:
-        read(path, ["G1"])
-    assert caught.value.remedy == "name the group too: '0/G1' or '1/G1'"
-    np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], 2 * A)
 
 
 def test_groups_of_one_clock_go_together(tmp_path):
@@ -130,29 +112,6 @@ def test_one_rate_and_two_starts_are_refused(tmp_path):
         UserError, match=r"'G1' has 400 samples from 0 to 0\.399 s, 'F' has 400 samples from 0\.1 to 0\.499 s"
     ):
         read(path, ["G1", "F"])
-
-
-def test_jitter_goes_through_the_check_of_the_clock(tmp_path):
-    rng = np.random.default_rng(1)
-    for share, passes in ((0.02, True), (0.3, False)):
-        path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", time=T + share * STEP * rng.uniform(-1, 1, COUNT))]))
-        recording = read(path, ["G1"])
-        if passes:
-            time = assemble(recording, {"G1": ChannelSettings("um/m")}).time
-            np.testing.assert_allclose(time, T, atol=share * STEP)
-        else:
-            with pytest.raises(UserError, match="the clock jumps"):
-                assemble(recording, {"G1": ChannelSettings("um/m")})
-
-
-def test_a_channel_that_is_missing_is_named_with_what_is_like_it(tmp_path):
-    path = two_groups(tmp_path / "a.mf4")
-    with pytest.raises(UserError, match="no channel 'G3'") as caught:
-        read(path, ["G3"])
-    assert caught.value.remedy.startswith("did you mean G")
-    with pytest.raises(UserError) as caught:
-        read(path, ["temperature"])
-    assert caught.value.remedy == "it has 'G1', 'G2', 'F'"
 
 
 def test_text_is_refused(tmp_path):
@@ -182,12 +141,6 @@ def test_another_time_of_the_same_group(tmp_path):
         read(path, ["F"], time="t2")
     with pytest.raises(UserError, match="the time is stated in s, the file has it in ms"):
         read(path, ["G1"], time="t2", time_unit="s")
-
-
-def test_a_unit_that_contradicts_the_settings(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", unit="N")]))
-    with pytest.raises(UserError, match="stated in um/m, the file has it in N"):
-        assemble(read(path, ["G1"]), {"G1": ChannelSettings("um/m")})
 
 
 # Conversion rules of MDF channels give the physical values of the standard, or are refused; raw values never pass for them.

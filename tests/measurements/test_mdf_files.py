@@ -103,7 +103,6 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
         (lambda path: zipped(path, bytes(20_000_000)), r"bytes unpacks to 20000000, more than 100 times as many"),
         (lambda path: zipped(path, bytes(1000)), "cannot be read as MDF: .*not a valid ASAM MDF file"),
         (lambda path: zipped(path, name="a.exe"), r"the archive holds no file \.mf4 or \.mdf or \.dat"),
-        (lambda path: zipped(path, name="../../out.mf4.txt"), "the archive holds no file"),
         (lambda path: path.write_bytes(zipped(path).read_bytes()[:900]) and path, "cannot be read as MDF: .*zip"),
     ],
 )
