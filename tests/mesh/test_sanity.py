@@ -82,12 +82,10 @@ def test_a_structure_of_steel_has_no_warnings():
         ),
         (1.0, 2.1e5, 7850.0, ("m", "kg"), "Young's modulus is 2.1e+05 Pa"),
         (1.0, 2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
-        (1000.0, 2.1e8, 7.85e-6, ("m", "kg"), "length_unit mm and mesh.mass_unit kg it is 2.1e+11 Pa"),
         (1.0, 2.1e11, 7850.0, ("mm", "t"), "length_unit m and mesh.mass_unit kg it is 2.1e+11 Pa"),
         (1000.0, 2.1e5, 7.85e-9, ("mm", "kg"), "density is 7.85 kg/m³, outside 10 to 100000"),
         (1.0, 3.0e7, 15.0, ("m", "kg"), None),
         (1.0, 2.1e9, 78500.0, ("m", "kg"), None),
-        (1.0, 1e7, 99000.0, ("m", "kg"), None),
         (1.0, 3.0e7, 0.283, ("m", "kg"), "3e+07 looks like psi and 0.283 like lb/in³ (steel)"),
         (1.0, 2e6, 90000.0, ("m", "kg"), "speed of sound √(E/ρ) is 4.71 m/s"),
         (1000.0, 2.1e11, 7850.0, ("m", "kg"), "extent is 1e+03 m"),
@@ -208,12 +206,7 @@ def test_errors_of_a_mesh_without_cards_name_its_entities_and_the_keys_of_the_co
 MM_KG, MM_T, IN_LB, CM_KG = ("mm", "kg"), ("mm", "t"), ("in", "lb"), ("cm", "kg")
 MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning names)
     "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "2.1e+05 looks like MPa (steel, 2.1e+11 Pa): in mm, kg and s it is 2.1e+08"),
-    "or in t": (2.1e5, 7.85e-6, MM_KG, "or give the density as 7.85e-09 with mesh.mass_unit t"),
-    "aluminium": (7e4, 2.7e-6, MM_KG, "7e+04 looks like MPa (aluminium"),
-    "titanium": (1.14e5, 4.43e-6, MM_KG, "in mm, kg and s it is 1.14e+08"),
-    "concrete": (3e4, 2.4e-6, MM_KG, "3e+04 looks like MPa (concrete"),
     "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 looks like GPa with time in ms (steel"),
-    "in seconds": (210.0, 7.85e-6, MM_KG, "in mm, kg and s it is 2.1e+08"),
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 looks like MPa with time in ms"),
     "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 looks like g/mm³ (steel): in mm, t and s it is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 looks like GPa"),
@@ -222,11 +215,8 @@ MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning n
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "in in, lbf*s2/in and s it is 3e+07"),
     "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09"),
     "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
-    "GPa in metres": (210.0, 7850.0, ("m", "kg"), "210 looks like GPa"),
-    "MPa and t in metres": (2.1e5, 7.85, ("m", "t"), "in m, t and s it is 2.1e+08"),
     "psi and slugs": (3e7, 15.2, ("ft", "slug"), "in ft, slug and s it is 4.32e+09"),
     "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 looks like kgf/mm²"),
-    "weight in N": (2.1e5, 7.7e-5, MM_T, "looks like N/mm³ (weight)"),
     "pounds a cubic foot": (2.07e11, 490.0, ("m", "kg"), "490 looks like lb/ft³ (steel): in m, kg and s it is 7849"),
 }
 REAL = {  # Pa, kg/m³
@@ -261,11 +251,7 @@ def test_no_real_material_is_warned_of_in_any_consistent_units():
     for units in (*USUAL_UNITS, ("mm", "g"), ("cm", "g"), ("in", "lb"), ("ft", "lb")):
         for name, (E, rho) in REAL.items():
             assert mixed_units(E, rho, *units) == "", (name, units)
-
-
-@pytest.mark.parametrize("material", REAL.values(), ids=REAL)
-def test_a_structure_of_a_real_material_has_no_warning(material):
-    assert sanity_warnings(tetrahedron(1.0, *material)) == ()
+            assert sanity_warnings(tetrahedron(1.0, E, rho)) == (), name
 
 
 def test_plies_in_kg_mm_and_n_are_named_and_an_isotropic_material_of_these_numbers_is_not():

@@ -296,11 +296,6 @@ def test_equal_steps_stay_apart_on_the_time_axis():
     np.testing.assert_allclose(grid.datasets["Steps/Values"], 5.0, rtol=1e-14)
 
 
-def test_points_alone_are_a_grid(tmp_path):
-    write(tmp_path / "points.vtkhdf", unstructured_grid(np.eye(3), [], {"a": np.arange(3)}))
-    assert pyvista.read(tmp_path / "points.vtkhdf").n_points == 3
-
-
 @pytest.mark.parametrize("data", [np.zeros(4), np.zeros((2, 4)), np.float64(1.0)])
 def test_data_of_another_length_is_refused(data):
     with pytest.raises(ValueError, match="PointData a"):

@@ -172,13 +172,6 @@ def test_a_file_that_is_mostly_holes_is_not_copied(results):
     assert (results / "part").stat().st_size == 0
 
 
-def test_a_large_file_is_copied_block_by_block(results, monkeypatch):
-    monkeypatch.setattr(reuse, "LARGEST", 4)
-    monkeypatch.setattr(reuse, "BLOCK", 4)
-    assert source_of(job_of(results, "second")) == "first"
-    assert (results / "second" / "page.html").read_bytes() == b"<html>"
-
-
 def test_an_artefact_without_sizes_is_not_(results):
     """It is of an earlier release: its own run goes on with it, another one computes its own."""
     with h5py.File(results / "first" / "look.h5", "r+") as file:

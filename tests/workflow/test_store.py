@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
 import time
 from dataclasses import replace
 
@@ -342,12 +341,6 @@ def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused
     assert time.process_time() - start < 1.0
 
 
-def test_an_artefact_may_be_moved(tmp_path):
-    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
-    shutil.move(path, tmp_path / "elsewhere.h5")
-    assert Artefact(tmp_path / "elsewhere.h5")["/number"] == 3.5
-
-
 @pytest.mark.parametrize(
     "changes",
     [
@@ -369,7 +362,7 @@ def test_an_output_that_breaks_the_rules_writes_nothing(tmp_path, changes):
 
 def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
     """The HDF5 library takes the process down where the disk is full: it must never have to ask for more."""
-    many = {f"/many/{i}": Dataset(np.ones(i), "m", "x" * i) for i in range(1, 300)}
+    many = {f"/many/{i}": Dataset(np.ones(i), "m", "x" * i) for i in range(1, 80)}
     words = {"/words": Dataset(np.array(["w" * i for i in range(90)], dtype=object), "1", "words")}
     for i, content in enumerate([output(), output(datasets=many), output(datasets=words), output(datasets={})]):
         content = content if i == 0 else replace(content, attributes={})
