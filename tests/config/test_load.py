@@ -250,12 +250,6 @@ def test_none_is_missing(suite, kind, counts):
     assert named(suite.model.comparisons, kind) == wanted
 
 
-def test_they_stand_in_the_order_of_the_thesis(suite):
-    first = [tuple(map(int, re.search(r"(\d)\.(\d+)", row.source).groups())) for row in suite.model.comparisons]
-    chapters = [chapter for chapter, _ in first]
-    assert chapters == sorted(chapters)
-
-
 @pytest.mark.slow
 def test_every_run_is_the_side_of_a_row(suite, runs):
     """None is computed for nothing, but for what other runs take from it."""
@@ -290,13 +284,6 @@ def test_the_benches_of_chapter_2_have_its_update_and_its_noise(runs):
     assert {name for name in second if printed[name].method.noise != "as_printed"} == {"thesis-loads-before"}
     ours = [own.method for name, own in estimates.items() if name.startswith("ours-")]
     assert {(own.update, own.noise) for own in ours} == {("iterated", "before_step")}
-
-
-def test_what_does_not_hold_says_why_in_the_manual():
-    """A row of the manual whose verdict is more than "holds" goes on after it."""
-    page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]
-    verdicts = [line.strip("| ").rsplit(" | ", 1)[1] for line in page.splitlines() if line.startswith("| ")][2:]
-    assert [own for own in verdicts if re.fullmatch(r"\*\*(?!holds\*\*)[^*]*\*\*", own)] == []
 
 
 def test_the_page_of_the_manual_has_every_row(suite):

@@ -140,11 +140,6 @@ def test_a_choice_of_mass_beside_matrices_is_refused(load):
         load(CONFIG.replace("  matrices:", "  mass: lumped\n  matrices:"))
 
 
-def test_sections_beside_matrices_are_refused(load):
-    with expect_refusal(ConfigError, r"stiffness and mass are those of mesh\.matrices", key="mesh.sections"):
-        load(CONFIG.replace("  matrices:", "  sections: {skin: {regions: all, thickness: 0.002}}\n  matrices:"))
-
-
 # What a config may say of load cases.
 EXAMPLE = Path(__file__).parents[2] / "configs" / "cantilever-input.yaml"
 LOADS = (
@@ -198,12 +193,6 @@ def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what,
     assert remedy in found[0].remedy
 
 
-def test_a_case_in_which_all_that_the_criterion_covers_is_silent_is_refused():
-    with pytest.raises(ConfigError, match="side is silent, and the criterion covers nothing else") as caught:
-        loaded("{a: {loads: {side: none}}, b: {}}", "place.metric_over=[side]")
-    assert caught.value.key == "place.load_cases.a.loads"
-
-
 def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
@@ -223,13 +212,6 @@ def load_typed(tmp_path):
     data["screen"] = {"keep": 8}
     (tmp_path / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
     return lambda *overrides: load_config(tmp_path / "edge.yaml", overrides).model
-
-
-def test_a_config_without_a_type_is_what_it_was(load_typed):
-    config = load_typed()
-    assert (config.gauges.type, config.gauges.grid_length, config.gauges.range) == (None, 0.0, None)
-    assert (config.screen.minimum_spacing, config.place.minimum_spacing, config.tolerances.gain) == (0.0, 0.0, 0.01)
-    assert gauge_type(config.gauges) is None
 
 
 def test_a_type_gives_grid_spacing_range_and_gain(load_typed):

@@ -195,19 +195,6 @@ def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
 
-def test_members_of_a_union_without_names_are_one_problem_of_their_key():
-    (error,) = refused("cantilever-youngs-modulus.yaml", "parameters.E.region={id: 5}")
-    assert error.key == "parameters.E.region"
-    assert error.what == "a mapping has to be a whole number or text or a list"
-
-
-def test_a_key_is_described_by_the_member_that_the_config_names():
-    errors = refused("cantilever-youngs-modulus.yaml", "loads.tip.signal={type: sweep, end_frequency: 4, duration: 1}")
-    said = {error.key: error.remedy for error in errors}
-    # a sine's is "Amplitude a …"
-    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²]."
-
-
 # What is no YAML is refused at its line with what to do about it.
 @pytest.mark.parametrize(
     ("text", "line", "remedy"),
@@ -251,12 +238,6 @@ def test_a_section_that_only_an_override_made_has_to_be_added():
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
     assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
     assert "docs/estimation.md" in error.remedy
-
-
-def test_a_section_that_is_there_stays_where_it_is():
-    config = load_config(CONFIG, ["place.keep=6"])
-    assert config.locate("place").startswith(f"{CONFIG}:")
-    assert config.locate("place.keep") == "--set place.keep"
 
 
 # What an S-N curve and a rule of the mean stress demand of each other.

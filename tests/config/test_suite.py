@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from strainsight.config.load import load_config
-from strainsight.config.suite_runs import runs_of, value_over
+from strainsight.config.suite_runs import runs_of
 from strainsight.errors import ConfigError
 from strainsight.stages.pages.suite_entries import suite_config
 
@@ -258,11 +258,6 @@ def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_st
     ]
 
 
-def test_a_section_that_is_set_for_all_runs_is_each_run_s_own(write_studies):
-    runs = runs_of(load_config(write_studies()))
-    assert [run.config.data["simulate"]["time_step"] for run in runs] == [0.5, 0.1, 0.1]
-
-
 @pytest.mark.parametrize(
     ("before", "after", "key", "what"),
     [
@@ -329,18 +324,6 @@ def test_placements_have_studies_and_claims_too(write_studies):
         "claims[0].run",
         "runs[0], 'a', has no stage 'validate': it goes through import, place",
     )
-
-
-def test_a_bearing_alone_has_no_page_in_a_suite(write_studies, tmp_path):
-    (tmp_path / "ball.yaml").write_text("kind: bearing\nname: ball\n", encoding="utf-8")
-    (error,) = refused_studies(write_studies(STUDIES.replace("bench.yaml, name: other", "ball.yaml, name: other")))
-    assert error.key == "runs[2].config"
-
-
-def test_the_value_at_a_dotted_key():
-    config = {"a": [{"b": 2}, {"b": True}], "c": None}
-    assert value_over(config, "a.0.b") == 2.0
-    assert [value_over(config, key) for key in ("a.1.b", "a.2.b", "c", "c.d", "a", "e")] == [None] * 6
 
 
 def test_what_is_measured_on_another_run_follows_the_suffix(write_studies, tmp_path):

@@ -166,13 +166,6 @@ $EndElements
             "mean skin?",
         ),
         (
-            {"a": GivenSection(("root",), ShellSection(T))},
-            (),
-            "a.regions",
-            "'root' has lines and no triangles and quadrangles",
-            "lines have an area",
-        ),
-        (
             {"a": SHELL, "b": GivenSection(None, ShellSection(T))},
             (),
             "b.regions",
@@ -186,7 +179,6 @@ $EndElements
             r"element 3 runs along the direction \[1.0, 0.0, 0.0\]",
             "a direction of their own",
         ),
-        ({"a": BEAM}, (("\n4 0.125 0.0 0.0", "\n4 0.0 0.0 0.0"),), None, "element 3 is a line without length", "merge"),
         (
             {"a": SHELL},
             (("13 3 2 3 3 1 4 5 2", "13 10 2 3 3 1 4 5 2 7 8 3 6 9"),),

@@ -294,14 +294,6 @@ def test_systems_have_x_along_the_gauge_and_z_outward(layout):
         assert name == ["G1", "G2", "rosette ?", "NONE", "NONE -1"][i]
 
 
-def test_every_line_is_ascii_and_fits_into_eighty_columns(layout):
-    position, d, n, _ = layout
-    text = uff_text(position, d, n, ["x" * 200, "a\nb", "ü", "   -1 ", "e"], title="t" * 100)
-    assert text.isascii()
-    assert max(map(len, text.split("\n"))) <= 80
-    assert len(datasets(text)[2420]) == 2 + 6 * 5
-
-
 def test_another_reader_finds_the_same(layout, tmp_path):
     """pyuff (MIT), where it is installed."""
     pyuff = pytest.importorskip("pyuff")

@@ -90,13 +90,6 @@ def test_a_grid_fits_where_its_ends_are_on_the_plate(kind, plate, bare):
     assert "near_edges: 0.85" in e.value.remedy
 
 
-def test_a_grid_that_ends_at_an_edge_fits(plate, bare):
-    position, facets = plate("quad4", 3, 1)
-    gauges = long(candidates(bare(position), facets, (1, 0, 0)), [1.0, 3.0, 1.0])
-    assert fits(position, gauges, facets).all()
-    np.testing.assert_array_equal(fits(position, long(gauges, [1.0 + 1e-6, 3.0, 1.0]), facets), [False, True, True])
-
-
 def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
     position, facets = plate("quad8", 5, 3)
     gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=2.0)
@@ -165,14 +158,6 @@ def test_units_of_length_do_not_matter(scale, tube, bare):
     at = np.flatnonzero(ok)
     a, b = channel_matrix(position, gauges.take(at), facets), channel_matrix(scale * position, large.take(at), facets)
     np.testing.assert_allclose(scale * (b @ z), a @ z, rtol=1e-7, atol=1e-9)
-
-
-def test_facets_of_another_surface_are_refused(plate, bare):
-    position, facets = plate("quad4", 3, 2)
-    gauges = long(candidates(bare(position), facets, (1, 0, 0)), 0.1)
-    other = replace(facets, element_id=facets.element_id + 100)
-    with pytest.raises(UserError, match="element 1 has no facet 1"):
-        channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=other)
 
 
 # The nearest point of a surface, and gauges that are bonded there.
@@ -258,13 +243,6 @@ def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 
 
-def test_of_two_facets_equally_near_the_first_counts(plate):
-    position, facets = plate("quad4", 2, 2)
-    found = locate(skin_of(position, facets), np.array([[1.0, 1.0, 0.3], [1.0, 0.5, 0.0]]))
-    np.testing.assert_array_equal(found.facet, [0, 0])
-    np.testing.assert_allclose(found.local, [[1, 1], [1, 0]], atol=1e-12)
-
-
 def test_a_bonded_gauge_lies_on_the_surface_along_its_direction(tube, bare):
     R = 1.0
     position, facets = tube("quad8", 40, 4, R)
@@ -324,13 +302,6 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
 def test_what_cannot_be_bonded_is_refused_by_its_number(entry, says, box_mesh):
     with expect_refusal(UserError, says, key="gauges.fixed.1"):
         bonded(box_mesh, exterior_facets(box_mesh), [GOOD, entry], 0.005)
-
-
-def test_two_gauges_in_one_place_across_one_another_are_two(box_mesh):
-    pool, _ = bonded(box_mesh, exterior_facets(box_mesh), [GOOD, replace(GOOD, direction=(0, 1, 0))], 0.005)
-    assert pool.gauges == 2
-    none, distance = bonded(box_mesh, exterior_facets(box_mesh), [], 0.005)
-    assert len(none) == len(distance) == 0
 
 
 def test_facets_of_several_kinds_lie_side_by_side():

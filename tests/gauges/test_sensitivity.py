@@ -15,7 +15,7 @@ from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import principal_angles
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+from strainsight.gauges.sensitivity import sensitivity_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 
@@ -252,14 +252,6 @@ def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plat
             np.testing.assert_allclose(rows[:, 0], slope, atol=1e-8)
 
 
-def test_of_given_rows_only_the_gain_is_known():
-    rows = np.random.default_rng(0).standard_normal((4, 3))
-    found = given_sensitivity(rows)
-    np.testing.assert_array_equal(found.gain, rows)
-    for name in (*COMMON, *OWN[1:]):
-        assert not getattr(found, name).any()
-
-
 # The direction in which the training run strains a place most.
 def rms(rows: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """RMS (len(angle),) over the run of what a gauge at φ reads, from its strain tensor: d·ε·d in every instant."""
@@ -296,12 +288,6 @@ def test_a_static_load_gives_the_principal_axis_of_larger_strain():
         rows = np.array([xx, (xx + yy) / 2 + xy, yy])[None, :, None]
         found = np.deg2rad(principal_angles(rows, np.eye(1))[0])
         assert abs(np.cos(found) * v[1] - np.sin(found) * v[0]) < 1e-8
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e9])
-def test_where_all_directions_are_alike_it_is_the_first(scale):
-    rows = scale * np.array([[[1.0], [1.0], [1.0]], [[0.0], [0.0], [0.0]]])
-    np.testing.assert_array_equal(principal_angles(rows, np.eye(1)), 0.0)
 
 
 def test_rounding_chooses_no_other_direction():

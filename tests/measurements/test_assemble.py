@@ -151,18 +151,6 @@ def test_the_step_of_the_filter_moves_no_sample(factor):
     np.testing.assert_array_equal(sample, expected)
 
 
-@pytest.mark.parametrize(("count", "said"), [(20, True), (19, False)])
-def test_a_stretch_of_missing_samples_is_named_with_its_time(count, said):
-    values = np.zeros(500)
-    values[100 : 100 + count] = np.nan
-    values[[3, 400, 401]] = np.nan
-    notes = assemble(
-        Recording(1e-3 * np.arange(500), {"a": values}, {"a": "um/m"}, "rig"), {"a": ChannelSettings("um/m")}
-    ).notes
-    assert f"a: {count + 3} of 500 samples are missing" in notes
-    assert any(note.startswith("a: 20 of them in a row, from 0.1 to 0.119 s") for note in notes) == said
-
-
 LATE = 7
 
 
@@ -180,13 +168,6 @@ def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
     np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)
     assert np.isnan(found.values[-LATE:, 1]).all()
     assert any("b: 7 samples late" in note for note in found.notes)
-
-
-def test_one_that_is_early_lacks_samples_at_the_beginning():
-    early = {"a": ChannelSettings("m/m", delay=Delay(samples=-LATE)), "b": ChannelSettings("m/m")}
-    found = assemble(late_record(), early)
-    np.testing.assert_allclose(found.values[LATE:, 0], found.values[LATE:, 1], atol=1e-12)
-    assert np.isnan(found.values[:LATE, 0]).all()
 
 
 @pytest.mark.parametrize("step", [2 * STEP, STEP / 2])

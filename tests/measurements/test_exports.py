@@ -92,13 +92,6 @@ def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
     the_record(read(path, header_line=line, decimal=",", **options), names[1:])
 
 
-def test_the_line_of_names_is_found_where_a_channel_is_misspelt(tmp_path):
-    path = written(tmp_path / "a.asc", [*ABOVE, "Time\tG1\tF", *rows("\t")])
-    assert advised(path, "header_line", channels=("G7",)) == "6"
-    with expect_refusal(UserError, r"a\.asc:6  G7: no column 'G7'", remedy="did you mean"):
-        read(path, ("G7",), header_line=6)
-
-
 def test_two_kinds_of_delimiters_in_the_names(tmp_path):
     path = written(tmp_path / "a.csv", ["Time [s];G1, links [um/m];F [kN]", *rows(";")])
     assert advised(path, "delimiter", channels=("G1, links", "F")) == '";"'
@@ -187,13 +180,6 @@ def test_clock_times_are_seconds_since_the_first(tmp_path, cells, seconds, decim
     path = written(tmp_path / "a.csv", ["Time (-)\tG1", *(f"{cell}\t1" for cell in cells)])
     for name in ("Time", "Time (-)"):
         np.testing.assert_allclose(read(path, ("G1",), time=name, decimal=decimal).time, seconds, rtol=0, atol=1e-12)
-
-
-def test_clock_times_follow_a_line_of_units(tmp_path):
-    path = written(tmp_path / "a.csv", ["Time\tG1", "hh:mm:ss\tum/m", "10:00:00.5\t1", "10:00:01.0\t2"])
-    recording = read(path, ("G1",))
-    assert recording.units == {"G1": "um/m"}
-    np.testing.assert_array_equal(recording.time, [0, 0.5])
 
 
 def test_a_rate_takes_the_place_of_the_time(tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import signal
 import tracemalloc
 import warnings
@@ -156,29 +155,3 @@ def test_what_is_no_file(tmp_path):
         refused(path)
 
 
-def altered(content, rng, count=4):
-    """A few bytes of the first four thousand replaced, and maybe the end cut off."""
-    data = np.frombuffer(content, np.uint8).copy()
-    data[rng.integers(0, min(len(data), 4000), count)] = rng.integers(0, 256, count)
-    return data[: rng.integers(len(data) // 2, len(data) + 1)].tobytes()
-
-
-def refused_or_uniform(path):
-    """Whatever is left readable is on a uniform clock; nothing else than a UserError comes out."""
-    with contextlib.suppress(UserError):
-        signals = read(path)
-        np.testing.assert_allclose(np.diff(signals.time), np.diff(signals.time).mean(), rtol=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_few_altered_bytes_are_refused_or_read(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    for name, content in {"a.csv": TABLE, "a.uff": UFF, "a.ufb": UFB}.items():
-        (tmp_path / name).write_bytes(altered(content, rng))
-        refused_or_uniform(tmp_path / name)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_a_few_altered_bytes_of_hdf5_are_refused_or_read(tmp_path, seed):
-    (tmp_path / "a.h5").write_bytes(altered(hdf5(tmp_path, good_hdf5), np.random.default_rng(seed)))
-    refused_or_uniform(tmp_path / "a.h5")

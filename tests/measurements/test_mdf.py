@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Namespace
-
 import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements import mdf as mdf_channels
 from strainsight.measurements.assemble import assemble
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.daq_file import read_daq
@@ -53,27 +50,6 @@ def test_a_file_goes_by_its_ending_and_through_a_process_of_its_own(tmp_path):
     np.testing.assert_array_equal(found.channels["µ"], 2 * A)
 
 
-def test_a_master_in_another_group(tmp_path):
-    """MDF 4.2 may keep every channel in a group of its own, with the time in another one."""
-    file = Namespace(
-        version="4.20",
-        groups=[group(["time"], [2]), group(["G1"], [0], master=0), group(["G2"], [0], master=0)],
-        masters_db={0: 0},
-        get_master=lambda number: T if number == 0 else None,
-    )
-    time, unit = mdf_channels._master_clock(file, {(0, 0): None}, {"G1": (1, 0), "G2": (2, 0)}, tmp_path)
-    np.testing.assert_array_equal(time, T)
-    assert unit == "s"
-
-
-def group(names, kinds, master=None):
-    channels = [
-        Namespace(name=name, channel_type=kind, sync_type=1, unit="s", conversion_addr=0)
-        for name, kind in zip(names, kinds, strict=True)
-    ]
-    return Namespace(channels=channels, channel_group=Namespace(acq_name="", cycles_nr=COUNT, cg_master_index=master))
-
-
 def test_invalidation_bits_are_missing_samples(tmp_path):
     bad = np.isin(np.arange(COUNT), [0, 7, 8, COUNT - 1])
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", invalidation_bits=bad), signal("G2")]))
@@ -104,14 +80,6 @@ def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
     assert caught.value.what == "the channels have 2 sampling rates: 1000 Hz ('fast/G1', 'G2'), 100 Hz ('F')"
     assert "resampled to one" in caught.value.remedy
     assert caught.value.exit_code == 2
-
-
-def test_one_rate_and_two_starts_are_refused(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("one", [signal("G1")]), ("two", [signal("F", time=T + 0.1)]))
-    with pytest.raises(
-        UserError, match=r"'G1' has 400 samples from 0 to 0\.399 s, 'F' has 400 samples from 0\.1 to 0\.499 s"
-    ):
-        read(path, ["G1", "F"])
 
 
 def test_text_is_refused(tmp_path):

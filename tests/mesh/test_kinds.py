@@ -135,11 +135,6 @@ def test_bubbles_have_zero_mean_gradient():
     assert np.allclose(np.einsum("q,qid->id", w, HEX8.bubble_gradient(xi)), 0, atol=1e-15)
 
 
-def test_unknown_kind_is_the_users_error():
-    with expect_refusal(DeckError, "'hex27' is not supported", remedy="hex20"):
-        kind_of("hex27")
-
-
 # Facets close the volume: ∮ x·n dA = 3 V on the isoparametric surface with normals outward, however distorted.
 SHAPES = {"tri3": (TRIANGLE, ()), "tri6": (TRIANGLE, LOOP3), "quad4": (SQUARE, ()), "quad8": (SQUARE, LOOP4)} | {
     kind: (solid.corners, solid.edges) for kind, solid in SOLIDS.items()

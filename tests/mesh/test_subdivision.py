@@ -290,18 +290,6 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
         assert mesh.n_cells == m
 
 
-def test_equal_steps_stay_apart_on_the_time_axis():
-    grid = unstructured_grid(np.zeros((1, 3)), [], steps=[5.0, 5.0, 5.0])
-    assert np.all(np.diff(grid.datasets["Steps/Values"]) > 0)
-    np.testing.assert_allclose(grid.datasets["Steps/Values"], 5.0, rtol=1e-14)
-
-
-@pytest.mark.parametrize("data", [np.zeros(4), np.zeros((2, 4)), np.float64(1.0)])
-def test_data_of_another_length_is_refused(data):
-    with pytest.raises(ValueError, match="PointData a"):
-        unstructured_grid(np.eye(3), [], {"a": data}, steps=[0.0, 1.0])
-
-
 @pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
 def test_a_surface_with_many_arrays_plays_in_time(tmp_path, suffix):
     """A hexahedron beside a wedge: scalars, vectors and tensors, single and double, on facets and on points."""

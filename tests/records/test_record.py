@@ -151,15 +151,6 @@ def test_lengths_that_contradict_each_other_in_a_file_are_named_where_they_are_r
         _ = found.direction
 
 
-def test_the_list_for_the_manual_has_every_dataset_once():
-    rows = {path: (axes, unit) for path, axes, unit, _ in listed(Run)}
-    assert rows["/strain"] == ("time × channel", "strain")
-    assert rows["/bodies/<name>/mass"] == ("scalar", "kg")
-    assert rows["/first/names"] == ("frame", "1")
-    assert rows["/noise"] == ("channel", "unit of the channel")
-    assert len(rows) == len(listed(Run)) == 10
-
-
 def test_a_dataclass_of_a_kernel_stands_through_its_form(tmp_path):
     model = Model(damping=Affine(np.eye(2), {"E": np.ones((2, 2))}))
     datasets = written(model)

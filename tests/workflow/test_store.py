@@ -218,14 +218,6 @@ def test_numbers_changed_by_another_program_are_noticed(tmp_path):
         Artefact(path)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
-def test_a_file_cut_short_is_refused(tmp_path, share):
-    path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
-    with pytest.raises(ArtefactError, match="damaged"):
-        Artefact(path)
-
-
 def test_a_file_that_is_not_there_or_not_ours_is_refused(tmp_path):
     with pytest.raises(ArtefactError, match="no such results file"):
         Artefact(tmp_path / "none.h5")
@@ -245,10 +237,6 @@ def outside(file, other):
     file["link"] = h5py.ExternalLink(str(other), "/secret")
 
 
-def soft(file, other):
-    file["link"] = h5py.SoftLink("/time")
-
-
 def external_storage(file, other):
     file.create_dataset("raw", (4,), "f8", external=[(str(other), 0, 32)])
 
@@ -261,10 +249,6 @@ def virtual(file, other):
 
 def huge(file, other):
     file.create_dataset("huge", (10**13,), "f8", chunks=(1024,))
-
-
-def huge_contiguous(file, other):
-    file.create_dataset("huge", (10**13,), "f8")
 
 
 def ring(file, other):
@@ -290,14 +274,6 @@ def loop(file, other):
     file["a/b/c"] = file["a"]
 
 
-def second_name(file, other):
-    file["again"] = file["strain"]
-
-
-def to_itself(file, other):
-    file["self"] = h5py.SoftLink("/self")
-
-
 def nested(file, other):
     file.create_group("/".join(["deep"] * 2000))
 
@@ -314,16 +290,10 @@ def repeated_text(file, other):
     file["strain"].attrs["rules"] = ["x", "y"]
 
 
-def nested_text(file, other):
-    kind = np.dtype([("text", h5py.string_dtype())])
-    file.attrs.create("remarks", np.array(("x",), dtype=kind), dtype=kind)
-
-
 @pytest.mark.parametrize(
     "attack",
     [
-        *(outside, soft, external_storage, virtual, huge, huge_contiguous, ring, compressed, ladder, loop, second_name),
-        *(to_itself, nested, crowd, repeated_text, nested_text),
+        outside, external_storage, virtual, huge, ring, compressed, ladder, loop, nested, crowd, repeated_text,
     ],
 )
 def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, monkeypatch, attack):

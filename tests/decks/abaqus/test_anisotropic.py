@@ -305,21 +305,6 @@ def test_along_the_basic_axes_without_an_orientation(read):
     check_layers(read(layered_deck("1., , STEEL\n1., , CARBON, 0.", section="")), 0.5 * STEEL + 0.5 * CARBON)
 
 
-@pytest.mark.parametrize("kind", ["C3D8", "C3D8R", "C3D8I", "C3D20R", "C3D6", "C3D15"])
-def test_the_elements_that_may_have_layers(read, kind):
-    own = {"C3D8": [*range(1, 9)], "C3D6": [1, 2, 3, 5, 6, 7], "C3D15": None}.get(
-        kind[:4] if kind[3] == "8" else kind, [*range(1, 21)]
-    )
-    text = layered_deck("1., , STEEL\n1., , STEEL", section="", kind=kind)
-    if own is None:
-        own = [1, 2, 3, 5, 6, 7, 9, 10, 21, 13, 14, 22, 17, 18, 19]
-        text = text.replace("*ELEMENT", "21, .5, .5, 0.\n22, .5, .5, 1.\n*ELEMENT")
-    cells = "1, " + ", ".join(map(str, own))
-    mesh = read(text.replace(WHOLE, cells))
-    check_mesh(mesh)
-    assert mass_properties(mesh)[0] == pytest.approx(7800 * (0.5 if len(own) in (6, 15) else 1.0), rel=1e-9)
-
-
 @pytest.mark.parametrize(
     ("lines", "options", "what", "line", "remedy"),
     [

@@ -69,11 +69,6 @@ def test_an_instance_is_translated_and_then_turned_about_an_axis_of_the_assembly
     np.testing.assert_allclose(mesh.position, a + turn.apply(POINTS + t - a), atol=1e-13)
 
 
-@pytest.mark.parametrize("lines", ["0., 0., 5.", "0,0,5.,", ",,5."])
-def test_a_translation_alone(read, lines):
-    np.testing.assert_allclose(read(assembly(lines)).position, POINTS + UP)
-
-
 def test_instances_with_the_same_ids_are_set_apart(read):
     mesh = read(assembly("", "0., 0., 5.", after="*BOUNDARY\nw-2.foot, 1, 1\nW-1.4, 2\n"))
     assert list(mesh.node_ids) == [1, 2, 3, 4, 5, 11, 12, 13, 14, 15]
@@ -122,12 +117,6 @@ def test_sets_of_the_assembly_reach_into_instances(read):
     assert list(unused_nodes(mesh)) == [10]
 
 
-def test_a_set_of_the_assembly_keeps_its_name_where_the_only_part_has_the_same(read):
-    mesh = read(assembly("", inside="*NSET, NSET=foot, INSTANCE=W-1\n5,\n"))
-    assert list(mesh.node_sets["foot"]) == [5]
-    assert list(mesh.node_sets["W-1.Foot"]) == [1, 2, 3]
-
-
 def test_an_instance_with_a_mesh_of_its_own(read):
     own = assembly(MESH.strip(), mesh="")
     moved = assembly("0., 0., 5.\n" + MESH.strip(), mesh="")
@@ -172,11 +161,6 @@ def test_what_is_wrong_is_named_with_its_line(read, old, new, what, line):
     assert old in text
     with expect_refusal(DeckError, what, where=f"deck.inp:{line}", remedy=""):
         read(text.replace(old, new))
-
-
-def test_parts_without_an_instance_are_no_model(read):
-    with expect_refusal(DeckError, "no \\*INSTANCE", where="deck.inp:1"):
-        read(f"*PART, NAME=W\n{MESH}*END PART\n{MATERIAL}")
 
 
 ONE_CUBE = (

@@ -10,8 +10,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.config.mesh import MeshFile
 from strainsight.config.template import template
 from strainsight.errors import ContactError, DeckError, UserError
 from strainsight.fem.model import build_model
@@ -20,8 +18,6 @@ from strainsight.fem.results_checks import check_positions
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
-from strainsight.records.mesh import MeshColumns
-from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.suggestion import suggestion
 
 # *TIE: two blocks, one on the other, joined.
@@ -182,19 +178,6 @@ def test_what_the_deck_ties_is_bonded_whatever_is_chosen(read, choice, text):
     mesh = read(deck(2, text), contact=choice)
     assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
     assert "TIED in the deck" in mesh.contacts[0]
-
-
-def test_what_became_of_contact_leads_warnings_and_what_the_model_assumes(tmp_path):
-    path = tmp_path / "deck.inp"
-    path.write_text(deck(2, contact()))
-    for choice, words in (("bonded", "9 of 9 nodes bonded"), ("open", "open (mesh.contact)")):
-        config = MeshFile(file="deck.inp", contact=choice)
-        mesh = mesh_of(config, path)
-        checked(mesh, config)
-        assert model_warnings(mesh)[0].startswith(f"contact of BOTTOM on TOP: {words}")
-        assert model_warnings(MeshColumns.of(mesh).made())[0] == model_warnings(mesh)[0]  # of the page
-        assert assumed_table(mesh, "abaqus", False).rows[0] == ("contact", "", mesh.contacts[0])
-        assert mesh.effect["*SURFACE BEHAVIOR"] == "none"
 
 
 def test_only_what_touches_is_bonded(read):

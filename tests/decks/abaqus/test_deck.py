@@ -8,10 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import DeckError
-from strainsight.fem.checks import check_materials
-from strainsight.mesh.additions import with_material
 from strainsight.mesh.kinds import kind_of
 
 from ...refusals import expect_refusal
@@ -207,27 +204,6 @@ def test_names_in_the_code_page_of_windows_are_kept(read):
     assert list(read(hole).element_sets) == ["N\x81ü"]
 
 
-@pytest.mark.parametrize(
-    ("lacking", "instead", "regions"),
-    [
-        ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", ["without section"]),
-        ("NAME=Steel", "NAME=OTHER", ["EALL"]),
-        ("*ELASTIC\n2.1e11, .3", "*HYPERELASTIC, NEO HOOKE\n4e10, 5e-12", ["EALL"]),
-    ],
-)
-def test_materials_may_be_left_to_the_config(tmp_path, lacking, instead, regions):
-    path = tmp_path / "deck.inp"
-    assert lacking in TETRAHEDRON
-    path.write_text(TETRAHEDRON.replace(lacking, instead))
-    mesh = read_abaqus(path, stated=False)
-    assert [region.name for region in mesh.regions.values()] == regions
-    check_materials(with_material(mesh, None, 2e11, 0.3, 7850.0))
-    with pytest.raises(DeckError, match=r"has no material|is not there"):
-        check_materials(mesh)
-    with pytest.raises(DeckError, match=r"or state it in the config \(mesh.materials\)"):
-        read_abaqus(path)
-
-
 @pytest.mark.parametrize("comma", [",", " , ", ",,"])
 def test_a_comma_at_the_end_of_a_keyword_goes_on_only_with_parameters(read, comma):
     """CalculiX decks end lines so: what follows is data where it begins with a number, or has one behind the name of a set."""
@@ -268,8 +244,3 @@ def test_what_calculix_passes_over_leaves_the_model_as_it_is(read, old, new):
     assert (len(mesh.materials), mesh.relations) == (len(plain.materials), ())
 
 
-def test_lines_with_more_nodes_are_taken_where_all_of_them_go_on_into_nothing(read):
-    assert "the first 4 count" in read(TETRAHEDRON.replace("10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4, 77,\n")).notes[0]
-    for line in ("10, 1, 2, 3, 4, 77\n", "10, 1, 2, 3, 4, 77,\n11, 1, 2, 3, 4\n"):
-        with pytest.raises(DeckError, match="nodes, where a C3D4 has 4"):
-            read(TETRAHEDRON.replace("10, 1, 2, 3, 4\n", line))

@@ -45,17 +45,6 @@ def test_supports_in_every_form(read, lines, held):
     assert pairs(read(f"{BRICK}*STEP\n*STATIC\n*BOUNDARY\n{lines}\n*END STEP\n")) == held
 
 
-@pytest.mark.parametrize(
-    ("first", "held"),
-    [("*BOUNDARY", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=MOD", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=NEW", {(1, 1)})],
-)
-def test_supports_are_those_of_the_step_that_is_chosen_and_of_what_is_before_it(read, first, held):
-    steps = f"*STEP\n*END STEP\n*STEP\n{first}\n2, 2\n*END STEP\n*STEP\n*BOUNDARY\n3, 3\n*END STEP\n"
-    mesh = read(f"{BRICK}*BOUNDARY\n1, 1\n{steps}", step=2)
-    assert pairs(mesh) == held
-    assert any("supports are those in step 2" in note for note in mesh.notes)
-
-
 def expected_axes(kind: str, a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns by angles about the pole, not by cross products."""
     if kind == "R":
@@ -267,21 +256,6 @@ def test_what_is_wrong_is_named_with_its_line(read, lines, what, line):
         read(f"{BRICK}{lines}\n")
 
 
-@pytest.mark.parametrize(
-    "tie",
-    [
-        "*KINEMATIC COUPLING, REF NODE=100, ORIENTATION=O\nTOP, 1, 2",
-        "*KINEMATIC COUPLING, REF NODE=100, ORIENTATION=O\nTOP, 1, 4",
-        "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S, ORIENTATION=O\n*KINEMATIC\n1, 2",
-    ],
-)
-def test_single_components_along_an_orientation_are_refused(read, tie):
-    with pytest.raises(DeckError, match="single components along an ORIENTATION"):
-        read(f"{BRICK}{tie}\n")
-    whole = tie[: tie.rindex("1,")] + "1, 3\n"
-    assert read(BRICK + whole).rigid[0].components == (0, 1, 2)
-
-
 ROT = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n"
 
 
@@ -298,12 +272,5 @@ def test_a_mass_on_a_rotation_node_is_refused(read, element):
     read(BRICK + ROT + element.format(100))
     with expect_refusal(DeckError, "stands on node 101, the ROT NODE", remedy="reference node 100"):
         read(BRICK + ROT + element.format(101))
-
-
-def test_reference_and_rotation_node_have_the_same_axes(read):
-    turn = "*NSET, NSET=A\n{}\n*TRANSFORM, NSET=A\n0., 1., 0., -1., 0., 0.\n"
-    assert pairs(read(f"{BRICK}{ROT}{turn.format('100, 101')}*BOUNDARY\n101, 1\n")) == {(8, 3)}
-    with pytest.raises(DeckError, match="different axes"):
-        read(BRICK + ROT + turn.format("101"))
 
 

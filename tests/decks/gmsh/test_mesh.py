@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.decks.gmsh.mesh import is_gmsh, read_gmsh
+from strainsight.decks.gmsh.mesh import read_gmsh
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import kind_of
 
@@ -150,14 +150,6 @@ def test_sections_that_are_not_imported_are_counted(read):
     extra = "$Comments\n$Nodes are below\n$EndComments\n" + OLD + '$NodeData\n1\n"u"\n0\n0\n$EndNodeData\n'
     assert read(extra).ignored == {"$NodeData": 1}
     check_same(read(extra), read(OLD))
-
-
-def test_a_file_of_gmsh_is_distinguished_from_others_of_its_ending(tmp_path):
-    path = tmp_path / "part.msh"
-    assert is_gmsh(REAL[0])
-    assert not is_gmsh(path)
-    path.write_text('(0 "GAMBIT to Fluent File")\n')
-    assert not is_gmsh(path)
 
 
 # Elements of gmsh in our order: mid-side nodes on their edges, facets outward.

@@ -112,13 +112,6 @@ def test_what_is_no_matrix_is_refused_with_its_path(tmp_path, name):
     assert caught.value.remedy
 
 
-def test_a_name_in_a_file_without_names_is_a_mistake(tmp_path, K):
-    sparse.save_npz(tmp_path / "k.npz", K)
-    for path in (market(tmp_path / "k.mtx", K.tocoo()), tmp_path / "k.npz"):
-        with pytest.raises(DeckError, match="no matrix names"):
-            read_matrix(path, "K")
-
-
 @pytest.mark.parametrize(("part", "which"), [(sparse.tril, "lower"), (sparse.triu, "upper")])
 def test_one_triangle_is_reported_to_be_one(tmp_path, K, part, which):
     with pytest.raises(DeckError, match=f"only the {which} triangle"):

@@ -129,29 +129,6 @@ def test_damaged_text_is_refused_at_its_line(tmp_path, change, said, line):
     assert caught.value.where == (f"{path}:{line}" if line else str(path))
 
 
-def test_every_cut_of_a_binary_file_is_refused(tmp_path):
-    A = random(6, 6)
-    path = tmp_path / "a.op4"
-    write(path, {"k": A.toarray()}, binary=True, sparse="bigmat")
-    whole = path.read_bytes()
-    for length in range(0, len(whole), 3):
-        path.write_bytes(whole[:length])
-        with pytest.raises(DeckError):
-            read_op4(path)
-
-
-@pytest.mark.parametrize("name", ["k", "K"])
-def test_a_name_that_two_matrices_have_is_refused(tmp_path, name):
-    for matrix, path in (("k", "a.op4"), ("m", "b.op4"), ("K", "c.op4")):
-        write(tmp_path / path, {matrix: np.eye(3)}, binary=True)
-    content = b"".join((tmp_path / path).read_bytes() for path in ("a.op4", "b.op4", "c.op4"))
-    (tmp_path / "d.op4").write_bytes(content)
-    assert np.array_equal(read_op4(tmp_path / "d.op4", "m").toarray(), np.eye(3))
-    with pytest.raises(DeckError, match="holds the matrix K twice") as caught:
-        read_op4(tmp_path / "d.op4", name)
-    assert caught.value.where == str(tmp_path / "d.op4")
-
-
 # Matrices that CalculiX 2.20 wrote of one C3D4, whose nodes 3 and 4 move: .sti, .mas and .dof.
 DECK = """\
 *NODE
@@ -237,12 +214,6 @@ def test_what_is_no_matrix_of_calculix_is_refused(job, ending, text, what):
     with pytest.raises(DeckError, match=what) as caught:
         read_numbering(path) if ending == ".dof" else read_matrix(path)
     assert str(path) in str(caught.value)
-
-
-def test_exponents_with_d_are_numbers(job):
-    K = read_matrix(job.with_suffix(".sti"))
-    job.with_suffix(".sti").write_text(STI.replace("e", "D"))
-    assert (read_matrix(job.with_suffix(".sti")) != K).nnz == 0
 
 
 def test_init_writes_the_section_for_matrices_beside_the_deck(job, monkeypatch):

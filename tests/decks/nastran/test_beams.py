@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
-from strainsight.fem.modes import modes
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.resized import resized
 from strainsight.records.thin import BeamSections
@@ -273,41 +271,6 @@ def test_what_is_wrong_is_named_with_file_and_line(read, card, pbar, what, line)
     pbar = pbar.replace("\n\n", "\n,,\n")
     with expect_refusal(DeckError, what, where=f"deck.bdf:{line}", remedy=""):
         read(deck(card, pbar))
-
-
-def test_element_ids_are_one_of_a_kind_over_solids_too(read, tetrahedron):
-    with expect_refusal(DeckError, "element id 10 stands twice, a solid has it too", where=":9"):
-        read(tetrahedron + "CONROD,10,1,2,1,.1\n")
-    with pytest.raises(DeckError, match="element id 10 stands twice"):
-        read(deck(more="CONROD,10,1,2,1,.1\n"))
-
-
-def test_nodes_of_beams_turn_and_those_of_rods_do_not(read):
-    more = "MOMENT,4,2,,1.,1.\nSPC1,1,456,2\n"
-    held = read(deck(more=more))
-    assert held.held.tolist() == [1]
-    assert not [note for note in held.notes if "MOMENT" in note]
-    loose = read(deck(ROD, PROD, more))
-    assert loose.held.tolist() == []
-    assert [note for note in loose.notes if "MOMENT on node 2 without rotations" in note]
-
-
-def test_a_space_truss_of_bars_whose_rotations_are_held_swings_as_by_hand(read):
-    """K = Σ EA/L e eᵀ + 12 EI/L³ (1 − e eᵀ), M = Σ ρAL (e eᵀ/3 + 13/35 (1 − e eᵀ)) of the tip."""
-    E, rho, A, I, tip = 2.1e11, 7850.0, 3e-4, 8e-9, np.array([0.3, 0.3, 1.0])
-    feet = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    text = "".join(f"GRID,{i},,{x},{y},{z},,456\n" for i, (x, y, z) in enumerate([*feet, tip], start=1))
-    text += "".join(f"CBAR,{i},1,{i},4,.1,.2,.9\n" for i in (1, 2, 3)) + f"PBAR,1,1,{A},{I},{I},{2 * I}\n"
-    model = build_model(read(text + f"MAT1,1,{E},,.3,{rho}\nSPC1,1,123,1,2,3\nENDDATA\n"))
-    K, M = np.zeros((3, 3)), np.zeros((3, 3))
-    for foot in feet:
-        L = np.linalg.norm(tip - foot)
-        along = np.outer(tip - foot, tip - foot) / L**2
-        K += E * A / L * along + 12 * E * I / L**3 * (np.eye(3) - along)
-        M += rho * A * L * (along / 3 + 13 / 35 * (np.eye(3) - along))
-    assert model.size == 3
-    found = modes(model.stiffness.constant, model.mass.constant, 3)[0]
-    np.testing.assert_allclose(found, np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi), rtol=1e-10)
 
 
 def test_rods_whose_rotations_are_held_are_as_without(read):

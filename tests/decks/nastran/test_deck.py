@@ -120,13 +120,6 @@ def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
 
 
-def test_wtmass_scales_density_and_point_masses(read, tetrahedron):
-    mesh = read(tetrahedron + "PARAM,WTMASS,.5\nCONM2,90,4,,3.\nPARAM,POST,-1\n")
-    assert mesh.materials[1].density == 3925.0
-    assert mesh.point_masses[0].mass == 1.5
-    assert mesh.ignored == {"PARAM POST": 1}
-
-
 def test_every_card_not_imported_is_counted(read, tetrahedron):
     mesh = read(
         tetrahedron
@@ -178,16 +171,6 @@ def test_every_node_element_and_tie_knows_its_line(read, tetrahedron, tmp_path):
         assert mesh.where(kind, number) == f"{tmp_path / 'deck.bdf'}:{line}"
     assert mesh.where("node", 60) == f"{tmp_path / 'more.bdf'}:2"
     assert mesh.where("element", 3) == f"{tmp_path / 'more.bdf'}:3"
-
-
-@pytest.mark.parametrize(("cordm", "there"), [("-1", True), ("0", True), ("5", True), ("6", False)])
-def test_a_material_system_has_to_be_in_the_deck(read, tetrahedron, cordm, there):
-    text = f"{tetrahedron.replace('PSOLID,1,1', f'PSOLID,1,1,{cordm}')}CORD2R,5,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\n"
-    if there:
-        assert list(read(text).regions) == [1]
-        return
-    with expect_refusal(DeckError, "coordinate system 6 is no CORD1 or CORD2", where="deck.bdf:6"):
-        read(text)
 
 
 @pytest.mark.parametrize(

@@ -141,16 +141,6 @@ def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
         assert caught.value.where.endswith(f"deck.bdf:{line}")
 
 
-@pytest.mark.parametrize("card", ["CQUAD4,10,9,1,2,3,4", "PSHELL,1,1,.1,2,,1"])
-def test_where_no_elements_are_asked_for_shells_that_cannot_be_had_are_counted(read, card):
-    old = "CQUAD4,10,1,1,2,3,4" if card[0] == "C" else "PSHELL,1,1,.1,1,,1"
-    mesh = read(changed(old, card), required=False)
-    assert [block.ids.tolist() for block in mesh.shells] == [[11]]
-    assert mesh.ignored["CQUAD4"] == 1
-    assert mesh.ignored["PSHELL that no element refers to"] == 1
-    assert mesh.unsupported["CQUAD4"].endswith("deck.bdf:6")
-
-
 def totals(mesh, name):
     load = mesh.loads[name]
     return load.force.sum(axis=0), np.cross(mesh.position[load.nodes], load.force).sum(axis=0)
@@ -185,14 +175,6 @@ def test_a_shell_on_a_solid_and_its_face_take_a_pressure_alike(read, tetrahedron
     a, b = (read(shell, ignore=ignore).loads["LOAD-1"] for ignore in ((), ("CTRIA3",)))
     np.testing.assert_array_equal(a.nodes, b.nodes)
     np.testing.assert_allclose(a.force, b.force)
-
-
-def test_nodes_of_shells_turn(read):
-    """So moments and inertia act there, a rotation that is held holds, and a tie of rotations is one."""
-    more = "MOMENT,4,3,,1.,1.\nCONM2,50,3,,2.,1.,,\n,1.,,1.,,,1.\nSPC1,1,456,4\nRBE2,60,1,456,5\n"
-    mesh = read(FLAT + more)
-    assert mesh.notes[1:] == ()
-    assert mesh.held.tolist() == [3]
 
 
 @pytest.mark.parametrize(

@@ -16,31 +16,7 @@ from strainsight.mesh.sanity import sanity_warnings
 
 from ...refusals import expect_refusal
 
-# Springs of a deck: chains by hand, bushes in their systems, and what cannot be taken.
-CHAIN = """\
-GRID,50,,2.,0.,0.
-GRID,51,,3.,0.,0.
-CONM2,90,50,,2.
-CONM2,91,51,,3.
-SPC1,1,23,50,51
-SPC1,1,123,4
-CELAS2,60,100.,50,1,51,1
-CELAS1,61,7,51,1
-PELAS,6,1.,,,7,50.
-"""
 """Two masses along x, m = 2 and 3 kg, k = 100 N/m between them, 50 N/m from the second to the ground."""
-
-
-def test_masses_on_springs_swing_as_by_hand(read, tetrahedron):
-    """Held at all its nodes but the chain, the tetrahedron does not take part."""
-    mesh = read(tetrahedron + CHAIN + "ENDDATA\n")
-    assert [str(own) for own in mesh.springs] == ["CELAS1 61", "CELAS2 60"]
-    model = build_model(mesh)
-    assert model.size == 2
-    K, M = np.array([[100.0, -100], [-100, 150]]), np.diag([2.0, 3])
-    found = modes(model.stiffness.constant, model.mass.constant, 2)[0]
-    np.testing.assert_allclose(found, np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi), rtol=1e-10)
-    assert mesh.ignored == {}
 
 
 def matrix(mesh):
@@ -241,15 +217,6 @@ def test_relations_that_cannot_be_taken_are_named(read, tetrahedron, head, cards
         read(text)
 
 
-def test_an_error_of_the_model_names_the_line_of_the_card(read, tetrahedron):
-    mesh = read(f"{tetrahedron}RBAR,20,1,4,1236,45,,3\nMPC,3,4,1,1.,2,3,-1.\nMPC,3,4,1,1.,3,3,-1.\n")
-    with mesh.located(), pytest.raises(DeckError, match=r"node 4 is dependent in MPC 3 \(.*deck.bdf:10\) and in MPC 3"):
-        constraint_transform(mesh)
-    with pytest.raises(DeckError) as caught, mesh.located():
-        constraint_transform(mesh)
-    assert caught.value.where.endswith(":11")
-
-
 def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
     """A node that no element has, turned by a relation: no note says that its moment becomes a couple."""
     cards = "GRID,9,,0.,0.,2.\nMPC,3,4,1,1.,9,5,-2.\nMOMENT,7,9,,1.,0.,1.,0.\n"
@@ -294,20 +261,3 @@ def test_mass_of_solids_is_lumped_where_a_deck_says_so(read, tetrahedron, value,
     assert not any("lumped" in text for text in sanity_warnings(mesh))
 
 
-def test_beside_shells_lumped_mass_is_one_warning(read, tetrahedron):
-    more = "CTRIA3,70,7,1,2,3\nPSHELL,7,1,.1,1,,1\nPARAM,COUPMASS,-1\n"
-    mesh = read(f"{tetrahedron}{more}ENDDATA\n")
-    assert not mesh.lumped
-    assert sum("lumped" in text for text in sanity_warnings(mesh)) == 1
-
-
-def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):
-    for control, count in (
-        ("", 0),
-        ("SOL 103\nCEND\nDISP = ALL\nBEGIN BULK\n", 1),
-        ("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\n", 0),
-    ):
-        mesh = read(f"{control}{tetrahedron}ENDDATA\n")
-        notes = [note for note in mesh.doubts if "the case control selects no supports" in note]
-        assert len(notes) == count
-        assert len(mesh.fixed) > 0

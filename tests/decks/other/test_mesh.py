@@ -230,16 +230,6 @@ def test_other_files_are_refused_without_a_word_from_meshio(tmp_path, capfd, nam
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("name", ["part.vtu", "part.vtk", "part.mesh", "part.med", "part.xdmf"])
-def test_a_truncated_file_is_refused(write, tmp_path, name):
-    path = write(name)
-    content = path.read_bytes().rstrip()
-    for end in range(0, len(content) - 200, 211):
-        path.write_bytes(content[:end])
-        with pytest.raises(DeckError):
-            read_meshio(path)
-
-
 @pytest.mark.parametrize("name", ["grid.vtu", "grid.vtk"])
 def test_voxels_are_hexahedra(tmp_path, name):
     """pyvista's ImageData: boxes of 1 × 2 × 3 cells, and VTK's own volume of them."""
