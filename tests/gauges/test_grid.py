@@ -51,7 +51,7 @@ def waves(x: np.ndarray) -> np.ndarray:
     return np.column_stack([np.sin(0.8 * x[:, 0] + 0.3 * x[:, 1]), np.cos(0.7 * x[:, 1]), x[:, 0] * x[:, 1] / 10])
 
 
-@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), ("tri6", 0.0), ("tri6", 0.2), ("quad4", 0.2), ("quad8", 0.2)])
+@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), ("tri6", 0.2), ("quad8", 0.2)])
 def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
     """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field, as it is continuous from facet to facet. Gauges through
     the corners of the cells (45°) and along their edges are among them."""
@@ -186,11 +186,11 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
         assert xi.sum(axis=1).max() <= 1 + 1e-15
     else:
         assert np.abs(xi).max() <= 1
-    lattice = kind.shape(sampled(name, 201)) @ corners
+    lattice = kind.shape(sampled(name, 101)) @ corners
     brute = np.linalg.norm(lattice[None] - points[:, None], axis=2).min(axis=1)
     own = np.linalg.norm(x - points, axis=1)
     assert np.all(own <= brute * (1 + 1e-12))
-    # And not nearer than a lattice of 0.005 can miss.
+    # And not nearer than a lattice of 0.01 can miss.
     assert np.all(own >= brute - 0.03)
 
 
@@ -228,7 +228,7 @@ def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
 
 
-@pytest.mark.parametrize("kind", FACET_KINDS)
+@pytest.mark.parametrize("kind", ["tri3", "quad8"])
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     """A large facet beside small ones: its centre is far, itself near."""
     position, facets = plate(kind, 6, 2, 0.2)

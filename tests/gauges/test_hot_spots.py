@@ -41,7 +41,7 @@ def cantilever(kind, n):
     return mesh, moved(mesh, force), end
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("tet10", 1), ("wedge15", 1)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("tet10", 1)])
 def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     mesh, field, end = cantilever(kind, n)
     own = found(mesh, field, gauges_at(mesh, [(0.45, 0.05, 0.1), (0.55, 0.0, 0.1)], (0, 0, 1), (1, 0, 0)), end)
@@ -67,7 +67,7 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     assert np.abs(found(mesh, field, on_top, top).refined).max() > SHARE
 
 
-@pytest.mark.parametrize("kind", ["hex8", "tet10", "wedge15"])
+@pytest.mark.parametrize("kind", ["hex8", "tet10"])
 def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
     """Uniform strain of any direction, on a body whose surface moves so, of elements that are no bricks: nothing changes beyond
     rounding."""
@@ -133,7 +133,8 @@ def slope(mesh, field, place, axis, size):
     return (4 * (at(0.5) - at(-0.5)) - (at(1) - at(-1))) / (2 * size)
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), pytest.param("hex20", 4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex20", 4)])
 def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
     """Beside the corner, on whole meshes of half and a quarter of the size: the sign of both changes, and the one that decides
     within a factor of two."""
@@ -160,7 +161,7 @@ def loaded_block(kind, n):
     return mesh, moved(mesh, force), node
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 6), pytest.param("tet10", 4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), pytest.param("tet10", 4, marks=pytest.mark.slow)])
 def test_a_load_on_one_node_makes_a_hot_spot_of_what_is_beside_it_alone(kind, n):
     """Saint-Venant: 0.4 and 1.2 elements away it matters how the force is spread, five elements away it does not."""
     mesh, field, node = loaded_block(kind, n)

@@ -87,11 +87,10 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
-    for sandboxed in (False, True)[: 1 + (make is zipped)]:
-        recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=sandboxed)
-        np.testing.assert_allclose(recording.time, T, atol=1e-12)
-        np.testing.assert_array_equal(recording.channels["G1"], A)
-        np.testing.assert_array_equal(recording.channels["G2"], B if make is unsorted else 0.5 * B + 3)
+    recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=False)
+    np.testing.assert_allclose(recording.time, T, atol=1e-12)
+    np.testing.assert_array_equal(recording.channels["G1"], A)
+    np.testing.assert_array_equal(recording.channels["G2"], B if make is unsorted else 0.5 * B + 3)
     assert os.listdir(temporary) == []
     assert sorted(os.listdir(tmp_path)) == there
     assert path.read_bytes() == content

@@ -91,6 +91,7 @@ def face_of_upright():
     return 2 * FOOT * LEG + (FOOT + x) * (z - T - LEG) + EYE**2 / 2 * (angle - np.sin(angle)) - pi * BORE**2, angle
 
 
+@pytest.mark.slow
 def test_it_is_a_steel_bracket_clamped_in_its_bolt_holes_and_loaded_in_its_bore(lug_mesh):
     x, y, z = lug_mesh.position.T
     np.testing.assert_allclose(lug_mesh.position.min(axis=0), [-100, -60, 0], atol=1e-12)
@@ -111,6 +112,7 @@ def test_it_is_a_steel_bracket_clamped_in_its_bolt_holes_and_loaded_in_its_bore(
     assert sanity_warnings(to_si(lug_mesh, "mm", "t")) == ()
 
 
+@pytest.mark.slow
 def test_its_mass_is_that_of_the_bracket_with_its_holes(lug_mesh):
     """Straight sides between corners would miss a bolt hole by 1.1 %, all of it by 4e-4."""
     plate = (200 * 120 - 4 * pi * BOLT**2) * T

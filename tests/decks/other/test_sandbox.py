@@ -52,7 +52,6 @@ def test_families_of_med_arrive(tmp_path):
 CLAIMS = {
     # the count of attributes of a point, and of the corners of a tetrahedron
     "part.node": ("part.ele", "1 4 0\n1 1 1 1 1\n", "1 3 1000000000000 0\n1 0 0 0\n"),
-    "part.ele": ("part.node", "1 3 0 0\n1 0 0 0\n", "2 1000000000000 1\n1 1 2 3 4 1\n"),
 }
 
 
