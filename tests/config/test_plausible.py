@@ -123,15 +123,6 @@ def test_an_absurd_value_is_warned_of_with_its_key_and_what_was_meant(tmp_path, 
     assert any(own.key.startswith(key) and words in f"{own.what}; {own.remedy}" for own in found), found
 
 
-@pytest.mark.parametrize("key", ["damping.ratio", "tolerances.position", "gauges.range", "mesh.merge", "loads.tip.signal.phase"])
-def test_what_a_warning_proposes_is_without_one(tmp_path, key):
-    path = tmp_path / "own.yaml"
-    path.write_text(PLACEMENT, encoding="utf-8")
-    (value,) = (value for _, name, value, _ in ODD if name == key)
-    (found,) = implausible(load_config(path, [f"{key}={value}"]).model)
-    assert list(implausible(load_config(path, [f"{key}={found.remedy.rpartition(' ')[2]}"]).model)) == []
-
-
 def test_lengths_are_compared_with_the_structure(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text(PLACEMENT, encoding="utf-8")

@@ -59,11 +59,6 @@ def test_output_procedures_histories_and_properties_are_listed_only(tmp_path, ca
     assert mesh.unsupported == {}
 
 
-@pytest.mark.parametrize("card", ["BGSET,1,2,3", "BCTSET,1,2,3", "BCONP,1,2,3", "BCONTACT,1", "BOLT,1,1"])
-def test_bonded_faces_contact_and_preload_are_refused_as_ties_are(tmp_path, card):
-    refused(tmp_path, TETRAHEDRON + card + "\n")
-
-
 @pytest.mark.parametrize(
     "card",
     [

@@ -128,15 +128,6 @@ def test_what_is_no_file_is_refused(tmp_path):
         read_mesh(tmp_path)
 
 
-def test_elements_that_do_not_fit_together_show_on_reading(tmp_path):
-    path = deck(tmp_path / "a.bdf", "1.", "2.1e11", "7850.", "0.")
-    more = "GRID,5,,1.,1.,1.\nGRID,6,,2.,2.,2.\nCTETRA,11,1,2,3,4,5\nCTETRA,12,1,2,3,4,6\n"
-    path.write_text(path.read_text() + more)
-    with pytest.raises(DeckError, match="elements 10, 11, 12 share one facet") as caught:
-        read_mesh(path)
-    assert caught.value.where == f"{path}:13"
-
-
 GMSH = SHELLS["a.msh"].replace("7 3 2 1 1 1 2 3 4", "7 4 2 1 1 1 2 4 3").replace("3 1 1 0", "3 0 0 1")
 
 

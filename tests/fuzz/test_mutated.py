@@ -35,6 +35,7 @@ def seeds(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_the_sound_files_are_read(seeds, tmp_path, name):
     """What is damaged is worth damaging: some choice of what is asked of it reads every one of them."""

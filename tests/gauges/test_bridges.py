@@ -15,7 +15,7 @@ from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import candidates, concatenate
 from strainsight.gauges.export import uff_text
 from strainsight.gauges.installation import InstallationStd, drawn_installation, installation_variance, installed_rows
-from strainsight.gauges.rows import channel_matrix, channel_rows, fits
+from strainsight.gauges.rows import channel_matrix, channel_rows
 from strainsight.gauges.screening import screen
 from strainsight.gauges.sensitivity import CALIBRATION_POISSON, sensitivity_rows
 from strainsight.mesh.facets import exterior_facets
@@ -212,16 +212,6 @@ def test_arms_of_opposite_sign_in_one_place_are_refused_and_of_one_sign_are_two_
     with pytest.raises(UserError, match="place and direction"):
         bridge(beam, [(TOP, ALONG, 1), (TOP, (-1, 0, 0), -1)])
     assert len(bridge(beam, [(TOP, ALONG, 1), (TOP, ALONG, 1)]).grids) == 2
-
-
-def test_a_grid_over_an_edge_of_any_arm_does_not_fit(beam):
-    mesh, facets = beam
-    pool = concatenate([bridge(beam, BENDING[:2]), single(beam, TOP, ALONG)])
-    long = pool.arms.grid.length + 0.3
-    wide = replace(
-        pool, arms=replace(pool.arms, grid=replace(pool.arms.grid, direction=np.array([[0.0, 1, 0]]), length=long))
-    )
-    np.testing.assert_array_equal(fits(mesh.position, wide, facets), [False, True])
 
 
 def test_every_arm_counts_for_spacing_and_zones(beam):

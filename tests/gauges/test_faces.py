@@ -91,17 +91,6 @@ def test_the_axis_of_a_bend_means_its_inner_face_and_a_radius_both_of_that_radiu
         )
 
 
-def test_a_normal_and_a_box_hold_together(strip):
-    _, mesh, facets, faces = strip
-    down = tuple(TURNED @ [0, 0, -1])
-    every = picked(Pick(normal=down, angle=1), faces, mesh.position, facets)
-    low, high = mesh.position.min(axis=0) - 1, mesh.position.max(axis=0) + 1
-    within = picked(Pick(normal=down, angle=1, box=(tuple(low), tuple(high))), faces, mesh.position, facets)
-    assert within.tolist() == every.tolist()
-    area = np.linalg.norm(facet_vectors(mesh.position, facets)[every], axis=1).sum()
-    np.testing.assert_allclose(area, 2 + 0.1, rtol=1e-9)  # the long flat from below, and the end that looks down
-
-
 @pytest.mark.parametrize("sense", [1, -1])
 def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
     """A point halfway between both sides of the plate, as one on a contact is of both parts."""

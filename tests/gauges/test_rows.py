@@ -77,21 +77,6 @@ def test_a_misplaced_gauge_reads_a_linear_field_in_its_own_direction(kind):
     np.testing.assert_allclose(rows[:, 0], surface_strain(G, turned), atol=1e-13)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(2))
-def test_a_rigid_motion_strains_nothing(kind, seed):
-    position, facets = patch(kind, 0.2, seed)
-    gauges = bonded(position, facets, angles=(0.0, 45.0, 90.0))
-    shift, spin = np.random.default_rng(seed).standard_normal((2, 3))
-    z = np.stack([np.tile(shift, (len(position), 1)), np.cross(spin, position)], axis=-1)
-    offset, rotation = np.tile([0.04, 0.03], (3, 1)), np.array([2.0, -3.0, 5.0])
-    for rows in (
-        channel_rows(position, gauges, z.reshape(-1, 2)),
-        channel_rows(position, gauges, z.reshape(-1, 2), offset=offset, rotation=rotation),
-    ):
-        np.testing.assert_allclose(rows, 0.0, atol=1e-14)
-
-
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
 def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_centre(kind):
     """z_c = xᵀQ_c x: the slope along d at x is dᵀ(Q + Qᵀ)x, at the centre and at an offset along (d, n × d)."""
@@ -165,16 +150,6 @@ def test_the_angles_of_a_rosette_are_one_gauge(pool):
     np.testing.assert_array_equal(pool.array, np.repeat([0, 2], 27))
     np.testing.assert_array_equal(pool.quantity, np.repeat([STRAIN, ACCELERATION], 27))
     np.testing.assert_array_equal(pool.length, np.repeat([0.1, 0.0], 27))
-
-
-def test_taking_gauges_numbers_them_on(pool):
-    index = pool.channels(np.array([12, 2, 7]))
-    np.testing.assert_array_equal(index, [36, 37, 38, 6, 7, 8, 21, 22, 23])
-    part = pool.take(index)
-    np.testing.assert_array_equal(part.gauge, np.repeat([0, 1, 2], 3))
-    np.testing.assert_array_equal(part.array, np.repeat([2, 0, 0], 3))
-    assert len(pool.take(pool.channels(np.zeros(0, dtype=int)))) == 0
-    assert pool.take(np.zeros(0, dtype=int)).gauges == 0
 
 
 def test_a_triaxial_sensor_on_a_body_in_motion_reads_the_motion_of_its_point(box_mesh):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -94,38 +93,6 @@ def test_a_test_from_csv(tmp_path, end, mark):
     expect_truth(assemble(recording, SETTINGS))
     # Three lines stand above the numbers, and lines count from 1.
     assert recording.place(0).endswith("rig.csv:4")
-
-
-def test_a_test_from_hdf5(tmp_path):
-    with h5py.File(tmp_path / "rig.h5", "w") as file:
-        for name, values in readings().items():
-            file[name] = values[KEPT]
-            file[name].attrs["units"] = UNITS[name]
-        file["clock/t"] = TIME[KEPT]
-    expect_truth(assemble(read_recording(tmp_path / "rig.h5", list(SETTINGS), time="clock/t", time_unit="s"), SETTINGS))
-
-
-def test_a_test_from_uff58(tmp_path):
-    content = b""
-    for node, (name, values) in enumerate(readings().items(), start=1):
-        rows = np.zeros(len(KEPT), [("t", ">f8"), ("y", ">f8")])
-        rows["t"], rows["y"] = TIME[KEPT], values[KEPT]
-        content += (
-            (
-                f"    -1\n    58b     2     2          11{rows.nbytes:12d}     0     0           0           0\n"
-                f"{name}\nNONE\nNONE\nNONE\nNONE\n"
-                f"    1         0    0         0 NONE      {node:10d}   0 NONE                0   0\n"
-                f"         4{len(KEPT):10d}         0  0.00000E+00  0.00000E+00  0.00000E+00\n"
-                "        17    0    0    0 NONE                 s\n"
-                f"         0    0    0    0 NONE                 {UNITS[name]}\n"
-                "         0    0    0    0 NONE                 NONE\n"
-                "         0    0    0    0 NONE                 NONE\n"
-            ).encode()
-            + rows.tobytes()
-            + b"    -1\n"
-        )
-    (tmp_path / "rig.unv").write_bytes(content)
-    expect_truth(assemble(read_recording(tmp_path / "rig.unv", list(SETTINGS)), SETTINGS))
 
 
 def test_decimal_commas_are_refused_with_the_line_or_read_where_stated(tmp_path):

@@ -78,17 +78,6 @@ def test_offset_drift_zero_scale_and_sign_in_their_order():
     assert any("the mean of 201 samples from 0.2 to 0.4 s" in note for note in notes)
 
 
-def test_a_bridge_out_of_balance_is_zeroed_before_its_formula():
-    strain = np.where(TIME < 0.1, 0.0, 2e-3 * np.sin(9 * TIME))
-    x = 2.1 * strain
-    r = 1e3 * x / (4 + 2 * x)
-    settings = ChannelSettings("mV/V", bridge=Bridge("quarter", 2.1), zero=(0.0, 0.099))
-    assert settings.quantity == "strain"
-    values, notes = calibrated(0.8 + r, settings, "mV/V")
-    np.testing.assert_allclose(values, strain, atol=1e-16)
-    assert "a: mV/V became strain, quarter bridge, gauge factor 2.1" in notes
-
-
 def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
     reading = np.where(np.arange(1000) % 10 == 3, np.nan, 5.0)
     values, _ = calibrated(reading, ChannelSettings("um/m", zero=(0, 1)))

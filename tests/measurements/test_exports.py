@@ -212,6 +212,3 @@ def test_a_delimiter_at_the_end_of_every_line(tmp_path):
         read(path)
 
 
-@pytest.mark.parametrize("unit", ["Sek.", "sek", "Sekunden", ""])
-def test_units_below_the_names_in_german_or_without_that_of_the_time(tmp_path, unit):
-    the_record(read(written(tmp_path / "a.csv", ["Time;G1;F", f"{unit};µm/m;kN", *rows(";")]), decimal=","))

@@ -78,14 +78,6 @@ def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
     assert {part for part in parts if part.startswith(("page/", "space/"))} <= report
 
 
-def test_of_an_artefact_that_another_run_made_other_code_is_reported(tmp_path, monkeypatch):
-    for name, own, said in (("first", "one", ""), ("second", "two", f" ({OTHER_CODE})"), ("third", "one", "")):
-        monkeypatch.setattr("strainsight.workflow.runner.code_of", lambda run, own=own: own)
-        monkeypatch.setattr("strainsight.workflow.plan.code_of", lambda run, own=own: own)
-        (_, event) = run_stages([stage()], Job({"name": name}, tmp_path, tmp_path / "results"))
-        assert event.reason == "never run" + (f", reused from first{said}" if name != "first" else "")
-
-
 def test_what_other_code_of_the_same_version_made_is_up_to_date_and_reported_so(tmp_path, monkeypatch):
     job = Job({"name": "own"}, tmp_path, tmp_path / "results")
     list(run_stages([stage()], job))

@@ -207,24 +207,6 @@ def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
     assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
 
 
-@pytest.mark.parametrize("kind", ["each", "cylindrical"])
-def test_axes_of_layers_turn_with_their_sector(read, kind):
-    """Layers across the height, along radius and angle turned by 30° about the axis."""
-    angles = 2 * np.pi * np.arange(N) / N
-    axes = [f"{np.cos(v):.12e}, {np.sin(v):.12e}, 0., {-np.sin(v):.12e}, {np.cos(v):.12e}, 0.\n3, 0." for v in angles]
-    each = "".join(f"*ORIENTATION, NAME=O{s + 1}\n{own}\n" for s, own in enumerate(axes))
-    around = "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n3, 0.\n"
-    more = "*BOUNDARY\nINNER, 2, 2\n" + (each if kind == "each" else around)
-
-    def layered(text):
-        return text.replace("MATERIAL=M@", "COMPOSITE, ORIENTATION=O").replace("@@", "\n1., 2, M, 30.\n2., 2, M, 0.")
-
-    ring = read(layered(wheel(1, PLY, "@1@@" if kind == "each" else "@@@", SECTOR + more)))
-    whole = read(layered(wheel(N, PLY, "@{}@@" if kind == "each" else "@@@", more)))
-    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
-    assert len(ring.regions) == (N if kind == "each" else 1)
-
-
 def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
     mesh = read(wheel(1, more=SECTOR + "*STEP\n*STATIC\n*CLOAD\n20, 3, 7.\n20, 1, 2.\n*END STEP\n"))
     (load,) = mesh.loads.values()

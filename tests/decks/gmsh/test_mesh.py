@@ -139,13 +139,6 @@ def test_elements_outside_all_physical_volumes_are_a_region_of_their_own(read):
     assert mesh.notes == ("1 element in no physical volume: region 10",)
 
 
-def test_groups_of_several_dimensions_with_one_name_are_distinguished(read):
-    mesh = read(OLD.replace('"foot"', '"steel part"').replace("$PhysicalNames\n2", '$PhysicalNames\n3\n1 5 "spare"'))
-    assert {k: len(v) for k, v in mesh.node_sets.items()} == {"steel part (2d)": 3, "steel part (3d)": 5}
-    assert any("several dimensions" in note for note in mesh.notes)
-    assert "physical group 'spare' holds no elements" in mesh.notes
-
-
 def test_sections_that_are_not_imported_are_counted(read):
     extra = "$Comments\n$Nodes are below\n$EndComments\n" + OLD + '$NodeData\n1\n"u"\n0\n0\n$EndNodeData\n'
     assert read(extra).ignored == {"$NodeData": 1}

@@ -9,10 +9,7 @@ from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.model import build_model, nodal
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.thin import thin_operators
@@ -93,28 +90,6 @@ def test_several_mat1_have_their_place_each(read):
         np.testing.assert_allclose(matrix, expected, rtol=1e-12, atol=1.0)
     np.testing.assert_allclose(section.shear, 0.9 * 1e9 / 2.8 * np.eye(2), rtol=1e-12)
     assert (section.density, section.thickness, section.nonstructural, section.uniform) == (7850.0, 0.1, 2.0, False)
-
-
-def test_a_strip_stretches_by_mid1_and_bends_by_mid2(read):
-    """NU = 0: u = F L/(E₁ b t), w = F L³/(3 E₂ I) + F L/(G₃ b t_s), closed forms of a beam."""
-    n, length, width = 20, 2.0, 0.1
-    grids = [f"GRID,{2 * i + j + 1},,{length * i / n},{width * j},0." for i in range(n + 1) for j in (0, 1)]
-    quads = [f"CQUAD4,{i + 1},1,{2 * i + 1},{2 * i + 3},{2 * i + 4},{2 * i + 2}" for i in range(n)]
-    mats = ["MAT1,1,2.+11,,0.,1.", "MAT1,2,5.+10,,0.", "MAT1,3,1.+8,,0."]
-    text = [*grids, *quads, "PSHELL,1,1,.02,2,1.5,3,.8", *mats, "SPC1,1,123456,1,2", ""]
-    mesh = read("\n".join(text))
-    model = build_model(mesh)
-    tip = [mesh.node_index(2 * n + 1), mesh.node_index(2 * n + 2)]
-    found = []
-    for direction in ((1.0, 0, 0), (0, 0, 1.0)):
-        loads = [PointLoad(str(i), direction, 2 * n + 1 + i) for i in (0, 1)]
-        shape = input_shape(model, loads).sum(axis=1, keepdims=True)
-        u = nodal(model, factorise(model.stiffness.constant).solve(shape)).reshape(-1, 3)
-        found.append(float(u[tip] @ np.array(direction) @ [0.5, 0.5]))
-    force, I = 2.0, 1.5 * width * 0.02**3 / 12
-    assert found[0] == pytest.approx(force * length / (2e11 * width * 0.02), rel=1e-9)
-    exact = force * length**3 / (3 * 5e10 * I) + force * length / (0.5e8 * width * 0.8 * 0.02)
-    assert found[1] == pytest.approx(exact, rel=1e-3)
 
 
 def test_a_laminate_written_as_pshell_is_the_laminate(read):
