@@ -51,7 +51,7 @@ def waves(x: np.ndarray) -> np.ndarray:
     return np.column_stack([np.sin(0.8 * x[:, 0] + 0.3 * x[:, 1]), np.cos(0.7 * x[:, 1]), x[:, 0] * x[:, 1] / 10])
 
 
-@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), ("tri6", 0.2), ("quad8", 0.2)])
+@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)])
 def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
     """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field, as it is continuous from facet to facet. Gauges through
     the corners of the cells (45°) and along their edges are among them."""
@@ -110,7 +110,7 @@ def test_a_linear_field_reads_the_same_with_and_without_a_grid(kind, plate, bare
     np.testing.assert_allclose(rows, channel_rows(position, gauges.take(ok), field), atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
     """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid. The
     grid spans a quarter of a facet to a facet and a half; the tube of parabolas is its circle's to 1 %."""
@@ -211,7 +211,7 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     np.testing.assert_allclose(found.local, xi, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     R = 2.0
     position, facets = tube(kind, 32, 3, R, 0.1)
@@ -228,7 +228,7 @@ def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
 
 
-@pytest.mark.parametrize("kind", ["tri3", "quad8"])
+@pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     """A large facet beside small ones: its centre is far, itself near."""
     position, facets = plate(kind, 6, 2, 0.2)

@@ -49,7 +49,7 @@ def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     assert np.abs(own.spread).max() < 1e-3
 
 
-@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+@pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     """Patch test: a block pulled along z, u = σ/E (−νx, −νy, z), by a traction on its top, of which each node has its share.
     Forces at nodes on parts of the elements would be another load."""
@@ -67,7 +67,7 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     assert np.abs(found(mesh, field, on_top, top).refined).max() > SHARE
 
 
-@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+@pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
     """Uniform strain of any direction, on a body whose surface moves so, of elements that are no bricks: nothing changes beyond
     rounding."""

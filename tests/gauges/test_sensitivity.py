@@ -95,7 +95,7 @@ def slopes_of_quadratic(direction, ahead, count):
     return np.einsum("mc,mi,rcij,mj->mr", direction, direction, Q + np.swapaxes(Q, 2, 3), ahead)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("std", "length"), [(0.01, 0.0), (0.6, 0.2)])
 def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(
     kind, std, length, plate, bare
@@ -203,7 +203,7 @@ def kirsch_strain(position, direction):
     return np.sum((ends[0] - ends[1]) * direction, axis=1) / (2 * h)
 
 
-@pytest.mark.parametrize(("kind", "std"), [("tri3", 0.0005), ("tri6", 0.002), ("quad4", 0.002), ("quad8", 0.0005)])
+@pytest.mark.parametrize(("kind", "std"), [("tri6", 0.002), ("quad8", 0.0005)])
 def test_beside_a_hole_the_slopes_tell_the_rms_change_of_drawn_places(kind, std, bare):
     """The oracle is Kirsch's strain at 200 drawn places of every gauge; the slopes are of the mesh, by facets of 4 mm."""
     position, facets = surface(

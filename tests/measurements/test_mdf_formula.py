@@ -168,6 +168,18 @@ def read_apart(jobs):
     return json.loads(done.stdout)
 
 
+def of_clock(folder, name, text):
+    """A file whose clock has the conversion formula."""
+    from asammdf import MDF
+    from asammdf.blocks.conversion_utils import from_dict
+
+    with MDF(written(folder / "plain", {"G1": "X1"}, "4.10")) as file:
+        (group,) = file.groups
+        group.channels[file.masters_db[0]].conversion = from_dict({"formula": text})
+        file.save(folder / name, overwrite=True)
+    return str(folder / name)
+
+
 def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
     """60 random formulas and more than 30 hostile ones, which an audit hook in the reader's process watches."""
     expected = formulas(60)
@@ -178,34 +190,19 @@ def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
         version = "3.30" if i % 3 == 0 and text.isascii() else "4.10"
         path = written(tmp_path / f"{i}", {"G1": text.replace("{marker}", str(marker))}, version)
         jobs.append((path, ["G1"]))
-    (first, second, *refusals), events, symbolic = read_apart(jobs)
+    for i, text in enumerate(("X1*2+1", f"open('{marker}','w')")):
+        jobs.append((of_clock(tmp_path, f"clock{i}.mf4", text), ["G1"]))
+    (first, second, *refusals, clock, refused_clock), events, symbolic = read_apart(jobs)
     for values in (first, second):
         for (text, right), value in zip(expected.items(), values[1:], strict=True):
             np.testing.assert_allclose(value, right, rtol=1e-12, err_msg=text)
     for text, (what, remedy) in zip(HOSTILE, refusals, strict=True):
         assert re.match(r"'G1' has (the conversion formula '|no physical value at sample 1: its conversion ')", what), text
         assert remedy
+    np.testing.assert_allclose(clock[0], 2e-3 * np.arange(len(X)) + 1, rtol=1e-15)
+    assert refused_clock[0].startswith("'time' has the conversion formula 'open(")
     assert events == []
     assert symbolic == []
-    assert not marker.exists()
-
-
-def test_the_formula_of_a_clock_is_not_executed(tmp_path):
-    """It is evaluated, or refused, as that of any channel."""
-    from asammdf import MDF
-    from asammdf.blocks.conversion_utils import from_dict
-
-    jobs, marker = [], tmp_path / "taken"
-    for i, text in enumerate(("X1*2+1", f"open('{marker}','w')")):
-        with MDF(written(tmp_path / "plain", {"G1": "X1"}, "4.10")) as file:
-            (group,) = file.groups
-            group.channels[file.masters_db[0]].conversion = from_dict({"formula": text})
-            file.save(tmp_path / f"{i}.mf4", overwrite=True)
-        jobs.append((str(tmp_path / f"{i}.mf4"), ["G1"]))
-    (signals, refusal), events, _ = read_apart(jobs)
-    np.testing.assert_allclose(signals[0], 2e-3 * np.arange(len(X)) + 1, rtol=1e-15)
-    assert refusal[0].startswith("'time' has the conversion formula 'open(")
-    assert events == []
     assert not marker.exists()
 
 
