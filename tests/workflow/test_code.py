@@ -232,7 +232,7 @@ def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(
 def test_what_another_stage_version_made_is_never_up_to_date(folder):
     job = job_of(folder, "structure")
     statuses = {status.stage: status for status in plan(stages_of(job), job)}
-    for stage, path in stages(folder, "structure")[::4]:
+    for stage, path in stages(folder, "structure")[::6]:
         version, status = Artefact(path).header.version, statuses[stage.name]
         if version != stage.version:
             assert status.status != UP_TO_DATE
