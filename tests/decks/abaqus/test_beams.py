@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+
 import numpy as np
 import pytest
 
+from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import DeckError
+from strainsight.fem.factorisation import factorise
+from strainsight.fem.loads import PointLoad, input_shape
+from strainsight.fem.model import build_model, nodal
 
 from ...refusals import expect_refusal
 
@@ -236,3 +243,25 @@ def test_general_sections_that_cannot_be_are_named(read, lines, what):
         read(general(f"*BEAM GENERAL SECTION, ELSET=BAR, SECTION=GENERAL\n{lines}"))
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+def test_a_cantilever_bends_across_n1_and_n2_as_in_calculix(tmp_path):
+    """CalculiX makes solids of the beams: deflections along n1 and n2, fivefold apart, agree to 0.1 %."""
+    path = tmp_path / "beam.inp"
+    lines = ["*NODE", *(f"{1 + i}, {0.06 * i}, {0.08 * i}, 0." for i in range(21)), "*NSET, NSET=END", "21,"]
+    lines += ["*ELEMENT, TYPE=B31, ELSET=BAR", *(f"{1 + i}, {1 + i}, {2 + i}" for i in range(20))]
+    lines += FRAME[FRAME.index("*MATERIAL") : FRAME.index("*SOLID")].replace("\n.2, .1", "\n.1, .04").splitlines()
+    lines += ["*BOUNDARY", "1, 1, 6"]
+    for c, force in (("3", "1.E4"), ("1", "8.E3")):
+        lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW", f"21, {c}, {force}", *(["21, 2, -6.E3"] if c == "1" else [])]
+        lines += ["*NODE PRINT, NSET=END", "U", "*END STEP"]
+    path.write_text("\n".join([*lines, ""]))
+    subprocess.run(["ccx", "beam"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
+    rows = [line.split() for line in (tmp_path / "beam.dat").read_text().splitlines()]
+    expected = np.array([[float(v) for v in row[1:]] for row in rows if len(row) == 4 and row[0].isdigit()])
+    mesh = read_abaqus(path)
+    model = build_model(mesh)
+    solve = factorise(model.stiffness.constant).solve
+    loads = [input_shape(model, [PointLoad(name, deck_load=name, factor=True)]) for name in ("CLOAD-1", "CLOAD-2")]
+    found = np.array([nodal(model, solve(load)).reshape(-1, 3)[20] for load in loads])
+    np.testing.assert_allclose(found, expected, rtol=0.002, atol=1e-9)
