@@ -78,21 +78,6 @@ def test_a_strain_that_all_layers_share_has_the_work_of_each(box, kind, along):
     np.testing.assert_allclose(energies(mesh), [volume * work(C, own) for own in strains()], rtol=1e-12)
 
 
-def test_layers_at_minus_theta_are_the_mirror_of_those_at_theta(box):
-    mesh = box("hex8", (3, 3, 1), size=(0.5, 0.3, 0.05))
-    mirror = np.array([1.0, -1.0, 1.0])
-    K = [
-        assemble_stiffness(layered(mesh, [(1.0, CARBON, sign * 30.0), (2.0, CARBON, sign * 80.0)])) for sign in (1, -1)
-    ]
-    place = {tuple(np.round(x, 9)): i for i, x in enumerate(mesh.position * [1, 1, 1])}
-    to = np.array([place[tuple(np.round(x * mirror + [0, 0.3, 0], 9))] for x in mesh.position])
-    u = np.random.default_rng(1).normal(size=(len(mesh.position), 3))
-    other = np.empty_like(u)
-    other[to] = u * mirror
-    back = (K[1] @ other.ravel()).reshape(-1, 3)[to] * mirror
-    np.testing.assert_allclose(back.ravel(), K[0] @ u.ravel(), atol=1e-12 * np.abs(back).max())
-
-
 @pytest.mark.parametrize("kind", ["hex8", "hex20"])
 def test_the_direction_counts_as_the_nodes_are_counted(box, kind):
     """The same body whose elements are numbered so that their direction 1, 2 or 3 is upwards: the same matrices."""
@@ -358,22 +343,3 @@ def test_a_thin_plate_has_the_frequencies_of_the_laminate(box, angles):
     model = build_model(shells)
     thin, _ = modes(model.stiffness.constant, model.mass.constant, 6)
     np.testing.assert_allclose(solid, thin, rtol=0.01)
-
-
-def test_rotating_the_model_changes_nothing(box):
-    """Frequencies, and the stress on the surface turned with it."""
-    layers = [(1.0, CARBON, 30.0), (1.0, SKEW, 0.0), (0.4, TIN, 0.0)]
-    mesh = layered(box("hex8", (3, 2, 1), size=(0.5, 0.2, 0.05), distort=0.2, clamp_root=True), layers, 2)
-    other = layered(replace(mesh, position=mesh.position @ TURN.T), layers, 2, TURN)
-    found = []
-    for own in (mesh, other):
-        model = build_model(own)
-        found.append(modes(model.stiffness.constant, model.mass.constant, 6)[0])
-    np.testing.assert_allclose(*found, rtol=1e-10)
-    z = np.random.default_rng(0).normal(size=(len(mesh.position), 3))
-    facets = exterior_facets(mesh)
-    mises = []
-    for own, field in ((mesh, z), (other, z @ TURN.T)):
-        model = surface_model(own, facet_strain(own, facets), field.reshape(-1, 1))
-        mises.append(surface_state(model, {}, np.ones(1)).von_mises)
-    np.testing.assert_allclose(*mises, rtol=1e-10)

@@ -102,7 +102,7 @@ def test_energy_stays_without_damping_and_load():
     rng = np.random.default_rng(4)
     x0 = (rng.standard_normal(8), rng.standard_normal(8) * omega[0])
     h = 0.5 / omega[-1]
-    T = 2000
+    T = 600
 
     def energy(z, v):
         return 0.5 * (z @ K @ z + v @ M @ v)
