@@ -28,10 +28,10 @@ from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
-STEPS = 20
+STEPS = 12
 OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3], [0.0, 0.0]])
 DRIFTS = np.array([[0.0, 0.0], [0.0, 2e-3], [0.0, 0.0], [3e-3, -4e-3]])
-MISSING = (7, 0), (8, 0), (8, 1), (15, 1)
+MISSING = (5, 0), (6, 0), (6, 1), (10, 1)
 P = start()[:5, :5]
 
 
@@ -134,7 +134,7 @@ def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
     begin = np.zeros((1, 5)), P, np.zeros((1, 4, 5))
     known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
     ends = known_ends(known, offsets())
-    with pytest.raises(ValueError, match=r"\(20, 2\) in place of \(19, 2\)"):
+    with pytest.raises(ValueError, match=r"\(12, 2\) in place of \(11, 2\)"):
         consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], ends[1:], y[1:], noise)
     with pytest.raises(ValueError, match="do not fit"):
         replace(one, H=np.concatenate([one.H, one.H]))

@@ -27,8 +27,9 @@ from strainsight.estimation.faults import (
 from strainsight.estimation.load_faults import KnownLoads
 from strainsight.estimation.settled import Settled
 
+from ..shared import slowly
 from .chain import driven_chain, driven_start
-from .test_fault_search import FOUR, LONG, suspect
+from .test_fault_search import FOUR, suspect
 
 RNG = np.random.default_rng(1)
 SAMPLES = RNG.standard_normal((60, 3))
@@ -136,6 +137,7 @@ def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, na
     assert best is None or best in candidates
 
 
+LONG = 240
 ANY = np.random.default_rng(2)
 
 
@@ -173,7 +175,7 @@ def test_a_sound_record_is_consistent(record):
     assert not examined(record).contradicts
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("name", ["sign", "kilonewtons", "late", *slowly("early")])
 def test_the_fault_of_a_load_is_named(record, name):
     """A large one without a search among channels."""
     wrong, fault = WRONG[name]

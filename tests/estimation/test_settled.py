@@ -17,10 +17,10 @@ from strainsight.rom.model import Damping
 
 from .chain import RATIO, REFERENCE, ROWS, H, continuous, driven_chain
 
-STEPS, LEAD = 60, 800
+STEPS, LEAD = 40, 400
 NOISE, GAIN = 2e-4, 0.02
 EXACT = {"spacing": 0.5, "depth": 24.0}
-ZETA, DECAY = 0.1, 1.5
+ZETA, DECAY = 0.2, 3.0
 """Damping ratio, and the least decay of the slower mode [1/s]: what a start from rest has set off is 1e-10 after LEAD steps."""
 
 

@@ -64,7 +64,6 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconfident():
     """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
     model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
