@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from strainsight.errors import InfeasibleError
@@ -13,7 +12,7 @@ from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import Damping, ReducedModel
 from strainsight.rom.steady import steady_start
 
-from .test_modal_step import DAMPINGS, IDS, scales, system, two_materials
+from .models import DAMPINGS, IDS, scales, system, two_materials
 
 THETA = {"E": 1.2, "rho": 0.9}
 FREQUENCY = 2 * np.pi * np.array([0.0, 20.0, 35.0])
@@ -72,18 +71,6 @@ def test_it_tends_to_the_complex_solution(damping):
     assert wrong[1] / wrong[2] > 14
 
 
-def test_it_is_what_an_ode_solver_ends_in():
-    """From rest under the sines themselves, ζ = 0.05: of what the start sets off exp(−30) is left after 12 s."""
-    model = two_materials(4, Damping("modal", ratio=0.05))
-    A, B = system(model, THETA)
-    slowest = -np.linalg.eigvals(A).real.max()
-    periods = int(np.ceil(30 / slowest / 0.2))
-    solved = solve_ivp(lambda t, x: A @ x + B @ loads(t), (0, 0.2 * periods), np.zeros(8), "DOP853", rtol=1e-9, atol=1e-13)
-    w = scales(model, THETA)
-    found = steady_start(model, THETA, 2e-4, FREQUENCY, AMPLITUDE)
-    np.testing.assert_allclose(w * found, w * solved.y[:, -1], rtol=0, atol=1e-6 * np.abs(w * found).max())
-
-
 def test_two_masses_in_closed_form():
     """k[[2, −1], [−1, 1]], m, C = αM + βK, one tone on the second mass: Cramer's rule on the complex 2 × 2 matrix."""
     k, m, alpha, beta, omega, U = 4e4, 2.0, 3.0, 1e-4, 150.0, 7.0 - 3.0j
@@ -103,14 +90,6 @@ def test_two_masses_in_closed_form():
     found = steady_start(model, {}, 1e-5, np.array([omega]), np.array([[U]]))
     np.testing.assert_allclose(found[:2], q.real, rtol=1e-9)
     np.testing.assert_allclose(found[2:], (1j * omega * q).real, rtol=1e-9)
-
-
-def test_a_constant_load_is_met_by_its_static_response():
-    model = two_materials(5, Damping("modal", ratio=0.01))
-    found = steady_start(model, THETA, 1e-3, np.zeros(1), AMPLITUDE[:1])
-    static = np.linalg.solve(model.stiffness.at(THETA), model.input_shape @ AMPLITUDE[0].real)
-    np.testing.assert_allclose(found[:4], static, rtol=1e-10)
-    np.testing.assert_allclose(found[4:], 0, atol=1e-10 * np.abs(static).max() * 100.0)
 
 
 def test_an_undamped_mode_at_the_frequency_of_a_load_is_refused_and_a_load_that_does_not_reach_it_is_not():
