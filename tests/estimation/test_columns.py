@@ -124,7 +124,7 @@ def likelihood():
     return y[:, 0], RectBivariateSpline(*axes, np.array(values)).ev
 
 
-@pytest.mark.parametrize("std", [0.05, 0.2])
+@pytest.mark.parametrize("std", [*slowly(0.05), 0.2])
 def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelihood, std):
     """The likelihood of four springs in parallel is that of their sum, and the posterior a sheet, bent the more, the wider the
     prior: against 300 000 draws from that."""

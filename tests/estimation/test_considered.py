@@ -22,6 +22,7 @@ from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
+from ..shared import slowly
 from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, loaded_chain, start
 from .chain import H as STEP
 from .two_masses import REFERENCE, believed, chain, constants, nominal
@@ -153,7 +154,7 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", [*slowly(False), True])
 def test_a_quieter_gauge_makes_no_load_worse(learned):
     """With gains of 2 % on its way, which an extended filter takes for exact, so that the quieter they are the worse it is."""
     model = chain()
@@ -181,7 +182,7 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
         assert (later.std <= bank.run.std * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     """What is kept of the covariance is what all of it says, to rounding, however the record is cut."""
     model = chain(tuple(REFERENCE)[:1])

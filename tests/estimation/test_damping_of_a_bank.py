@@ -105,13 +105,13 @@ def test_the_end_alone_says_what_a_whole_pass_does(case, driven, monkeypatch):
     """The damping is looked for by filters without states along the samples: as by those with them, to rounding; under a load
     that is unknown, too, where these states are those of second filters."""
     model, P, nuisances, y, *_ = case
-    y = y[:75]
+    y = y[:40]
     if not driven:
         model, P = chain(NOISE), np.diag([1e-4] * 4 + [1.0] + [PRIOR**2] * 2)
         nuisances = replace(no_nuisances(model), damping=SPREAD)
-    quick = filter_bank(model, np.zeros(model.size), P, forces(75), y, nuisances)
+    quick = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
     monkeypatch.setattr(bank, "_end_of", lambda problem: None)
-    whole = filter_bank(model, np.zeros(model.size), P, forces(75), y, nuisances)
+    whole = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
     assert quick.about.any()
     for name in ("about", "point", "weight", "nu", "left"):
         np.testing.assert_allclose(getattr(quick, name), getattr(whole, name), rtol=1e-9, atol=1e-12)

@@ -249,8 +249,10 @@ def test_a_refusal_names_the_first_sample_without_any_doubt(make_beam, make_filt
 kalman = pytest.importorskip("filterpy.kalman")
 
 
-@pytest.mark.parametrize("form", ["joseph", "square_root"])
-@pytest.mark.parametrize("models", [{}, {"tip": IntegratedRandomWalk(20.0)}, {"tip": Matern(10.0, 2.5)}])
+@pytest.mark.parametrize(
+    ("models", "form"),
+    [({}, "joseph"), ({"tip": IntegratedRandomWalk(20.0)}, "square_root"), ({"tip": Matern(10.0, 2.5)}, "joseph")],
+)
 def test_filter_and_smoother_agree(make_beam, make_filter, sine, models, form):
     """In coordinates where the steady deviations are 1, so that filterpy's inverses lose no digits; to 1e-10."""
     beam = make_beam(modes=4, ratio=0.05, load_nodes=(16, 8))

@@ -100,7 +100,7 @@ def test_gains_beside_them_are_integrated_out():
     (mean,), cov = bank.posterior
     nu, nu_std = bank.nuisances[0], np.sqrt(np.diag(bank.nuisances[1]))
     std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
-    axis, weight, point = np.linspace(-4, 4, 13), [], []
+    axis, weight, point = np.linspace(-4, 4, 11), [], []
     for p in mean + std * axis:
         centre, covariance, alone = densities(np.array([0, p]), P, steps, (0, 0, 0, 0))
         for own_nu in nu + nu_std * np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2):
@@ -151,6 +151,7 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         np.testing.assert_allclose(at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_offsets_of_several_records_are_found():
     """Of each of two records its own, 1.5 and −1.2 σ, beside a gain of 1 % that both share, −0.5 σ: they add to the readings
     whatever the motion is, and stay what they are where the readings are linear about all else."""

@@ -15,6 +15,7 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.settled import Settled, start_errors
 from strainsight.rom.model import Damping
 
+from ..shared import slowly
 from .chain import RATIO, REFERENCE, ROWS, H, continuous, driven_chain
 
 STEPS, LEAD = 40, 400
@@ -90,7 +91,7 @@ def test_the_start_and_its_slopes_are_those_of_a_long_run():
     np.testing.assert_allclose(np.diag(P), [*SETTLED.std**2, 0.01, 0.01])
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", [*slowly(False), True])
 def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     model = model_of(("k1",))
     nuisances = replace(constants(model), learned=learned)

@@ -27,6 +27,8 @@ from strainsight.estimation.verdict import (
     word_of,
 )
 
+from ..shared import slowly
+
 
 def few(count, tries, share):
     """Whether so many of the tries are what a share explains, in 9999 of 10 000 cases."""
@@ -100,7 +102,7 @@ def in_time(rho, samples, many, seed=6):
     return lfilter([np.sqrt(1 - rho**2)], [1, -rho], w, axis=0)[500:]
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.9])
+@pytest.mark.parametrize("rho", [*slowly(0.0), 0.9])
 def test_samples_that_follow_each_other_count_as_so_many_independent_ones(rho):
     """The mean of x² over n samples scatters by 2/n Σ ρ_k² = 2/n (1 + ρ²)/(1 − ρ²), k over all lags."""
     n, x = 400, in_time(rho, 400, 8_000)
