@@ -182,7 +182,7 @@ KEEP, ROUNDING = 4, 1e-13
 @pytest.fixture(scope="module")
 def mirrored(beam_of, scenarios_of):
     """Scenario and strain rows of 5 places with 4 gauges each: bending about y and about z, each with both signs."""
-    beam = beam_of(5, 5, seed=3)
+    beam = beam_of(5, 3, seed=1)
     vertical = (np.abs(beam.model.input_shape[:, 0]) > np.abs(beam.model.input_shape[:, 1]))[None]
     rows = [np.where(vertical, one * beam.rows, two * beam.rows) for one in (1, -1) for two in (1, -1)]
     beam = replace(beam, rows=np.stack(rows, axis=1).reshape(-1, beam.rows.shape[1]))
