@@ -223,6 +223,12 @@ def test_strongly_curved_sides_are_accepted(box):
     assert mass_properties(curved)[0] == pytest.approx(RHO * np.pi / 8 * 3, rel=1e-3)
 
 
+def test_flat_wedges_are_named(box):
+    mesh = box("wedge6", (1, 1, 1))
+    with pytest.raises(DeckError, match="2 wedge6 elements"):
+        assemble(replace(mesh, position=mesh.position * [1, 1, 0]))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -261,3 +261,11 @@ def test_what_is_not_there(tmp_path, monkeypatch, variable, value, said, remedy)
     assert caught.value.key == "solver"
     assert remedy in caught.value.remedy
     assert caught.value.exit_code == 2
+
+
+def test_an_interpreter_without_slepc_is_named_with_what_it_lacks(tmp_path, monkeypatch):
+    pretend(tmp_path, monkeypatch)
+    (tmp_path / "slepc4py.py").unlink()
+    monkeypatch.setenv(PYTHON, sys.executable)
+    with pytest.raises(UserError, match=f"{sys.executable} lacks slepc4py"):
+        OverMpi()(lattice(ends=True)[0])

@@ -211,6 +211,13 @@ def test_loose_parts_and_what_is_held_are_named(module_box):
     assert "remove mesh.free" in caught.value.remedy
 
 
+def test_without_supports_both_remedies_are_named(module_box):
+    with pytest.raises(UserError, match="can move freely") as caught:
+        build_model(module_box("hex8", (4, 1, 1), size=(1.0, 0.1, 0.1)))
+    assert "mesh.free: true" in caught.value.remedy
+    assert "mesh.supports" in caught.value.remedy
+
+
 ALL = ("translation x", "translation y", "translation z", "rotation about x", "rotation about y", "rotation about z")
 
 
