@@ -21,7 +21,7 @@ from .test_bank import STEPS, joint, log_normal
 NO_OFFSETS = np.zeros(0, dtype=int)
 FOUR = np.array([[1.0, 0.0], [-1.0, 1.0], [0.3, 1.0], [0.8, -0.5]])
 TURNED = np.array([0.2, 0.9])
-LONG = 220
+LONG = 300
 
 
 def suspect(model, P, known, samples, turned_row=None):

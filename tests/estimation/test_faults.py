@@ -29,7 +29,7 @@ from strainsight.estimation.settled import Settled
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
-from .test_fault_search import FOUR, suspect
+from .test_fault_search import FOUR, LONG, suspect
 
 RNG = np.random.default_rng(1)
 SAMPLES = RNG.standard_normal((60, 3))
@@ -137,7 +137,6 @@ def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, na
     assert best is None or best in candidates
 
 
-LONG = 240
 ANY = np.random.default_rng(2)
 
 
