@@ -20,6 +20,8 @@ FINE := --set name=hub-fine --set suffix=-fine --set set.mesh.file=../../meshes/
 ONE_THREAD := OMP_NUM_THREADS=1 MKL_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 # Of the slow tests, chosen by the commit: eight commits reach all of them on average.
 N ?= $(shell echo $$((0x$$(git rev-parse --short=8 HEAD 2>/dev/null || echo 0) % 8 + 1)))
+# Files that `make lint` searches for words: the changed ones; with `WORDS=` all, as in CI.
+WORDS ?= --changed
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
@@ -131,7 +133,7 @@ history: $(READY)
 lint: $(READY)
 	@$(VENV)/$(BIN)/ruff check .
 	@$(VENV)/$(BIN)/ruff format --check --quiet pipeline cli
-	@$(VENV)/$(BIN)/python .ci/words.py
+	@$(VENV)/$(BIN)/python .ci/words.py $(WORDS)
 	@$(VENV)/$(BIN)/mypy
 	@$(VENV)/$(BIN)/lint-imports
 	@$(VENV)/$(BIN)/python .ci/licences.py

@@ -8,6 +8,8 @@ from hashlib import sha256
 from html.parser import HTMLParser
 from itertools import pairwise
 
+HOSTILE = "\"><img src=x onerror='1'><script>alert(1)</script> 力 & Ж $x^2 \\frac{"
+"""A name that is markup, breaks out of quotes, is no ASCII and begins a formula."""
 VOID = {"meta", "img", "br", "link", "input", "wbr"}
 
 

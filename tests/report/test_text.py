@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 
 from strainsight.report.text import (
-    capital,
     digits_apart,
-    listed,
     number,
     percent,
     quantity,
     reading_unit,
-    short,
-    unbroken,
 )
 
 DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -77,27 +73,12 @@ def test_what_is_no_number_is_reported():
     ]
 
 
-def test_a_long_name_is_cut_and_a_line_break_taken_out():
-    assert short("a\nb") == "a b"
-    assert len(short("x" * 100)) == 20
-
-
 def test_readings_are_shown_in_the_units_of_their_instruments():
     assert reading_unit(9e-5, "strain") == (1e-6, "µm/m")
     assert [reading_unit(size, "m")[1] for size in (3e-9, 4e-6, 1e-3, 2.0, 5e3)] == ["nm", "µm", "mm", "m", "m"]
     assert reading_unit(41.0, "m/s^2") == reading_unit(41.0, "m/s²") == (1.0, "m/s²")
     for size in (math.nan, math.inf, 0.0):
         assert reading_unit(size, "m") == (1.0, "m")
-
-
-def test_a_sentence_begins_with_a_capital_letter_and_a_symbol_stays_itself():
-    assert capital("the record") == "The record"
-    assert capital("σ is withheld") == "σ is withheld"
-    assert capital("") == ""
-
-
-def test_words_are_listed_as_in_a_sentence():
-    assert [listed(words) for words in ([], ["x"], ["x", "y"], ["x", "y", "z"])] == ["", "x", "x and y", "x, y and z"]
 
 
 @pytest.mark.parametrize(
@@ -112,7 +93,3 @@ def test_words_are_listed_as_in_a_sentence():
 def test_what_lies_above_a_limit_looks_so(ratio, most, shown):
     digits = digits_apart(ratio, most, 2)
     assert (number(ratio, digits), number(most, max(digits, 3))) == shown
-
-
-def test_no_line_ends_between_a_number_and_its_unit():
-    assert unbroken("gain 0.5 %, point 2 mm, 3 modes of it") == "gain 0.5\u00a0%, point 2\u00a0mm, 3 modes of it"

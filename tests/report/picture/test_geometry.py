@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
 from strainsight.report.picture.layout import Arm, Gauge
-from strainsight.report.picture.markers import marker, shape
+from strainsight.report.picture.markers import marker
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 
@@ -111,10 +111,6 @@ def test_a_bridge_is_a_bar_at_each_of_its_arms():
         assert np.max((bar.points - arm.position) @ arm.normal) > 0
 
 
-def test_a_gauge_without_stated_channels_has_its_one_direction():
-    assert Gauge("G1", 1, 1, AT, X, UP, 0.0).channels.tolist() == [[1.0, 0.0, 0.0]]
-
-
 @pytest.mark.parametrize("direction", [X, UP, -UP, (X - UP) / np.sqrt(2)])
 def test_accelerometers_and_displacement_sensors_stay_outside_the_body(direction):
     cube, rod = marker(sensor("accelerometer", direction), 0.1)
@@ -134,9 +130,3 @@ def test_what_has_no_normal_or_no_direction_has_a_mark_all_the_same():
                 meshes = marker(sensor(kind, directions, normal), 0.1)
                 assert meshes
                 assert all(np.isfinite(mesh.points).all() for mesh in meshes)
-
-
-def test_kinds_are_distinguished_and_others_are_bars():
-    kinds = ("strain gauge", "rosette", "accelerometer", "displacement sensor")
-    assert len({shape(kind) for kind in kinds}) == 4
-    assert shape("thermometer") == shape("strain gauge")

@@ -156,18 +156,6 @@ def withheld():
     )
 
 
-def single():
-    own = findings()
-    return replace(
-        own,
-        unknowns=own.unknowns[:1],
-        histories=own.histories[:1],
-        readings=own.readings[:1],
-        residuals=own.residuals[:1],
-        posteriors=(),
-    )
-
-
 def sensors():
     """A rosette of three grids, an accelerometer of two axes and a displacement sensor besides a gauge."""
     kinds = [
@@ -202,33 +190,14 @@ def biased():
     return replace(own, readings=(replace(own.readings[0], offset=(3.1e-4, 2e-6)), *own.readings[1:]))
 
 
-def many():
-    """Fourteen channels of four gauges' marks."""
-    labels = [f"G{i + 1}" for i in range(14)]
-    return findings(
-        readings=tuple(reading(label, i % 4) for i, label in enumerate(labels)),
-        residuals=tuple(spectrum(label) for label in labels),
-    )
-
-
 def held_out():
     return findings(hold_out=(held("G1", 0), held("G2", 1)))
 
 
 def bare():
     """No surface, no notes, nothing besides the unknown."""
-    return findings(
-        moment=None,
-        notes=(),
-        budget={},
-        filters=(),
-        posteriors=(),
-        known=(),
-        residuals=(),
-        load_spectra=(),
-        facts={},
-        provenance={},
-    )
+    nothing = dict.fromkeys(("notes", "filters", "posteriors", "known", "residuals", "load_spectra"), ())
+    return findings(moment=None, budget={}, facts={}, provenance={}, **nothing)
 
 
 CASES = {
@@ -236,11 +205,9 @@ CASES = {
     "several loads": several_loads,
     "parameters only": parameters_only,
     "σ withheld": withheld,
-    "one channel": single,
     "sensors": sensors,
     "missing samples": missing,
     "offsets": biased,
-    "many channels": many,
     "held out": held_out,
     "bare": bare,
 }
