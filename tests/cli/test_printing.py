@@ -19,11 +19,14 @@ from strainsight.errors import StrainsightError, UserError, printable
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Stage
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.clock import Left, after, ends_at, spelt
+from strainsight_cli.clock import Left, after, ends_at
 from strainsight_cli.failures import failure_of, plain_warnings, tell
+from strainsight_cli.main import main
 from strainsight_cli.printing import json_line, say
 from strainsight_cli.render import failure_json, print_tables
 from strainsight_cli.work import note
+
+from ..shared import slowly
 
 HERE = Path(strainsight_cli.__file__).parent
 CONTROLS = [chr(i) for i in (*range(32), *range(127, 160)) if i != 10]
@@ -96,14 +99,18 @@ def test_a_bar_holds_no_control_of_a_name(monkeypatch):
     assert b"\x1b[5m" not in text
 
 
-def test_words_of_the_command_line_hold_no_control():
+@pytest.mark.parametrize(
+    "words", [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]]
+)
+def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
     """A folder full of names is put into the words of a command by `*`."""
-    for words in (["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]):
-        command = [sys.executable, "-m", "strainsight_cli.main", *words]
-        done = subprocess.run(command, capture_output=True, text=True)
-        assert done.returncode == 2
-        assert done.stderr
-        assert not BAD & set(done.stdout + done.stderr)
+    monkeypatch.setattr(sys, "argv", ["strainsight", *words])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    printed = capfd.readouterr()
+    assert caught.value.code == 2
+    assert printed.err
+    assert not BAD & set(printed.out + printed.err)
 
 
 def test_only_one_function_prints():
@@ -191,16 +198,6 @@ def test_only_what_follows_from_the_stage_is_added():
     assert after(stages, "rom", last) is None
 
 
-def test_it_counts_down_and_is_silent_where_nothing_is_known():
-    left = Left(1072.0, 3600.0)
-    assert left.text(1000.0) == "about 1:12 left, then 1:00:00"
-    assert left.text(1071.0) == "about 0:01 left, then 1:00:00"
-    assert left.text(1073.0) == ""
-    assert Left(None, 30.0).text(0.0) == ""
-    assert Left(1010.0, None).text(1000.0) == "about 0:10 left"
-    assert spelt(59.6) == "1:00"
-
-
 COMMAND = """\
 #!{python}
 from strainsight_cli.main import app
@@ -236,20 +233,14 @@ def completed(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(("sta",), {"statics", "status"}), (("do",), {"doctor"}), (("re",), {"reduce", "report"}), (("run", "--dr"), {"--dry-run"})],
+    [(("sta",), {"statics", "status"}), *slowly((("do",), {"doctor"}), (("run", "--dr"), {"--dry-run"}))],
 )
 def test_bash_completes_commands_and_options(words, expected, completed):
     assert set(completed(*words)[:-1]) == expected
 
 
+@pytest.mark.slow
 def test_bash_falls_back_to_file_names_for_a_config(completed):
     *offered, rule = completed("run", "conf")
     assert offered == []
     assert "-o default" in rule
-
-
-def test_the_shell_that_asks_is_recognised():
-    """Without naming it, as the manual says."""
-    command = f"{sys.executable} -m strainsight_cli.main --show-completion; true"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert "COMP_WORDS" in done.stdout
