@@ -214,6 +214,7 @@ def test_calculix_agrees_on_the_same_bricks_by_its_dat_and_its_frd(tmp_path):
         assert all((row["mac"] is not None) == shapes for row in rows)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
 def test_calculix_counts_a_preload_by_perturbation_alone_and_the_card_is_named(tmp_path):
     """A tension that raises the first frequency by a third: by PERTURBATION alone, and by nothing without it."""

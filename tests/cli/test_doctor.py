@@ -26,6 +26,7 @@ def found(tmp_path_factory) -> dict[str, Finding]:
     return {finding["subject"]: Finding(**finding) for finding in map(json.loads, done.stdout.splitlines())}
 
 
+@pytest.mark.slow
 def test_this_environment_is_sound_and_everything_was_looked_at(found):
     assert {"python", "numpy", "solver", "solver: slepc", "rendering", "cores"} <= found.keys()
     assert {"memory", "disk", "locale", "terminal"} <= found.keys()
@@ -40,6 +41,7 @@ def test_a_launcher_of_mpi_that_is_not_there_is_named_and_fails_nothing(monkeypa
     assert "there is no program no-such-launcher" in found.found
 
 
+@pytest.mark.slow
 def test_every_package_of_pyproject_is_compared_with_its_range(found):
     _, asked = packages.asked_for()
     assert any(line.startswith("numpy>=") for line in asked)

@@ -25,8 +25,6 @@ from strainsight_cli.suites import _all_runs
 from strainsight_cli.timing import timing_table
 from strainsight_cli.work import Work
 
-from ..shared import slowly
-
 TOYS = """
 import os, signal, time
 import numpy as np
@@ -106,12 +104,14 @@ def test_a_failure_is_reported_at_once_and_the_run_beside_it_ends(works, capfd):
     assert "good3" not in out.out
 
 
+@pytest.mark.slow
 def test_json_has_the_lines_of_every_run_that_was_at_work(works, capsys):
     assert failed(works("slow", "refuses"), as_json=True) == 2
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(entry["run"], entry["status"]) for entry in found] == [("refuses2", "failed"), ("slow1", "done")]
 
 
+@pytest.mark.slow
 def test_the_traceback_of_a_process_is_shown_on_request(works, capsys):
     assert failed(works("crashes", "good"), verbose=True) == 1
     said = capsys.readouterr().err
@@ -216,8 +216,9 @@ def test_a_terminal_does_not_obey_what_a_config_holds(table):
     assert "\\x1b[2Jx" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("environment", "coloured"), [({}, True), *slowly(({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False))]
+    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
 )
 def test_colours_on_a_terminal_unless_they_are_declined(tmp_path, environment, coloured):
     said = on_a_terminal(["status", str(CONFIG), "--results", str(tmp_path)], environment)

@@ -91,6 +91,7 @@ def test_steps_that_differ_and_contact_are_both_asked_for(tmp_path):
     assert re.search(r"\n  step: +# ← step whose supports and elements count: 1, 2\n", template("row.inp", found))
 
 
+@pytest.mark.slow
 def test_modes_says_which_ignored_cards_may_change_the_structure(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "SPC,1,20,3,.01\nPARAM,POST,-1\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0

@@ -83,8 +83,9 @@ def test_a_run_goes_on_when_its_reader_has_gone(tmp_path):
     assert {path.name for path in tmp_path.glob("results/*/*.h5")} == {"import.h5", "modes.h5"}
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
-@pytest.mark.parametrize("words", [("schema",), *slowly((("--help",),))])
+@pytest.mark.parametrize("words", [("schema",), ("--help",)])
 def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
     """More than the buffer holds, and less."""
     done = shell('unset PYTHONUNBUFFERED; "$@" >/dev/full', tmp_path, *words)
