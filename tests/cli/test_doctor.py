@@ -77,10 +77,6 @@ def test_a_crash_is_survived_and_names_what_crashed(tmp_path, monkeypatch):
     )
 
 
-def test_a_trial_without_end_is_given_up():
-    assert trials.tried("solver", seconds=0.01) == ({}, "no end after 0.01 s")
-
-
 def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
     (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import subprocess
 import sys
 from dataclasses import replace
@@ -201,52 +199,3 @@ def test_a_row_says_why_it_will_run_and_what_that_took_before(table):
     assert second.split()[1:5] == ["will", "run", "0.0", "s"]
     assert second.endswith("b 1 → 2 (own.yaml:1)")
     assert sum_of == "1 of 2 stages up to date; the other took 0.0 s when last run"
-
-
-def test_a_damaged_artefact_is_a_reason_without_a_time(table, work):
-    (work().job.folder / "second.h5").write_bytes(b"nothing")
-    *_, second, _, sum_of = table()
-    assert "damaged" in second
-    assert sum_of == "1 of 2 stages up to date"
-
-
-def test_a_terminal_does_not_obey_what_a_config_holds(table):
-    (line,) = [line for line in table(a="\x1b[2Jx") if line.startswith("second")]
-    assert "\x1b" not in line
-    assert "\\x1b[2Jx" in line
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"TERM": "dumb"}, False)]
-)
-def test_colours_on_a_terminal_unless_they_are_declined(tmp_path, environment, coloured):
-    said = on_a_terminal(["status", str(CONFIG), "--results", str(tmp_path)], environment)
-    assert "will run" in said
-    assert ("\x1b[" in said) == coloured
-
-
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
-
-
-def on_a_terminal(words: list[str], environment: dict[str, str]) -> str:
-    """What the command writes to a terminal of its own."""
-    own, its = pty.openpty()
-    clean = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS")}
-    command = [sys.executable, "-m", "strainsight_cli.main", *words]
-    process = subprocess.Popen(
-        command, stdout=its, stderr=its, stdin=its, env={**clean, "TERM": "xterm", **environment}
-    )
-    os.close(its)
-    said = b""
-    while True:
-        try:
-            part = os.read(own, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not part:
-            break
-        said += part
-    os.close(own)
-    assert process.wait(timeout=60) == 0
-    return said.decode()

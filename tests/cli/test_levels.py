@@ -16,9 +16,8 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.errors import InfeasibleError
-from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.plan import UP_TO_DATE, Job, plan
+from strainsight.workflow.plan import Job
 from strainsight.workflow.stage import Stage
 from strainsight_cli import runlog
 from strainsight_cli.levels import Level, now
@@ -117,7 +116,6 @@ def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
     assert call("-q").stderr == ""
 
 
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+ \S.*|\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+   \| .*")
 MANY = """
 import sys
@@ -175,16 +173,6 @@ def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
     assert re.fullmatch(r"ends after \d\.\d s, peak \d+\.\d\d GiB", ends)
 
 
-def test_it_is_appended_with_what_was_up_to_date_and_its_warnings(work):
-    first = run(work(good))
-    second = run(work(good))
-    assert second.startswith(first)
-    assert texts(second.removeprefix(first))[1:3] == [
-        "warning: �[2Jlook at this",
-        "good up to date: three numbers",
-    ]
-
-
 @pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])
 def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function, error, monkeypatch):
     with pytest.raises(error):
@@ -216,17 +204,6 @@ def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function
 def test_paths_are_relative_or_only_a_name(text, expected):
     one = Path("/nowhere/one")
     assert placeless(text.replace("/ONE", str(one)), [one]) == expected
-
-
-def test_results_do_not_depend_on_it(work):
-    one = work(good)
-    run(one)
-    digest = Artefact(one.job.folder / "good.h5").digest
-    for change in (lambda log: log.write_text("altered"), lambda log: log.unlink()):
-        change(one.job.folder / "run.log")
-        assert [status.status for status in plan(one.stages, one.job)] == [UP_TO_DATE]
-    run(one, forced=["good"])
-    assert Artefact(one.job.folder / "good.h5").digest == digest
 
 
 def test_a_log_that_cannot_be_written_is_no_reason_to_fail(work):

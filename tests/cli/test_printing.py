@@ -237,10 +237,3 @@ def completed(tmp_path_factory):
 )
 def test_bash_completes_commands_and_options(words, expected, completed):
     assert set(completed(*words)[:-1]) == expected
-
-
-@pytest.mark.slow
-def test_bash_falls_back_to_file_names_for_a_config(completed):
-    *offered, rule = completed("run", "conf")
-    assert offered == []
-    assert "-o default" in rule

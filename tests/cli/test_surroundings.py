@@ -95,16 +95,6 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
     assert "Exception ignored" not in done.stderr
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
-@pytest.mark.parametrize("words", slowly((("import",),), (("status",),), (("status", "--json"),)))
-def test_a_command_whose_output_cannot_be_written_says_that_it_is_the_output(tmp_path, words):
-    shell('"$@"', tmp_path, "example", "cantilever")
-    done = shell('"$@" >/dev/full', tmp_path, *words, "cantilever.yaml")
-    assert done.returncode == 2
-    assert "standard output cannot be written: No space left on device" in done.stderr
-    assert "make room on the disk" not in done.stderr
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("hostile")

@@ -164,34 +164,3 @@ def bench_suite(folder: Path) -> Path:
     path = folder / "benches.yaml"
     path.write_text(json.dumps(content, ensure_ascii=False, indent=2), encoding="utf-8")
     return path
-
-
-def comparing_suite(folder: Path) -> Path:
-    """A suite of the pendulum with a comparison of every verdict, every text one of the names; the last has no reason."""
-    (folder / "pendulum.yaml").write_text(PENDULUM, encoding="utf-8")
-
-    def steps(run: str, **bounds: object) -> dict[str, object]:
-        return {"run": run, "stage": "simulate", "number": "steps", **bounds}
-
-    few, many = {"below": 1000.0, "unit": BREAKOUT}, {"above": 1000.0}
-    rows = [
-        {"source": SCRIPT, "says": IMAGE, "printed": FORMULA, "as_printed": steps("coarse", **few), "ours": steps("fine", **few)},
-        {"source": LONG, "says": GREEK, "as_printed": steps("coarse", **few), "ours": steps("fine", **many), "why": BREAKOUT},
-        {"source": REVERSED, "says": LONG, "as_printed": steps("coarse", **many), "ours": steps("fine", **few), "why": SCRIPT},
-        {"source": BREAKOUT, "says": SCRIPT, "printed": LONG, "as_printed": steps("fine", **many), "why": LONG},
-        {"source": FORMULA, "says": REVERSED, "why": IMAGE},
-        {"source": IMAGE, "says": FORMULA, "printed": BREAKOUT, "ours": steps("fine", **many)},
-    ]
-    content = {
-        "kind": "suite",
-        "name": "hostile-comparisons",
-        "title": f"{SCRIPT} {IMAGE} {REVERSED}",
-        "runs": [
-            {"config": "pendulum.yaml", "name": "coarse", "label": SCRIPT, "note": LONG, "until": "simulate"},
-            {"config": "pendulum.yaml", "name": "fine", "label": IMAGE, "note": REVERSED, "until": "estimate"},
-        ],
-        "comparisons": rows,
-    }
-    path = folder / "comparisons.yaml"
-    path.write_text(json.dumps(content, ensure_ascii=False, indent=2), encoding="utf-8")
-    return path
