@@ -32,12 +32,7 @@ def test_a_shown_number_differs_by_less_than_half_of_its_last_digit(digits):
 
 
 def test_rounding_up_to_the_next_power_of_ten_keeps_the_value():
-    assert [number(0.99999), number(9.99996), number(999999.9), number(-0.0)] == [
-        "1",
-        "10",
-        "10⁶".replace("10", "1×10"),
-        "0",
-    ]
+    assert [number(0.99999), number(9.99996), number(999999.9), number(-0.0)] == ["1", "10", "1×10⁶", "0"]
 
 
 def test_engineers_prefixes():
@@ -51,26 +46,12 @@ def test_engineers_prefixes():
 
 def test_per_cent_keeps_its_significant_zeros():
     shown = [percent(value) for value in (0.001, 0.00052, 0.0996, 0.177, 1.0, 12.3, 1e-9, 0.0)]
-    assert [text.removesuffix("\u00a0%") for text in shown] == [
-        "0.10",
-        "0.052",
-        "10",
-        "18",
-        "100",
-        "1200",
-        "0.000",
-        "0.000",
-    ]
+    assert [text.removesuffix("\u00a0%") for text in shown] == ["0.10", "0.052", "10", "18", "100", "1200", "0.000", "0.000"]
 
 
 def test_what_is_no_number_is_reported():
-    assert [number(math.nan), number(math.inf), number(-math.inf), percent(math.inf), percent(math.nan)] == [
-        "–",
-        "∞",
-        "−∞",
-        "∞",
-        "–",
-    ]
+    numbers = [number(math.nan), number(math.inf), number(-math.inf), percent(math.inf), percent(math.nan)]
+    assert numbers == ["–", "∞", "−∞", "∞", "–"]
 
 
 def test_readings_are_shown_in_the_units_of_their_instruments():

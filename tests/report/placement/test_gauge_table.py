@@ -10,7 +10,6 @@ import pytest
 
 from strainsight.report.datum import Frame
 from strainsight.report.picture.layout import Arm
-from strainsight.report.placement.data import Criteria
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_table
 
@@ -25,16 +24,6 @@ def rows(report):
             found += [{}] * (i == len(found))
             found[i] = found[i] | dict(zip(names, cells, strict=True))
     return found
-
-
-def test_given_gauges_have_a_number_in_place_of_an_element(full):
-    report = full()
-    gauges = tuple(replace(gauge, facet=0, element=101 + i) for i, gauge in enumerate(report.layout.gauges))
-    given = replace(report, layout=replace(report.layout, gauges=gauges))
-    assert [row["number"] for row in rows(given)] == ["101", "102", "103", "104"]
-    assert "Numbers are those of the table of the gauges" in gauge_table(given)
-    assert [row["element"] for row in rows(report)] == ["1201", "1202", "1203", "1204"]
-    assert "Ids are those of the mesh file" in gauge_table(report)
 
 
 def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
@@ -79,22 +68,6 @@ def test_places_directions_and_angles_keep_their_exact_values(mixed):
         assert {*gauge.position.tolist(), *np.ravel(gauge.channels).tolist()} <= exact
     assert {0.0, 45.0, 90.0} <= exact
     assert [rows(mixed())[0][f"{axis} [m]"] for axis in "xyz"] == ["0.1000", "0.0200", "0.1200"]
-
-
-def test_changes_on_a_finer_mesh_stand_with_their_sign_and_a_mark_where_they_are_too_large(mixed):
-    layout = mixed().layout
-    none = (None, None, False)
-    tested = ((0.002, 0.0, False), (-0.23, 0.0, True), (0.01, 0.3, True), none, (0.0, 0.0, False), none)
-    gauges = tuple(
-        replace(gauge, refined=refined, spread=spread, hot=hot)
-        for gauge, (refined, spread, hot) in zip(layout.gauges, tested, strict=True)
-    )
-    report = mixed(layout=replace(layout, gauges=gauges))
-    assert [row["strain on a finer mesh"] for row in rows(report)] == [
-        "+0.20\u00a0%", "−23\u00a0%|✕ hot spot", "+1.0\u00a0%|loads spread: +30\u00a0%|✕ hot spot", "–", "0.000\u00a0%", "–",
-    ]  # fmt: skip
-    assert "A hot spot changes by more than its share" in gauge_table(report)
-    assert "finer mesh" not in gauge_table(mixed())
 
 
 def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(full):
@@ -150,19 +123,6 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     assert head(text)[-2:] == ["steady-state σ(tip)", "steady-state σ(E)"]
     assert "1.15\u00a0kN" in text
     assert "165\u00a0MPa" in text
-
-
-def test_broken_and_missing_numbers_do_not_break_the_table(full):
-    nan = Criteria("broken", (np.nan,) * 3, {"tip": np.nan})
-    ours, fine = (
-        replace(nan, values=(np.inf, np.nan, np.nan), rule="ours"),
-        Criteria("fine", (2.0, 1.0, 1.0), {"E": 1.0}),
-    )
-    report = full(criteria=(ours, nan, fine))
-    rows = cells(criteria_table(report))
-    assert [row[0] for row in rows][2:] == ["fine", "broken"]
-    assert all(len(row) == 7 for row in rows)
-    assert "None" not in criteria_table(report)
 
 
 def test_cases_are_rows_and_excitations_are_columns(full):

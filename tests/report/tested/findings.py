@@ -9,7 +9,6 @@ import numpy as np
 from strainsight.report.arrays import History
 from strainsight.report.chart.posterior import Posterior
 from strainsight.report.page.filters import OtherFilter
-from strainsight.report.tested.campaign import CampaignFindings, RecordRow
 from strainsight.report.tested.data import (
     File,
     FileChannel,
@@ -212,26 +211,3 @@ CASES = {
     "bare": bare,
 }
 """What a page of a test may have to show."""
-
-
-def campaign():
-    """Three records, the second of which contradicts the model."""
-    own = findings()
-    loads = tuple(one for one in own.unknowns if one.kind == "load")
-    verdicts = {"low": "fits", "mid": "the record contradicts the model", "high": "fits"}
-    rows = tuple(
-        RecordRow(name, f"test-{name}.html", own.file, loads, 0.95, verdict, verdict == "fits")
-        for name, verdict in verdicts.items()
-    )
-    parameters = tuple(one for one in own.unknowns if one.kind == "parameter")
-    return CampaignFindings(
-        name=own.name,
-        title=own.title,
-        records=rows,
-        parameters=parameters,
-        alone={one.name: (0.99 * one.estimate, 1.3 * one.estimate, 1.01 * one.estimate) for one in parameters},
-        warnings=("Record mid: the record contradicts the model",),
-        posteriors=own.posteriors,
-        facts=own.facts,
-        provenance=own.provenance,
-    )

@@ -15,7 +15,7 @@ from strainsight.report.tested.spectra import residual_figure
 
 from ...models import compute_once
 from ...shared import slowly
-from ..outline import HOSTILE, names_of_regions, nothing_comes_from_outside, steps_in_order
+from ..outline import HOSTILE, nothing_comes_from_outside, renamed, whole
 from .findings import CASES, NOISE, SAMPLES, biased, findings, held_out, load, missing, withheld
 
 PNG = b"\x89PNG not really"
@@ -38,12 +38,7 @@ def shown(text, after):
 )
 def test_page_is_whole_in_every_case_and_fetches_nothing(case, figures):
     text = page(case, figures=figures)
-    outline = nothing_comes_from_outside(text)
-    assert len(outline.ids) == len(set(outline.ids))
-    assert outline.targets <= set(outline.ids)
-    assert steps_in_order(outline)
-    regions = names_of_regions(outline)
-    assert len(regions) == len(set(regions))
+    outline = whole(text)
     assert not re.search(r"\bnan\b", " ".join(outline.text), re.IGNORECASE)
     for own in CASES[case]().readings if figures else ():
         assert f">{own.label}</h3>" in text
@@ -129,25 +124,6 @@ def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
 
 
 def test_names_of_a_config_are_text_on_the_page_and_nothing_else():
-    evil = HOSTILE
-    own = findings()
-    text = page_of_test(
-        replace(
-            own,
-            name=evil,
-            title=evil,
-            warnings=(evil,),
-            verdict=evil,
-            notes=(evil,),
-            unknowns=(replace(own.unknowns[0], name=evil, doubts=(evil,)),),
-            file=replace(
-                own.file, name=evil, date=evil, channels=(replace(own.file.channels[0], name=evil, unit=evil),)
-            ),
-            readings=(replace(own.readings[0], label=evil),),
-        ),
-        (),
-        (),
-        evil,
-    )
+    text = page_of_test(renamed(findings()), (), (), HOSTILE)
     assert "<script>alert" not in text
     nothing_comes_from_outside(text)
