@@ -1,7 +1,6 @@
 """The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
 
 import importlib.util
-import json
 import os
 import re
 import shlex
@@ -12,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import typer
-from sphinx.search.en import SearchEnglish
 from typer.testing import CliRunner
 
 from strainsight.config.schema import config_schema
@@ -105,28 +103,6 @@ def test_a_key_of_the_reference_shows_type_default_and_unit():
     assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
     assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
     assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])
-
-
-@pytest.mark.parametrize(
-    ("word", "page"),
-    [
-        ("temperature", "bonding"),
-        ("adhesive", "bonding"),
-        ("microstrain", "faq"),
-        ("FAQ", "faq"),
-        ("cite", "index"),
-        ("gallery", "gallery/index"),
-    ],
-)
-@pytest.mark.slow
-def test_the_search_finds_what_one_would_look_for(site, word, page):
-    """In the index of the site, by the stem that the search makes of a word."""
-    text = (site / "searchindex.js").read_text(encoding="utf-8")
-    index = json.loads(text[text.index("(") + 1 : text.rindex(")")])
-    stem = SearchEnglish({}).stem(word.lower())
-    places = [index[terms].get(stem, []) for terms in ("terms", "titleterms")]
-    found = {index["docnames"][at] for place in places for at in (place if isinstance(place, list) else [place])}
-    assert page in found
 
 
 @pytest.mark.slow

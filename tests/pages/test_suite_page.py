@@ -40,6 +40,17 @@ def test_its_first_table_has_the_numbers_of_the_runs(look, report):
     assert [value for value in wanted if value not in shown] == []
 
 
+def test_links_within_the_page_lead_somewhere(look, report):
+    """Each, when it is clicked, brings its place into the window."""
+    page = look(report).page
+    links = page.locator('a[href^="#"]')
+    assert links.count() > 3
+    for i in range(links.count()):
+        links.nth(i).click()
+        target = links.nth(i).get_attribute("href")
+        assert page.evaluate("id => document.getElementById(id).getBoundingClientRect().top < innerHeight", target[1:])
+
+
 def test_its_tables_sort_copy_and_save_with_all_digits(look, report):
     assert tables.all_work(look(report).page, "hostile-suite")
 

@@ -125,22 +125,6 @@ def test_in_every_stage(project, undisturbed, results, launcher):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("number", "everybody"), [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, False)]
-)
-def test_while_the_picture_is_drawn(project, results, launcher, number, everybody):
-    words = ["report", str(project / "beam.yaml"), "--results", str(results), "--force"]
-    launcher.start(words, project / "says")
-    assert until(
-        lambda: (
-            launcher.has_ended() or any("report.picture.scene" in said for said in of_session(launcher.pid).values())
-        )
-    )
-    ended(launcher, number, everybody)
-    assert "Traceback" not in (project / "says").read_text()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_while_other_processes_sweep(project, results, launcher, number):
     words = ["validate", str(project / "beam.yaml"), "--results", str(results), "--jobs", "2", "--set", SWEEPS]
