@@ -42,7 +42,7 @@ help:
 	@echo 'make test-all       all tests; ARGS=--times says where the processor time went'
 	@echo 'make shard N=3      an eighth of the long tests; without N the one that CI runs for this commit'
 	@echo 'make pages          the tests that open the pages in a browser; pictures of the pages in build/pages'
-	@echo 'make lint           ruff, words, mypy, import-linter; licences and known vulnerabilities of the packages'
+	@echo 'make lint           ruff, words of changed files, mypy, import-linter; licences and known vulnerabilities of the packages'
 	@echo 'make lowest         fast tests and the cantilever with the oldest packages that pyproject.toml allows'
 	@echo 'make coverage       branches of the kernels that their fast tests reach; takes long'
 	@echo 'make mutants        200 small faults in KERNEL=$(KERNEL), and which of them no test notices; takes long'

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import doctest
-import importlib.util
 import re
 import runpy
 import shutil
@@ -13,7 +12,7 @@ import pytest
 
 from strainsight import api
 
-from .shared import ROOT
+from .shared import ROOT, script
 
 DOCS = ROOT / "docs"
 FOLDER = DOCS / "examples"
@@ -24,15 +23,7 @@ SHORT = {
 }
 
 
-def _loaded(name):
-    """A module of the manual's own."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-pages = _loaded("example_pages")
+pages = script("docs/example_pages.py")
 
 
 @pytest.fixture
@@ -125,7 +116,7 @@ def test_an_example_that_fails_ends_the_build_with_what_it_said(tmp_path):
         pages.printed_by(script)
 
 
-gallery = _loaded("gallery_pages")
+gallery = script("docs/gallery_pages.py")
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
 
-import importlib.util
 import os
 import re
 import shlex
@@ -16,19 +15,12 @@ from typer.testing import CliRunner
 from strainsight.config.schema import config_schema
 from strainsight_cli.main import app
 
-ROOT = Path(__file__).parents[1]
+from .shared import ROOT, script
+
 DOCS = ROOT / "docs"
 
 
-def _loaded(name):
-    """A module of the manual's own."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-quoted = _loaded("quoted")
+quoted = script("docs/quoted.py")
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +80,7 @@ def test_links_to_places_on_a_page_lead_somewhere(site):
 def test_the_reference_lists_every_key_with_its_meaning():
     """A table for every mapping of the models, with all of its keys."""
     tables = set()
-    for page in _loaded("config_reference").pages().values():
+    for page in script("docs/config_reference.py").pages().values():
         for part in re.split(r"^## ", page, flags=re.MULTILINE):
             listed = re.findall(r"^\| \[?`([^`]+)`.* \| (.*) \|$", part, re.MULTILINE)
             assert all(what.strip() for _, what in listed), part
@@ -99,7 +91,7 @@ def test_the_reference_lists_every_key_with_its_meaning():
 
 
 def test_a_key_of_the_reference_shows_type_default_and_unit():
-    pages = _loaded("config_reference").pages()
+    pages = script("docs/config_reference.py").pages()
     assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
     assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
     assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])

@@ -2,21 +2,20 @@
 
 import ast
 import importlib
-import importlib.util
 import json
 import re
 import subprocess
 import sys
 import tomllib
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
 import strainsight
 
-ROOT = Path(__file__).parents[1]
+from .shared import ROOT, script
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PYTHONS = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if re.search(r":: Python :: 3\.\d+$", line)]
 CFF = {
@@ -69,10 +68,7 @@ def test_links_of_the_first_pages_lead_to_files(name):
 @pytest.fixture(scope="module")
 def history():
     """The script of docs/ that reads the entries."""
-    spec = importlib.util.spec_from_file_location("benchmark_history", ROOT / "docs" / "benchmark_history.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("docs/benchmark_history.py")
 
 
 @pytest.mark.slow
@@ -94,8 +90,8 @@ def test_entries_of_the_history_are_what_a_job_measures_now(history):
 
 def test_what_benchmarks_take_from_the_package_is_there():
     """No test runs them: a name that has moved would be found by whoever measures next."""
-    scripts = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "benchmarks").glob("*.py")]
-    for node in (node for script in scripts for node in ast.walk(script)):
+    benchmarks = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "benchmarks").glob("*.py")]
+    for node in (node for tree in benchmarks for node in ast.walk(tree)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("strainsight"):
             module = importlib.import_module(node.module)
             for name in node.names:

@@ -1,21 +1,16 @@
 """The word list finds a word where readers meet it, at its line, and nowhere else."""
 
-import importlib.util
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 
-CI = Path(__file__).parents[1] / ".ci"
+from .shared import script
 
 
 @pytest.fixture(scope="module")
 def words():
-    spec = importlib.util.spec_from_file_location("words", CI / "words.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(".ci/words.py")
 
 
 @pytest.mark.parametrize(

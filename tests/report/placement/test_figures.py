@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 
 from strainsight.report.arrays import History
-from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.chart.histories import closing_figure, estimate_figure
 from strainsight.report.chart.panels import last_periods
-from strainsight.report.placement.comparisons import random_errors_figure
-from strainsight.report.placement.data import Metric, RandomSets, Trend
+from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.placement.figures import elbow, placement_figures, trend_figure
-from strainsight.report.placement.signals import owner, signal_figure, signal_figures
+from strainsight.report.placement.signals import owner, signal_figure
 
 from ...models import compute_once
 
@@ -94,25 +92,6 @@ def test_a_diverged_filter_can_still_be_drawn():
     blown = replace(history, mean=lost, std=lost, truth=lost, smoothed=lost, smoothed_std=lost)
     estimate_figure(blown)
     closing_figure(blown, "input")
-
-
-def test_lost_random_sets_are_counted_and_a_luckier_one_is_admitted():
-    sets = RandomSets("E", "screened", np.array([0.0001, 0.02, np.nan, np.inf]), None, 0.0005)
-    caption = random_errors_figure((sets,)).caption
-    assert "1 of 4 drawn from the screened pool came closer" in caption
-    assert "2 diverged" in caption
-    random_errors_figure((replace(sets, error=np.full(3, np.nan), chosen_error=np.nan),))
-
-
-def test_every_channel_has_the_colour_of_its_gauge(mixed):
-    report = mixed()
-    signals = tuple(signal for signal in report.gauge_signals if signal.label in ("G1", "G2 0°", "G2 45°"))
-    drawings = compute_once(signal_figures, signals, report.layout.gauges)
-    for drawing in drawings:
-        number = int(drawing.key.removeprefix("signal-G")[0]) - 1
-        assert gauge_colour(number) in drawing.svg.decode()
-        others = {gauge_colour(i) for i in range(6)} - {gauge_colour(number)}
-        assert not any(colour in drawing.svg.decode() for colour in others)
 
 
 def test_a_channel_belongs_to_the_longest_label_that_it_begins_with():

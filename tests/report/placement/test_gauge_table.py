@@ -44,16 +44,6 @@ def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
     assert "|" not in other["element"] + other["x [m]"]
 
 
-def test_kind_bonded_and_mirror_image_are_reported(mixed):
-    assert [row["kind"] for row in rows(mixed())] == [
-        "strain gauge|mirrors G3", "rosette", "strain gauge|bonded already|mirrors G1", "accelerometer",
-        "accelerometer|bonded already", "displacement sensor",
-    ]  # fmt: skip
-    text = gauge_table(mixed())
-    assert text.count("background:#ffffff") == 2 * 2  # once in either table
-    assert "mirror image were placed as one" in text
-
-
 def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
     assert [row["training peak"] for row in rows(mixed())] == [
         "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ beyond its range", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
