@@ -91,18 +91,6 @@ def test_the_artefact_says_what_the_criterion_of_the_config_is_worth(results, ru
     assert said["criterion"] not in place["/criteria/rule"]
 
 
-@pytest.mark.parametrize("run", [run for run in RUNS if run != "failure-tip"])
-def test_the_page_and_its_figures_speak_of_that_criterion(results, run):
-    symbol, over = RUNS[run][2], RUNS[run][1]
-    page = (results / run / "report.html").read_text(encoding="utf-8")
-    assert f"metric {symbol}" in page
-    assert ("of E alone" in page) == (over == ["E"])
-    assert "what this placement makes small" in page
-    asked = [str(CONFIG), "--set", f"name={run}", "--results", str(results)]
-    assert CliRunner().invoke(app, ["figures", *asked]).exit_code == 0
-    assert symbol in (results / run / "figures" / "trend.csv").read_text(encoding="utf-8")
-
-
 def test_advice_is_of_the_sigma_that_the_criterion_has(results):
     words = {run: " ".join(Artefact(results / run / "place.h5")["/advice"].tolist()) for run in RUNS}
     assert "geometric mean of the steady-state σ" in words["log_determinant"]

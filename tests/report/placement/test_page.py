@@ -13,6 +13,7 @@ from strainsight.report.page.document import own
 from strainsight.report.placement.data import Benefit, OtherFilter
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
+from strainsight.report.placement.signals import signal_figure
 from strainsight.report.space.section import script
 
 from ...models import compute_once
@@ -229,3 +230,14 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
         repeats=(),
     )
     Outline(page(broken, drawn=True))
+
+
+def test_many_readings_are_folded_away_and_none_is_lost(full):
+    report = full()
+    drawing = signal_figure(report.gauge_signals[0], "#0072b2")
+    drawings = [replace(drawing, key=f"signal-G{i}", title=f"Gauge G{i}") for i in range(1, 31)]
+    text = placement_page(report, tuple(drawings), None)
+    Outline(text)
+    assert "18 more</summary>" in text
+    assert text.count("<h3>Gauge G") == 30
+    assert "<details>" not in placement_page(report, tuple(drawings[:12]), None)
