@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from strainsight.fem.mpi.programs import LACKING
+from strainsight.processes import SAFE_PATH
 
 from .small import command
 from .whole import compared, names
@@ -151,11 +152,16 @@ def hostile(project, tmp_path) -> Path:
     return folder
 
 
-def run(hostile: Path, *words: str) -> str:
-    command = [sys.executable, str(hostile.parent / "strainsight"), *words]
-    done = subprocess.run(command, cwd=hostile, capture_output=True, text=True)
+def within(hostile: Path, *words: str) -> str:
+    """What Python prints in that folder, without the setting by which a command in this process protects its children."""
+    environment = {name: value for name, value in os.environ.items() if name != SAFE_PATH}
+    done = subprocess.run([sys.executable, *words], cwd=hostile, capture_output=True, text=True, env=environment)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def run(hostile: Path, *words: str) -> str:
+    return within(hostile, str(hostile.parent / "strainsight"), *words)
 
 
 def loaded(hostile: Path) -> str:
@@ -163,7 +169,7 @@ def loaded(hostile: Path) -> str:
 
 
 def test_the_folder_would_be_loaded_from_if_it_were_on_the_path(hostile):
-    subprocess.run([sys.executable, "-c", "import joblib, numba"], cwd=hostile, capture_output=True)
+    within(hostile, "-c", "import joblib, numba")
     assert "joblib" in loaded(hostile)
 
 
@@ -197,6 +203,5 @@ def test_no_module_of_the_working_folder_reaches_a_suite_in_processes_and_the_re
 
 
 def test_an_interpreter_that_is_asked_for_its_packages_takes_none_of_the_working_folder(hostile):
-    done = subprocess.run([sys.executable, "-c", LACKING], cwd=hostile, capture_output=True, text=True, check=True)
-    assert re.fullmatch(r"[\w ]*\n", done.stdout)
+    assert re.fullmatch(r"[\w ]*\n", within(hostile, "-c", LACKING))
     assert loaded(hostile) == ""
