@@ -16,6 +16,7 @@ import pytest
 
 import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
+from strainsight.processes import SAFE_PATH
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Stage
 from strainsight_cli.clock import after, ends_at
@@ -88,6 +89,9 @@ def test_a_warning_holds_no_control_and_no_forged_line(capsys):
 def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
     """A folder full of names is put into the words of a command by `*`."""
     monkeypatch.setattr(sys, "argv", ["strainsight", *words])
+    monkeypatch.setattr(sys, "warnoptions", [])
+    for name in (SAFE_PATH, "PYDANTIC_DISABLE_PLUGINS"):  # which main sets for the rest of a process
+        monkeypatch.setenv(name, "1")
     with pytest.raises(SystemExit) as caught:
         main()
     printed = capfd.readouterr()
