@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import distributions
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -110,6 +112,14 @@ def once(name: str, text: str, make: Callable[[Path], None]) -> Path:
             make(place)
             done.touch()
     return place
+
+
+def script(path: str) -> ModuleType:
+    """The module of a file of the repository that is in no package."""
+    spec = spec_from_file_location(Path(path).stem, ROOT / path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def slowly(*values: object) -> list[object]:
