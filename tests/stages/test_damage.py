@@ -73,7 +73,7 @@ def test_numbers_have_names(blind):
     numbers = found.summary
     assert numbers["damage.low.surface"] < numbers["damage.surface"] < numbers["damage.high.surface"]
     assert numbers["life.surface"] == pytest.approx(found["/damage/hours"][()] / numbers["damage.surface"])
-    assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.299 / 3600, rel=0.01)
+    assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.199 / 3600, rel=0.01)
 
 
 def test_a_place_of_next_to_no_stress_has_no_interval(blind):
