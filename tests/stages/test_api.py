@@ -134,12 +134,6 @@ def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     np.testing.assert_array_equal(theirs.cell_centers().points, by_vtk.cell_centers().points)
 
 
-def test_an_estimate_without_a_file_says_which_key(run_there):
-    case, mesh, reduced, training, screened = before_placing(SHORT)
-    with pytest.raises(ConfigError, match="no measurements of a test"):
-        api.estimate(case, mesh, reduced, training, screened, run_there.placed.final.number)
-
-
 def before_placing(overrides, config=ROOT / "configs" / "cantilever-youngs-modulus.yaml"):
     case = api.load(config, overrides)
     mesh = api.mesh(case)
@@ -267,11 +261,6 @@ def test_a_bridge_is_read_as_a_voltage_ratio_with_the_slope_of_the_sum_of_its_ar
     assert {row["Nominal gauge resistance [ohm]"] for row in found} == {""}
 
 
-def test_what_is_not_known_is_left_blank():
-    for row in rows(catman_table(listed(), Wiring())):
-        assert row["Gauge factor"] == row["Resistance [ohm]"] == row["um/m per mV/V"] == ""
-
-
 def shop(facet):
     """The layout without a mesh, whose edges nobody asks for."""
     given = listed(facet)
@@ -363,11 +352,8 @@ def test_zones_take_rows_and_table_alike(files):
 @pytest.mark.parametrize(
     ("table", "said", "line"),
     [
-        ("x,y,z\n1,2,3\n", "first line", 1),
         (HEAD + "1,2,3\n", "3 cells", 2),
         (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "no number", 3),
-        (HEAD + "1,0,,0,,,\n", "no number", 2),
-        (HEAD + "1,0,nan,0,,,\n", "not finite", 2),
         (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge 1 is there twice", 4),
         (HEAD, "no gauge", None),
     ],

@@ -167,16 +167,11 @@ HEAD = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction
     ("text", "says"),
     [
         ("", "the file is empty"),
-        ("\n\n", "the file is empty"),
         ("gauge,x,y,z\nG1,0,0,0\n", "no column position_x"),
-        (f"{HEAD}\n", "no gauge in the file"),
         (f"{HEAD}\nG1,0.3,0,0.095,1,0\n", "6 cells under a header of 7"),
-        (f"{HEAD}\nG1,0.3,zero,0.095,1,0,0\n", "'zero' under position_y is no number"),
         (f"{HEAD}\nG1,0.3,nan,0.095,1,0,0\n", "is no number"),
         (f"{HEAD}\nG1,0.3,0,0.095,0,0,0\n", "direction of length zero"),
         (f"{HEAD}\n,0.3,0,0.095,1,0,0\n", "without the name"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG2,0.4,0,0.095,1,0,0\nG1,0.5,0,0.095,1,0,0\n", "is there twice"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.3,0,0.095,0,1,0\n", "no normal"),
         (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.4,0,0.095,0,1,0\n", "several places"),
     ],
 )

@@ -129,8 +129,6 @@ def test_the_key_that_is_named_undoes_the_fault(project):
     ("change", "says"),
     [
         (lambda y: 1e3 * y, "G2 reads 1000 times what fits: check estimate.channels.1.unit (now m/m)"),
-        (lambda y: y + 3e-4, "G2 fits with an offset of 300"),
-        (lambda y: np.clip(y, -4e-6, 4e-6), "G2 is clipped"),
     ],
 )
 @pytest.mark.slow
@@ -151,14 +149,6 @@ def test_noise_is_spoken_of_where_no_channel_is_to_blame(project):
     assert "no single fault of a channel or a known load explains it" in said
     assert "noise_std" in said
     assert found["/channel_check/candidate"].size == 0
-
-
-@pytest.mark.slow
-def test_a_clock_in_other_units_is_asked_about(project):
-    head, values = table(project, "blind")
-    values[:, 0] *= 1e3
-    _, said, _ = found_of(project, write(project / "ms.csv", head, values))
-    assert "check estimate.time.unit" in said
 
 
 def test_the_estimate_of_a_bench_has_nothing_to_accept(tmp_path):
@@ -242,20 +232,14 @@ def test_a_long_gap_is_refused(known):
 @pytest.mark.parametrize(
     ("change", "says", "settings"),
     [
-        (lambda u: -u, "set estimate.inputs.tip.sign: -1", ["estimate.inputs.tip.sign=-1"]),
         (lambda u: 1e-3 * u, "set estimate.inputs.tip.scale: 1000", ["estimate.inputs.tip.scale=1000"]),
         (
             lambda u: np.concatenate([[0, 0], u[:-2]]),
             "tip is 2 samples (0.002 s) late: set estimate.inputs.tip.delay: {samples: 2}, or accept",
             ["estimate.inputs.tip.delay={samples: 2}"],
         ),
-        (
-            lambda u: np.concatenate([u[2:], [np.nan, np.nan]]),
-            "tip is 2 samples (0.002 s) early: set estimate.inputs.tip.delay: {samples: -2}, or accept",
-            ["estimate.inputs.tip.delay={samples: -2}"],
-        ),
     ],
-    ids=["sign", "unit", "late", "early"],
+    ids=["unit", "late"],
 )
 def test_what_is_printed_undoes_the_fault_of_a_load(known, change, says, settings):
     file = with_load(known, "wrong", change)
@@ -265,13 +249,6 @@ def test_what_is_printed_undoes_the_fault_of_a_load(known, change, says, setting
     code, said = by_known_load(known, file, *settings)
     assert code == 0, said
     assert right(known)
-
-
-@pytest.mark.slow
-def test_all_gauges_reversed_name_the_load(known):
-    code, said = by_known_load(known, with_load(known, "reversed", lambda u: u, lambda y: -y))
-    assert code == 3
-    assert "tip fits with sign −1" in said
 
 
 EACH = "estimate.hold_out=each"
@@ -342,13 +319,3 @@ def test_a_gauge_that_the_others_cannot_do_without_stays_in_with_the_reason(know
     assert "the others cannot tell anything" in said
     assert "hold_out.inside" not in found.summary
 
-
-@pytest.mark.slow
-def test_samples_that_are_missing_are_predicted_and_not_judged(known):
-    head, values = record(known)
-    at = [h.startswith("G2") for h in head].index(True)
-    values[50:80, at] = np.nan
-    found, _ = run(known, EACH, values=values)
-    assert np.isfinite(found["/hold_out/predicted"]).all()
-    assert np.isnan(found["/gauge/measured"][49:79, 1]).all()
-    assert np.isfinite(found.summary["hold_out.inside"])

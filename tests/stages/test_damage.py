@@ -8,7 +8,7 @@ import pyvista
 import rainflow
 
 from strainsight import api
-from strainsight.cases.structure.walks import DECISIVE, may_walk_otherwise, walking, walks
+from strainsight.cases.structure.walks import DECISIVE, walking, walks
 from strainsight.workflow.artefact import Artefact
 
 from .tested_beam import ALONE, BLIND, CONFIG, ROOT, changed, estimated
@@ -66,14 +66,6 @@ def test_hot_spots_are_the_most_damaged_and_apart(blind):
     # the root of the cantilever, at x = 0
     assert position[spots[0], 0] < 0.1 * np.ptp(position[:, 0])
     assert "hot spots" in said
-
-
-def test_numbers_have_names(blind):
-    found, _, _ = blind
-    numbers = found.summary
-    assert numbers["damage.low.surface"] < numbers["damage.surface"] < numbers["damage.high.surface"]
-    assert numbers["life.surface"] == pytest.approx(found["/damage/hours"][()] / numbers["damage.surface"])
-    assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.199 / 3600, rel=0.01)
 
 
 def test_a_place_of_next_to_no_stress_has_no_interval(blind):
@@ -149,13 +141,6 @@ def test_of_a_walk_the_other_one_with_the_kappa_that_is_stated(tmp_path):
     assert (other.loads["side"].process_noise.kappa, other.loads["side"].process_noise.frequency) == (0.3, 4.0)
     assert other.loads["tip"] == config.loads["tip"]
     assert walking(other, "side") == config
-
-
-def test_walks_are_compared_by_a_bank_alone(tmp_path):
-    assert may_walk_otherwise(config_with(tmp_path, "{model: random_walk}"), ["side"])
-    assert not may_walk_otherwise(config_with(tmp_path, "{model: matern}"), ["side"])
-    assert not may_walk_otherwise(config_with(tmp_path, "{model: random_walk}", "extended"), ["side"])
-    assert may_walk_otherwise(config_with(tmp_path, "{model: matern}"), [])
 
 
 @pytest.mark.slow

@@ -77,9 +77,7 @@ def test_a_name_that_the_deck_has_is_refused(tmp_path):
     [
         ({"node": 1, "pressure": True}, "loads.tip.pressure", "acts on a face"),
         ({"set": "end", "pressure": True, "bearing": [0, 0, 1]}, "loads.tip.pressure", "a load with 'bearing', too"),
-        ({"set": "end", "bearing": [0, 0, 0]}, "loads.tip.bearing", "length zero"),
         ({"set": "end", "pressure": True, "direction": [0, 0, 1]}, "loads.tip.direction", "a pressure acts inward"),
-        ({"set": "end"}, "loads.tip.direction", "missing"),
     ],
 )
 def test_what_presses_has_one_kind_and_a_face(tmp_path, load, key, what):
@@ -97,7 +95,8 @@ def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(t
             "pin": {"known": True, "set": "end", "bearing": [-1, 0, 0], "signal": LOAD["signal"]},
         },
         "parameters": {},
-        "place.estimate": ["press"],
+        "place": {"estimate": ["press"], "keep": 2, "instants": 1, "certificate": False},
+        "rom.modes": 3,
         "tolerances": "none",
         "validate": {"truth": {"model": "modes"}, "time_step": 0.001, "duration": 0.1, "repeats": 1, "random_sets": 0},
     }
@@ -126,7 +125,7 @@ CHANGES = {
     "gauges.noise_std": {"value": 1e-8},
     "tolerances": {"load_angle": 1.0},
     "screen": {"keep": 8, "minimum_spacing": 0.02},
-    "place": {"estimate": ["shake"], "keep": 2, "instants": 2},
+    "place": {"estimate": ["shake"], "keep": 2, "instants": 1, "certificate": False},
     "validate.truth": {"model": "rich", "parameters": {}},
     "validate.initial_std": {"shake": 1.0},
 }
@@ -136,7 +135,7 @@ MESH = bricks((8, 1, 1), "hex20", tip=False).replace("ENDDATA", CARDS)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("mass"), "place", MESH, CHANGES)
+    return finished(tmp_path_factory.mktemp("mass"), "train", MESH, CHANGES)
 
 
 def by_load(model):
@@ -162,11 +161,6 @@ def test_strain_under_weight_is_that_of_a_beam(run):
     centrifugal = RHO * (L**2 - x**2) / (2 * E)
     np.testing.assert_allclose(strain[own, 0], bending[own], atol=0.005 * bending[own].max())
     np.testing.assert_allclose(strain[own, 1], centrifugal[own], rtol=0.01)
-
-
-def test_its_estimate_is_an_acceleration(run):
-    assert run["place"].attributes("/expected_std/shake")["scale"] == pytest.approx(9.81)
-    assert run["train"].attributes("/input")["units"] == "1 or m/s² or rad²/s²"
 
 
 def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any_of_them():
@@ -255,8 +249,6 @@ def test_a_density_is_found_by_the_strain_under_its_own_weight(weighed):
     ("change", "key"),
     [
         ({"loads.shake.node": 3}, "loads.shake.node"),
-        ({"loads.shake.direction": [0, 0, 1]}, "loads.shake.direction"),
-        ({"loads.shake.rotation": {"axis": [1, 0, 0]}}, "loads.shake.rotation"),
         ({"loads.shake.gravity": [0, 0, 0]}, "loads.shake.gravity"),
         ({"loads.spin.rotation": {"axis": [0, 0, 0]}}, "loads.spin.rotation.axis"),
         ({"loads.deck.deck_load": None, "loads.deck.node": 3, "loads.deck.direction": [1, 0, 0]}, "loads.deck.factor"),

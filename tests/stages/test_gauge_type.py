@@ -10,7 +10,6 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_of
-from strainsight.cases.structure.gauge_practice import type_in_words, type_table
 from strainsight.errors import InfeasibleError
 from strainsight.gauges.screening import BEND
 from strainsight.gauges.surface import facet_centres
@@ -60,18 +59,6 @@ def test_clearance_and_spacing_are_those_of_the_carrier(beam):
     assert np.all(found.range[training.candidates.quantity == 0] == 0.05)
     stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, beam.reduced, training)
     assert (stated.clearance.distance, stated.clearance.rule) == (0.005, "stated")
-
-
-def test_the_words_say_what_is_the_type_s_and_what_a_key_states(beam):
-    config = beam("gauges.type=3/350", "screen.minimum_spacing=0.02").config
-    said = type_in_words(config)
-    assert said.startswith("gauges 3/350 (as Micro-Measurements CEA-06-125UW-350): grid 3.18 mm, carrier 10.7 × 6.9 mm, range")
-    assert "spacing" not in said
-    rows = {row[0]: row[1:] for row in type_table(config)[0].rows}
-    assert rows["spacing"] == ("20 mm", "screen.minimum_spacing")
-    assert rows["grid"] == ("3.18 mm", "3/350")
-    assert rows["range"] == ("50000 µm/m", "3/350")
-    assert (type_in_words(beam().config), type_table(beam().config)) == ("", ())
 
 
 def curled(mesh):
