@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..shared import ROOT, once
+from ..shared import ROOT, once, without_hot_spots
 
 DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
 FORMATS = {"csv": "test.csv", "hdf5": "test.h5", "uff58": "test.uff"}
@@ -142,7 +142,8 @@ def _record(folder: Path, name: str) -> None:
     node = node_at(DECK, (1.0, 0.0, 0.095))
     for form in FORMATS:
         (folder / f"{name}-{form}.yaml").write_text(config(name, CASES[name], DECK, node, form))
-    invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
+    with without_hot_spots():
+        invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
     with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
         head, *rows = csv.reader(lines)
     names = [cell.split(" ")[0] for cell in head]

@@ -23,7 +23,6 @@ from strainsight_cli.main import app
 
 from ..bodies import body
 from ..models import artefacts
-from .test_bad_input import CONFIG
 
 ROOT = Path(__file__).parents[2]
 LUG, DECK = ROOT / "configs" / "lug" / "lug-input.yaml", ROOT / "meshes" / "lug.bdf.gz"
@@ -211,6 +210,21 @@ def cubes(cells, fixed, first=1):
     return "\n".join(lines) + "\n"
 
 
+CONFIG = """\
+kind: placement
+name: own
+mesh: {{file: {file}{more}}}
+loads:
+  tip: {{node: 4, direction: [0, 0, 1], known: true, signal: {{type: sine, frequency: 20.0, amplitude: 1.0}}}}
+parameters: {{E: {{property: youngs_modulus, region: 1, guess: 2.0e11, range: [1.0e11, 3.0e11]}}}}
+damping: {{type: modal, ratio: 0.01}}
+train: {{duration: 1.0, time_step: 1.0e-3}}
+gauges: {{direction: {{type: axis, axis: [1, 1, 1]}}, noise_std: {{value: 1.0e-7}}}}
+place: {{estimate: [E], keep: 1}}
+validate: {{time_step: 1.0e-3, duration: 1.0, initial_std: {{E: 0.1}}}}
+"""
+
+
 def imported(folder, deck, more=""):
     (folder / "own.bdf").write_text(deck)
     (folder / "own.yaml").write_text(CONFIG.format(file="own.bdf", more=more).replace("node: 4", "node: 7"))
@@ -233,13 +247,6 @@ def test_two_cubes_that_are_not_merged_are_named_and_are_one_part_with_mesh_merg
     assert "4 nodes became others within 1e-06 m, as 9 which is 2 now" in said
     assert "nodes lie in the place" not in said
     assert "12 nodes, 2 hex8" in said
-
-
-def test_the_same_cube_twice_is_an_error_with_its_line(tmp_path):
-    code, said = imported(tmp_path, cubes([((0.0, 0.0, 0.0), 1.0)] * 2, (1, 4, 5, 8)))
-    assert code == 2
-    assert "own.bdf:22" in said
-    assert "elements 1 and 2 (hex8) lie in one place" in said
 
 
 def test_a_small_cube_on_a_large_one_hangs_until_it_is_tied(tmp_path):

@@ -89,23 +89,6 @@ def test_a_wrong_sign_is_named_with_its_key_and_takes_the_sigma_away(project):
 
 
 @pytest.mark.slow
-def test_run_ends_with_3_where_the_record_contradicts_the_model(project):
-    file = wrong(project, "sign", lambda y: -y)
-    run = CliRunner().invoke(
-        app,
-        [
-            "run",
-            str(project / "blind.yaml"),
-            "--results",
-            str(project / "results"),
-            f"--set=estimate.file={file.name}",
-            "--set=validate.random_sets=0",
-        ],
-    )
-    assert run.exit_code == 3, run.output
-
-
-@pytest.mark.slow
 def test_what_is_accepted_has_its_sigma_and_ends_with_0(project):
     file = wrong(project, "sign", lambda y: -y)
     code, said, found = found_of(project, file, "--accept")
@@ -123,19 +106,6 @@ def test_the_key_that_is_named_undoes_the_fault(project):
     assert code == 0
     straight = found_of(project, project / "results" / "blind" / "measured.csv")[2]["/smoothed/side"].copy()
     np.testing.assert_allclose(found["/smoothed/side"], straight, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (lambda y: 1e3 * y, "G2 reads 1000 times what fits: check estimate.channels.1.unit (now m/m)"),
-    ],
-)
-@pytest.mark.slow
-def test_other_faults_are_named_in_words_that_an_engineer_can_act_on(project, change, says):
-    code, said, _ = found_of(project, wrong(project, "other", change))
-    assert code == 3
-    assert says in said
 
 
 @pytest.mark.slow

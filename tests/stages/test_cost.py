@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -114,22 +113,6 @@ def test_seconds_as_measured_are_within_a_factor_of_three():
     assert len(measured()) >= 6
     for changes, seconds in measured():
         assert 1 / FACTOR <= of(*changes).seconds / seconds <= FACTOR, changes
-
-
-@pytest.mark.parametrize(
-    ("what", "values"),
-    [
-        ("screen.keep", (4, 10, 100, 20_000)),
-        ("place.instants", (1, 2, 20, 200)),
-        ("place.parameter_samples", (1, 3, 9)),
-        ("rom.modes", (1, 4, 40, 400)),
-    ],
-)
-def test_more_of_anything_costs_more_and_nothing_costs_nothing(what, values):
-    found = [of(f"{what}={value}") for value in values]
-    assert found[0].seconds > 0
-    assert found[0].memory > 0
-    assert all(a.seconds < b.seconds and a.memory <= b.memory for a, b in itertools.pairwise(found))
 
 
 def test_what_is_counted():

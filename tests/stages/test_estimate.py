@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
 
 import numpy as np
 import pytest
 import pyvista
-from typer.testing import CliRunner
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
 from ..shared import slowly
 from .test_artefacts import UNITS_OF, rows
@@ -21,7 +18,6 @@ from .tested_beam import (
     BLIND,
     COMPARED,
     KNOWN,
-    PLAIN,
     STUDIED,
     H,
     as_written,
@@ -106,20 +102,6 @@ def test_a_virtual_gauge_reads_the_true_strain_where_none_is(project, plain):
     assert virtual == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
-def test_what_a_test_found_is_the_guess_of_another_run(project):
-    summary, _ = as_written(project)
-    named = ("name=next", "parameters.E.guess={from: test, stage: estimate}")
-    done = CliRunner().invoke(
-        app,
-        ["rom", str(project / "test.yaml"), "--results", str(project / "results"), *(f"--set={own}" for own in named)],
-    )
-    assert done.exit_code == 0, done.output
-    found = Artefact(project / "results" / "next" / "rom.h5")
-    assert found["/reduced/reference"].tolist() == [summary["estimate.E"]]
-    assert summary["estimate.E"] != Artefact(project / "results" / "test" / "validate.h5").summary["estimate.E"]
-
-
 def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_file(tmp_path):
     """Nothing between samples is guessed then: the filter sees what that of validate saw."""
     results = changed(tmp_path, "blind", BLIND)
@@ -176,25 +158,6 @@ def test_the_variance_of_an_estimate_is_made_of_what_place_expects(tmp_path):
             assert share == pytest.approx(place[source] / (1 - place["frequency"]), abs=0.03), source
 
 
-@pytest.mark.slow
-def test_a_drift_and_a_temperature_are_in_every_budget(tmp_path):
-    """Of place, validate and estimate, by shares that go with the square of the strain, and so with 1.1² of E. They are small:
-    what grows with time is unlike a sine, and learned where it is large."""
-    warm = KNOWN | {
-        "name: test\n": "name: warm\n",
-        "frequency: 0": "frequency: 0, gain: 0, load_gain: 0, "
-        "drift: 2.0e-7, temperature: 0.4, thermal_spread: 5.0e-7}"
-    }
-    results = changed(tmp_path, "warm", warm)
-    code, said = estimated(tmp_path, results / "measured.csv", "estimate.start=settled", config="warm.yaml")
-    assert code == 0, said
-    place, *others = (shares(Artefact(results / f"{s}.h5"))["E"] for s in ("place", "validate", "estimate"))
-    for source in ("drift", "temperature"):
-        assert place[source] > 1e-6
-        for own in others:
-            assert own[source] == pytest.approx(place[source], rel=0.5), source
-
-
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
@@ -218,15 +181,6 @@ def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
     code, said = estimated(project, project / "results" / "test" / "measured.csv", "estimate.start=settled")
     assert code == 2
     assert "under an unknown load, side," in " ".join(said.split())
-
-
-@pytest.mark.slow
-def test_an_unobservable_case_is_estimated_on_request_and_reported(project):
-    file = project / "results" / "test" / "measured.csv"
-    one = "estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"
-    code, said = estimated(project, file, one, "--allow-unobservable")
-    assert code == 0, said
-    assert "cannot tell" in said
 
 
 @pytest.mark.slow
@@ -281,17 +235,6 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
     assert not any(name.startswith("std.") for name in own.summary)
 
 
-@pytest.mark.slow
-def test_a_finer_step_of_the_filter_changes_little(project, plain):
-    file = project / "results" / "test" / "measured.csv"
-    code, said = estimated(project, file, "estimate.time_step=5.0e-4")
-    assert code == 0, said
-    found = result(project)
-    assert len(found["/time"]) == 2 * (len(plain[1]["/smoothed/side"]) - 1) + 1
-    error = np.linalg.norm(found["/smoothed/side"][::2] - plain[1]["/smoothed/side"])
-    assert error < 0.02 * np.linalg.norm(plain[1]["/smoothed/side"])
-
-
 def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
     """Of the load alone: a bank over the damping takes a sixth of the time of one over a modulus, too."""
     found = changed(tmp_path, "ranked", {**BLIND, "name: test\n": "name: ranked\n", **STUDIED})
@@ -312,22 +255,6 @@ def test_every_dataset_of_estimate_is_listed(compared):
         assert len(matching) == 1, path
         assert values.ndim == matching[0][0], path
         assert units in UNITS_OF.get(matching[0][1], (matching[0][1],)), path
-
-
-@pytest.mark.slow
-def test_the_whole_model_in_time_may_be_the_truth(project, tmp_path):
-    """Sixty modes with static terms and all degrees of freedom agree, so do the estimates from them."""
-    settings = ["validate.truth.model=full", "validate.duration=0.1", PLAIN]
-    options = [f"--set={text}" for text in settings]
-    shutil.copytree(project / "results" / "test", tmp_path / "results" / "test")
-    done = CliRunner().invoke(
-        app, ["validate", str(project / "test.yaml"), "--results", str(tmp_path / "results"), *options]
-    )
-    assert done.exit_code == 0, done.output
-    full = Artefact(tmp_path / "results" / "test" / "validate.h5")
-    modes = Artefact(project / "results" / "test" / "validate.h5")
-    ours, theirs = full["/gauge/true"], modes["/gauge/true"][: len(full["/gauge/true"])]
-    assert np.abs(ours - theirs).max() < 2e-3 * np.abs(theirs).max()
 
 
 @pytest.mark.slow

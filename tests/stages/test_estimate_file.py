@@ -94,16 +94,6 @@ def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(proje
     assert "give a part of the record at a time" in said
 
 
-@pytest.mark.slow
-def test_whole_samples_that_are_missing_are_filled_and_reported(project, plain, tmp_path):
-    head, values = table(project)
-    gone = np.r_[0:100, 105 : len(values)]
-    code, said = estimated(project, write(tmp_path / "gap.csv", head, values[gone]))
-    assert code == 0, said
-    assert "5" in said
-    assert len(result(project)["/smoothed/side"]) == len(values)
-
-
 @pytest.mark.parametrize(
     ("settings", "key", "says"),
     [

@@ -28,6 +28,8 @@ from ..edges.beam import PLACEMENT_CONFIG, RHO, SIZE, E, bricks, config_of, fini
 from ..rom.test_reduction import beam
 from ..shared import strains
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 FACES = {"root": {"near": [0, 0.05, 0.04]}, "end": {"normal": [1, 0, 0]}, "top": {"near": [0.5, 0.05, 0.08]}}
 LOAD = {"known": True, "direction": [0, 0, 1], "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1000.0}}
 
@@ -63,13 +65,6 @@ def test_the_import_lists_six_faces_of_a_beam_and_the_names_that_stand_for_three
     np.testing.assert_allclose(found["/faces/found/area"], [0.1, 0.1, 0.08, 0.08, 0.008, 0.008], rtol=1e-12)
     assert found["/faces/named/name"].astype(str).tolist() == ["end", "root", "top"]  # yaml sorts them
     assert found["/faces/named/facets_offset"].tolist() == [0, 4, 8, 24]
-
-
-def test_a_name_that_the_deck_has_is_refused(tmp_path):
-    text = unheld().replace("ENDDATA", "SET1,7,1,THRU,4\nENDDATA")
-    with pytest.raises(UserError, match="the mesh has a set 'SET1-7'") as caught:
-        finished(tmp_path, "import", text, {"mesh.faces": {"SET1-7": {"near": [0, 0.05, 0.04]}}})
-    assert caught.value.key == "mesh.faces.SET1-7"
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from strainsight.cases.structure.scenarios import placed_instants
 from strainsight.cases.structure.start import ringing_in_words
 from strainsight.errors import ConfigError, NumericalError, UserError
 from strainsight.gauges.candidates import ACCELERATION
-from strainsight.records.estimated import Compared
 
 from ..edges.beam import PLACEMENT_CONFIG, E, bricks
 from ..shared import FEW, HUB
@@ -152,26 +151,6 @@ def test_sigma_points_let_a_parameter_drift_only_if_asked(validated):
     )
     assert np.all(np.diff(constant) <= 1e-9 * constant[0])
     assert drifting[-1] > constant[-1]
-
-
-def test_what_disagrees_is_reported_in_words_and_stands_in_the_table():
-    own = Compared(
-        filter=("bank", "sigma-point", "extended"),
-        estimate={"rho": np.array([7800.0, 7790.0, 8100.0]), "E": np.array([2e11, 2e11, np.nan])},
-        std={"rho": np.array([300.0, 310.0, 90.0]), "E": np.array([1e9, 2.4e9, np.nan])},
-        ratio={"rho": np.array([1.0, 0.97, 4.7]), "E": np.array([1.0, 0.42, np.nan])},
-    )
-    said = disagreements_in_words(own)
-    assert said == [
-        "the extended filter is overconfident of rho: the bank expects an error of 4.7 times its σ",
-        "the extended filter diverges, of E it says nothing",
-    ]
-    assert disagreements_in_words(None) == []
-    rows = {row[0]: row[1:] for row in comparison_table(own, {"rho": "kg/m³", "E": "Pa"}).rows}
-    assert "consistent" in rows["rho"][1]
-    assert "overconfident (4.7)" in rows["rho"][2]
-    assert "too cautious (0.42)" in rows["E"][1]
-    assert rows["E"][2] == "diverged"
 
 
 def test_two_estimates_that_exclude_each_other_are_named():
@@ -371,16 +350,3 @@ def test_the_joint_cases_of_the_hub_are_beyond_their_best_single_ones_as_in_figu
         assert own[joint] > 700 * min(own[single] for single in joint.split("+"))
     assert condition["none"]["E+rho"] < 100 * condition["none"]["E"]
 
-
-@pytest.mark.slow
-def test_from_rest_every_instant_of_the_hub_lies_where_its_first_mode_rings(hub):
-    """Within 3/(ζω₁), the first fifth of the run; in the steady state anywhere."""
-    case, ringing = api.load(ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"), 3 / (0.01 * 2 * np.pi * 484.7)
-    found = {}
-    for settle, artefacts in hub.items():
-        run = api.open_run(artefacts["place"].path.parent)
-        problem = problem_of(case.config, case.files, run.reduced, run.training, run.screened)
-        at = placed_instants(problem, problem.model.reference, problem.x, case.config.place, case.config.seed)
-        found[settle] = problem.h * at
-    assert found["none"].max() < ringing < 0.2 * 0.5
-    assert found["auto"].max() > 0.5 * 0.5
