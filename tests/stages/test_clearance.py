@@ -101,15 +101,6 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
         beam("gauges.clearance=0.051")
 
 
-def test_a_pool_that_a_clearance_has_made_smaller_than_asked_for_is_taken_whole(beam):
-    training, screened = beam()
-    count = training.candidates.gauges
-    _, asked = beam(f"screen.keep={count}")
-    np.testing.assert_array_equal(asked.kept, screened.kept)
-    _, stated = beam(f"screen.keep={count}", "gauges.clearance=0.006")
-    np.testing.assert_array_equal(stated.kept, np.flatnonzero(stated.reason != "clearance"))
-
-
 def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that_may_be_taken(beam):
     training, screened = beam("gauges.noise_std={relative_to_strongest: 0.01}", "gauges.clearance=0.02")
     rms = np.sqrt(np.mean(training.reading() ** 2, axis=0))

@@ -60,6 +60,9 @@ def test_a_heavier_structure_is_named_by_the_mode_that_it_moves(tmp_path):
         "{model: integrated_random_walk}": "{model: integrated_random_walk, frequency: 70}",
         "relative_to_strongest: 0.01": "relative_to_strongest: 0.001",
         "{E: 2.1e+11}, modes": "{E: 2.1e+11, rho: 10200}, modes",
+        "frequency: 0, damping: 1": "frequency: 0.01",
+        "duration: 0.2, time_step: 1.0e-3": "duration: 0.3, time_step: 5.0e-4",
+        "  time_step: 1.0e-3\n  duration: 0.2\n": "  time_step: 5.0e-4\n  duration: 0.3\n",
     }
     results = changed(tmp_path, "blind", heavy)
     code, said, found = found_of(tmp_path, results / "measured.csv")
@@ -205,7 +208,7 @@ def test_a_long_gap_is_refused(known):
         (lambda u: 1e-3 * u, "set estimate.inputs.tip.scale: 1000", ["estimate.inputs.tip.scale=1000"]),
         (
             lambda u: np.concatenate([[0, 0], u[:-2]]),
-            "tip is 2 samples (0.002 s) late: set estimate.inputs.tip.delay: {samples: 2}, or accept",
+            "tip is 2 samples (0.002 s) late: set estimate.inputs.tip.delay: {samples: 2}",
             ["estimate.inputs.tip.delay={samples: 2}"],
         ),
     ],
@@ -270,17 +273,6 @@ def test_sound_gauges_agree_with_the_others(known):
     assert found.summary["hold_out.inside"] > 0.9
     assert "contradict" not in said
     assert found["/hold_out/left_in"].tolist() == [""] * 4
-
-
-@pytest.mark.slow
-def test_a_gauge_that_reads_too_much_is_found(known):
-    head, values = record(known)
-    at = [h.startswith("G3") for h in head].index(True)
-    values[:, at] *= 1.15
-    found, said = run(known, EACH, values=values)
-    ratio = {f"G{i}": found.summary[f"hold_out.ratio.G{i}"] for i in range(1, 5)}
-    assert max(ratio, key=ratio.get) == "G3"
-    assert "the other gauges contradict G3" in said
 
 
 def test_a_gauge_that_the_others_cannot_do_without_stays_in_with_the_reason(known):

@@ -112,23 +112,6 @@ def test_without_a_known_load_it_finds_what_validate_found_to_the_digits_of_the_
         np.testing.assert_allclose(found[path], validate[path], rtol=1e-6, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_a_record_that_begins_settled_is_estimated_as_validate_did(known):
-    """But for the load, which is straight between samples; and where nothing is known of the start σ is larger at first."""
-    file = known / "results" / "test" / "measured.csv"
-    validate = Artefact(file.with_name("validate.h5"))
-    found = {}
-    for start in ("settled", "moving"):
-        code, said = estimated(known, file, f"estimate.start={start}")
-        assert code == 0, said
-        artefact = result(known)
-        found[start] = {name: artefact[f"/{name}/E"].copy() for name in ("estimate", "std")}
-    std = validate["/std/E"][-1]
-    assert abs(found["settled"]["estimate"][-1] - validate["/estimate/E"][-1]) < 0.1 * std
-    assert found["settled"]["std"][-1] == pytest.approx(std, rel=0.02)
-    assert found["settled"]["std"][5] < 0.8 * found["moving"]["std"][5]
-
-
 def shares(artefact):
     source, root = [str(name) for name in artefact["/budget/source"]], "/budget/share/"
     return {

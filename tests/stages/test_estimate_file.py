@@ -26,21 +26,6 @@ def plain(project):
 
 
 @pytest.mark.slow
-def test_columns_may_stand_in_any_order_and_units_in_any_way(project, plain, tmp_path):
-    head, values = table(project)
-    order = np.roll(np.arange(len(head)), 2)
-    values = values.copy()
-    column = {h.split(" ")[0]: i for i, h in enumerate(head)}
-    values[:, column["G2"]] *= 1e6
-    head = [h.replace("G2 [m/m]", "G2 [um/m]").replace("time [s]", "time [ms]") for h in head]
-    values[:, column["time"]] *= 1e3
-    file = write(tmp_path / "shuffled.csv", [head[i] for i in order], values[:, order])
-    code, said = estimated(project, file, "estimate.channels.1.unit=um/m", "estimate.time.unit=ms")
-    assert code == 0, said
-    np.testing.assert_allclose(result(project)["/smoothed/side"], plain[1]["/smoothed/side"], rtol=1e-6, atol=1e-6)
-
-
-@pytest.mark.slow
 def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
     head, values = table(project)
     rng = np.random.default_rng(1)

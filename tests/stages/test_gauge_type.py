@@ -118,16 +118,6 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
         clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([inside, flank]))))
 
 
-def test_where_all_bends_too_tightly_the_type_is_refused(beam, training):
-    pool = training.candidates
-    x = pool.position[:, 2] - beam.mesh.position[:, 2].min()
-    inside = (x == 0) & (np.abs(pool.position[:, 0] - pool.position[:, 0].mean()) < 0.3)
-    only = replace(training, candidates=pool.take(np.flatnonzero(inside)))
-    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}")
-    with pytest.raises(InfeasibleError, match=r"gauges\.type: the surface bends tighter than the 240 mm"):
-        bent_gauges(case.config, curled(beam.mesh), only)
-
-
 def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
     along = "direction: [1, 0, 0]"
     fixed = f"[{{name: K1, position: [0.45, 0.045, 0.0], {along}}}, {{position: [0.45, 0.045, 0.08], {along}}}]"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -16,7 +15,7 @@ from strainsight.cases.layout.advice import best_possible
 from strainsight.cases.layout.layout import layout_of, proved
 from strainsight.cases.layout.task import root_of
 from strainsight.cases.structure.installation_noise import COHERENCE
-from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.errors import InfeasibleError
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.elimination import eliminate
@@ -230,13 +229,6 @@ def test_places_of_small_errors_take_turns_with_strong_ones(screened):
     np.testing.assert_allclose(np.sort(ratio[:, found.kept]), np.sort(ratio[:, best(ratio, 8)]), rtol=1e-6)
     assert ratio[1, found.kept].sum() > 1.01 * ratio[1, best(ratio[:1], 8)].sum()
     assert np.all(found.snr >= ratio[1])
-
-
-def test_a_placement_that_avoids_errors_wants_them_screened(screened):
-    case, mesh, reduced, training, found = screened({})
-    with pytest.raises(ConfigError, match="screened without their errors") as error:
-        api.place(case, mesh, reduced, training, replace(found, installation=None))
-    assert "screen them with this config" in str(error.value)
 
 
 def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path):

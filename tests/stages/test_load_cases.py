@@ -12,7 +12,6 @@ from scipy.linalg import solve_continuous_are
 from strainsight import api
 from strainsight.cases.structure.load_cases import runs_of
 from strainsight.cases.structure.problem import problem_in
-from strainsight.errors import ConfigError
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 
@@ -295,15 +294,6 @@ def test_a_case_takes_a_recorded_load(beam):
     np.testing.assert_allclose(
         training.cases["ramp"].load[:, at], 15000 * training.cases["ramp"].time, rtol=1e-6, atol=1e-6
     )
-
-
-def test_a_load_that_is_recorded_as_zero_is_to_be_silent(beam):
-    (beam.folder / "zero.csv").write_text("t,F\n0,0\n1,0\n", encoding="utf-8")
-    zero = {"type": "csv", "file": "zero.csv", "time_column": "t", "value_column": "F"}
-    with pytest.raises(ConfigError, match="zero throughout this case") as caught:
-        beam.placed({"a": {"loads": {"down": {"signal": zero, "frequency": 5.0}}}, "b": {}}, keep=3)
-    assert caught.value.key == "place.load_cases.a.loads.down"
-    assert caught.value.remedy == "state down: none"
 
 
 def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
