@@ -225,6 +225,7 @@ def weighed(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("weighed"), "validate", MESH, of_density(WEIGHT))
 
 
+@pytest.mark.slow
 def test_a_density_is_found_by_the_strain_under_its_own_weight(weighed):
     """At 1 Hz the strain is ρ times what it is for ρ = 1, whatever the mass does otherwise: with noise r of each of the samples
     1/σ² = 1/σ₀² + Σ ε²/r², relative to ρ. The motion adds (f/f₁)² of it, f₁ 66 Hz."""
