@@ -106,28 +106,6 @@ def test_more_modes_than_the_model_has_is_refused_at_the_number_of_modes(project
     assert "rom.modes" in message
 
 
-ABAQUS = """\
-*HEADING
-a tetrahedron
-*NODE, NSET=NALL
-1, 0., 0., 0.
-2, 1., 0., 0.
-3, 0., 1., 0.
-4, 0., 0., 1.
-*ELEMENT, TYPE=C3D4, ELSET=EALL
-10, 1, 2, 3, 4
-*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL
-*MATERIAL, NAME=STEEL
-*ELASTIC
-2.1e11, 0.3
-*DENSITY
-7850.
-*BOUNDARY
-1, 1, 3
-2, 1, 3
-3, 1, 3
-"""
-
 PART = {"gauges.include": [{"box": [[0.1, -1, -1], [0.4, 1, 1]]}]}
 RHO = {"property": "density", "region": 1, "guess": 7850, "range": [7000, 9000]}
 
