@@ -1,4 +1,4 @@
-"""Every mistake of a user, in config and deck: exit code 2, one message with file, line and key, and no artefact."""
+"""What a config or a deck asks for and cannot be: exit code 2, one message with file, line and key, and no artefact."""
 
 from __future__ import annotations
 
