@@ -82,6 +82,7 @@ def test_what_presses_has_one_kind_and_a_face(tmp_path, load, key, what):
     assert key in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(tmp_path):
     own = changes(True) | {
         "mesh.faces": FACES | {"below": {"near": [0.5, 0.05, 0.0]}},

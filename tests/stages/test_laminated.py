@@ -86,6 +86,7 @@ def strip(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_factor_of_the_stiffness_is_found(strip):
     job = job_of(strip / "strip.yaml", strip / "results")
     found = finished(job, stages_of(job, "validate"))
