@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..shared import ROOT, once
+from ..shared import ROOT, once, without_hot_spots
 
-DECK = ROOT / "meshes" / "cantilever.bdf"
+DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
 FORMATS = {"csv": "test.csv", "hdf5": "test.h5"}
 E, DENSITY = 2.1e11, 7850.0
 """The truth [Pa, kg/m³]."""
@@ -65,7 +65,7 @@ mesh: {{file: {deck}}}
 parameters: {{{parameters}}}
 loads: {{{loads}}}
 damping: {{type: modal, ratio: 0.01}}
-rom: {{modes: 6, parameter_samples: {samples}}}
+rom: {{modes: 4, parameter_samples: {samples}}}
 train: {{duration: 0.12, time_step: 1.0e-3}}
 gauges:
   direction: {{type: axis, axis: [1, 0, 0], angles: [0]}}
@@ -74,7 +74,7 @@ gauges:
   noise_std: {{relative_to_strongest: 0.01}}
 tolerances: none
 screen: {{keep: 12, minimum_spacing: 0.05}}
-place: {{estimate: [{unknown}], keep: {gauges}, instants: 2}}
+place: {{estimate: [{unknown}], keep: {gauges}, instants: 1, certificate: false}}
 validate:
   truth: {{model: modes, modes: 12{truth}}}
   time_step: 1.0e-3
@@ -140,7 +140,8 @@ def _record(folder: Path, name: str) -> None:
     node = node_at(DECK, (1.0, 0.0, 0.095))
     for form in FORMATS:
         (folder / f"{name}-{form}.yaml").write_text(config(name, CASES[name], DECK, node))
-    invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
+    with without_hot_spots():
+        invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
     with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
         head, *rows = csv.reader(lines)
     names = [cell.split(" ")[0] for cell in head]

@@ -14,7 +14,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight_cli.example import write
 
-from ..stages.mistakes import HISTORY, history
+from ..stages.test_first_day import HISTORY, history
 
 
 def said(folder: Path, *changes: tuple[str, str]) -> str:
