@@ -2,10 +2,12 @@
 
 The list is .ci/words.toml. Read are the manual, the first pages, the changes of the unreleased version, and of pipeline/ and
 cli/ what is no code: comments, docstrings, texts. Of tests it is their names. --count prints hits by word and by package.
+--changed reads the files alone that the last commit or the work since has changed, and all if the list itself has.
 """
 
 import io
 import re
+import subprocess
 import sys
 import tokenize
 import tomllib
@@ -74,8 +76,19 @@ READERS = {
 }
 
 
-def hits(root):
-    """(file, line, what stands there, replacement), every one, in order."""
+def changed(root):
+    """Files that the last commit or the work since has changed; None, which is all, without Git or if the list has."""
+    names = set()
+    for command in ("diff --name-only --relative HEAD~1", "ls-files --others --exclude-standard"):
+        done = subprocess.run(["git", *command.split()], cwd=root, capture_output=True, text=True)
+        if done.returncode:
+            return None
+        names.update(done.stdout.splitlines())
+    return None if {".ci/words.py", ".ci/words.toml"} & names else names
+
+
+def hits(root, names=None):
+    """(file, line, what stands there, replacement), every one, in order; names: of the files that are read, or all."""
     known, found = list(entries()), set()
     likely = re.compile("|".join(f"(?:{word.pattern})" for word, *_ in known), re.IGNORECASE)
 
@@ -94,7 +107,7 @@ def hits(root):
     for pattern, reader in READERS.items():
         for path in root.glob(pattern):
             name = path.relative_to(root).as_posix()
-            if not name.startswith(GENERATED):
+            if not name.startswith(GENERATED) and (names is None or name in names):
                 for first, text, is_name in reader(path, path.read_text(encoding="utf-8")):
                     for at, word, write in words_in(text, is_name):
                         found.add((name, first + text.count("\n", 0, at), word, write))
@@ -108,7 +121,8 @@ def package(name):
 
 
 def main(root):
-    found = hits(root)
+    names = changed(root) if "--changed" in sys.argv else None
+    found = hits(root, names)
     if "--count" in sys.argv:
         for by in (lambda hit: hit[3], lambda hit: package(hit[0])):
             for what, count in Counter(map(by, found)).most_common():
@@ -117,7 +131,8 @@ def main(root):
     else:
         for name, number, word, write in found:
             print(f"{name}:{number}: {word} → {write}")
-    print(f"words: {len(found)} to replace, in {len({hit[0] for hit in found})} files")
+    read = "" if names is None else ", of those that were changed"
+    print(f"words: {len(found)} to replace, in {len({hit[0] for hit in found})} files{read}")
     return bool(found)
 
 

@@ -15,21 +15,20 @@ from __future__ import annotations
 import argparse
 import csv
 import os
-import runpy
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 from benchmarks.scaling import STAGES, spent
+from benchmarks.wing_by_calculix import RECORD as MADE
+from benchmarks.wing_by_calculix import responses
 
 from strainsight.workflow.artefact import Artefact
 
 ROOT = Path(__file__).resolve().parent.parent
 ELEMENTS = (42, 168, 9)
 NOISE, E1 = 1e-6, 1.235e11
-MADE = SimpleNamespace(**runpy.run_path(str(ROOT / "tests" / "stages" / "wing_record.py")))
 CONFIG = (
     """
 kind: placement
@@ -108,7 +107,7 @@ def estimated(folder: Path, config: str, ccx: str, seeds: int) -> None:
         rows = list(csv.DictReader(file))
     vectors = [[np.array([float(row[f"{name}_{axis}"]) for axis in "xyz"]) for name in PLACE] for row in rows]
     places = [MADE.Place(int(row["element"]), 1e3 * x, n, d) for row, (x, n, d) in zip(rows, vectors, strict=True)]
-    own = MADE.responses(places, ccx)
+    own = responses(places, ccx)
     channels = "\n".join(f"    - {{channel: {row['gauge']}, gauge: {row['gauge']}, unit: um/m}}" for row in rows)
     (folder / "wing.yaml").write_text(config + ESTIMATE.format(channels=channels))
     for seed in range(1, seeds + 1):

@@ -81,6 +81,8 @@ def pytest_collection_finish(session):
     _spent = _processor()
     if hasattr(session.config, "workeroutput"):
         session.config.workeroutput[START] = _spent
+    else:
+        session.config.stash[_starts] = [_spent]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -132,7 +134,7 @@ def pytest_terminal_summary(terminalreporter, config):
     for room in sorted(rooms, key=lambda room: (room == "all", room)):
         tests, seconds, fast, of_fast = rooms[room]
         say(f"| {room:16} | {tests:5} | {seconds:7.1f} | {fast:10} | {of_fast:7.1f} |")
-    say(f"{START} of the workers: {', '.join(f'{seconds:.1f}' for seconds in config.stash.get(_starts, [_spent]))}")
+    say(f"{START} of the workers: {', '.join(f'{seconds:.1f}' for seconds in config.stash.get(_starts, []))}")
     files = defaultdict(float)
     for name, seconds in spent.items():
         files[name.split("::")[0]] += seconds

@@ -61,7 +61,7 @@ def ended(
     their stages."""
     path = project(config, files)
     results = path.parent.with_name(beside or f"{path.parent.name}-results")
-    name = "r" + hashlib.sha256("\n".join((str(path), stage, *changes, *words)).encode()).hexdigest()[:16]
+    name = "r" + hashlib.sha256("\n".join((str(results), str(path), stage, *changes, *words)).encode()).hexdigest()[:16]
 
     def make(folder: Path) -> None:
         sets = [word for change in (f"name={name}", *changes) for word in ("--set", change)]

@@ -14,7 +14,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import distributions
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -36,11 +38,17 @@ SOURCES = (Path(strainsight.__file__).parent, Path(strainsight_cli.__file__).par
 FEW = ("screen.keep=40", "place.instants=3")
 """A smaller pool of places, and fewer instants to place for: elimination takes as the square of the pool."""
 SHORT = (
+    "rom.parameter_samples=2",
     "train.duration=0.2",
-    FEW[1],
+    "train.time_step=1e-3",
+    "place.instants=2",
+    "tolerances.frequency=0",
+    "tolerances.damping=1",
     "validate.duration=0.2",
+    "validate.time_step=1e-3",
     "validate.random_sets=2",
     "validate.repeats=2",
+    "validate.noise_factors=[5.0]",
     "validate.truth.modes=20",
 )
 """A placement, shortened where length does not matter."""
@@ -110,6 +118,14 @@ def once(name: str, text: str, make: Callable[[Path], None]) -> Path:
             make(place)
             done.touch()
     return place
+
+
+def script(path: str) -> ModuleType:
+    """The module of a file of the repository that is in no package."""
+    spec = spec_from_file_location(Path(path).stem, ROOT / path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def slowly(*values: object) -> list[object]:

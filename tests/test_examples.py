@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import doctest
-import importlib.util
 import re
 import runpy
 import shutil
@@ -13,9 +12,10 @@ import pytest
 
 from strainsight import api
 
-from .shared import ROOT
+from .shared import ROOT, script
 
-FOLDER = ROOT / "docs" / "examples"
+DOCS = ROOT / "docs"
+FOLDER = DOCS / "examples"
 LESS = ("place.instants=1", "validate.random_sets=0", "validate.repeats=2", "validate.truth.modes=20", "screen.keep=40")
 SHORT = {
     "cantilever-youngs-modulus": ("train.duration=0.1", "validate.duration=0.1", "validate.noise_factors=[]"),
@@ -23,12 +23,7 @@ SHORT = {
 }
 
 
-@pytest.fixture(scope="module")
-def pages():
-    spec = importlib.util.spec_from_file_location("example_pages", ROOT / "docs" / "example_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+pages = script("docs/example_pages.py")
 
 
 @pytest.fixture
@@ -53,6 +48,7 @@ def numbers(text, pattern):
     return [float(found) for found in re.findall(pattern, text)]
 
 
+@pytest.mark.slow
 def test_a_layout_takes_twelve_lines(printed):
     code = ast.parse((FOLDER / "layout.py").read_text(encoding="utf-8"))
     assert len(code.body) - 1 <= 12
@@ -98,14 +94,12 @@ def test_a_test_gives_the_force_and_the_strain_of_the_surface(printed, tmp_path)
     assert (tmp_path / "estimate.png").stat().st_size > 5000
 
 
-def test_every_example_is_in_the_manual(pages):
-    listed = re.search(r"```{toctree}\n(.*?)```", (FOLDER / "index.md").read_text(encoding="utf-8"), re.DOTALL)[
-        1
-    ].split()
-    assert sorted(listed) == [script.stem for script in pages.scripts()]
+def test_every_example_is_in_the_manual():
+    listed = re.search(r"```{toctree}\n(.*?)```", (FOLDER / "index.md").read_text(encoding="utf-8"), re.DOTALL)
+    assert sorted(listed[1].split()) == [script.stem for script in pages.scripts()]
 
 
-def test_comments_become_prose_and_code_stays_code(pages, tmp_path):
+def test_comments_become_prose_and_code_stays_code(tmp_path):
     script = tmp_path / "sum.py"
     script.write_text('"""A sum."""\n\nx = 1\n\n# Two lines\n# of prose.\ny = x + 1  # a remark\nprint(y)\n')
     (tmp_path / "sum.svg").write_text("<svg/>")
@@ -115,26 +109,14 @@ def test_comments_become_prose_and_code_stays_code(pages, tmp_path):
     )
 
 
-def test_an_example_that_fails_ends_the_build_with_what_it_said(pages, tmp_path):
+def test_an_example_that_fails_ends_the_build_with_what_it_said(tmp_path):
     script = tmp_path / "broken.py"
     script.write_text('"""Broken."""\nraise SystemExit("no such deck")\n')
     with pytest.raises(RuntimeError, match=r"broken\.py ended with 1: no such deck"):
         pages.printed_by(script)
 
 
-DOCS = ROOT / "docs"
-QUICK = ("springs",)
-"""Run every time; the others where all of it is."""
-
-
-def _loaded():
-    spec = importlib.util.spec_from_file_location("gallery_pages", DOCS / "gallery_pages.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-gallery = _loaded()
+gallery = script("docs/gallery_pages.py")
 
 
 @pytest.fixture(scope="module")
@@ -142,9 +124,8 @@ def there(tmp_path_factory):
     return gallery.laid_out(tmp_path_factory.mktemp("gallery"))
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in gallery.names()]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", gallery.names())
 def test_a_page_says_what_comes_out(name, there):
     """Without the pictures, which the build of the manual draws."""
     gallery.run(name, there, pictures=False)
@@ -159,12 +140,6 @@ def test_the_gallery_lists_its_pages_and_every_page_shows_a_picture():
         picture = re.search(rf"^!\[.+\]\(({name}\.(?:png|svg))\)$", text, re.MULTILINE)
         assert picture, name
         assert f"({picture[1]})]({name}.md)" in index, name
-
-
-def test_every_config_of_the_gallery_is_shown_on_a_page():
-    pages = "".join(page.read_text(encoding="utf-8") for page in gallery.FOLDER.glob("*.md"))
-    for config in gallery.FOLDER.glob("*.yaml"):
-        assert f"{{literalinclude}} {config.name}" in pages, config.name
 
 
 def test_a_number_that_was_neither_printed_nor_stated_is_found():

@@ -1,7 +1,5 @@
 """The manual: it builds without a warning and loads nothing, its reference is complete, and what it quotes comes out."""
 
-import importlib.util
-import json
 import os
 import re
 import shlex
@@ -12,45 +10,25 @@ from pathlib import Path
 
 import pytest
 import typer
-from sphinx.search.en import SearchEnglish
 from typer.testing import CliRunner
 
 from strainsight.config.schema import config_schema
 from strainsight_cli.main import app
 
-ROOT = Path(__file__).parents[1]
+from .shared import ROOT, script
+
 DOCS = ROOT / "docs"
 
 
-def _loaded(name):
-    """A module of the manual's own."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-quoted = _loaded("quoted")
+quoted = script("docs/quoted.py")
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The manual as a site."""
     folder = tmp_path_factory.mktemp("manual")
-    command = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-q",
-        "-W",
-        "--keep-going",
-        "-D",
-        "run_examples=0",
-        "-d",
-        folder / "doctrees",
-        DOCS,
-        folder / "site",
-    ]
+    options = ["-q", "-W", "--keep-going", "-D", "run_examples=0"]
+    command = [sys.executable, "-m", "sphinx", *options, "-d", folder / "doctrees", DOCS, folder / "site"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return folder / "site"
@@ -102,7 +80,7 @@ def test_links_to_places_on_a_page_lead_somewhere(site):
 def test_the_reference_lists_every_key_with_its_meaning():
     """A table for every mapping of the models, with all of its keys."""
     tables = set()
-    for page in _loaded("config_reference").pages().values():
+    for page in script("docs/config_reference.py").pages().values():
         for part in re.split(r"^## ", page, flags=re.MULTILINE):
             listed = re.findall(r"^\| \[?`([^`]+)`.* \| (.*) \|$", part, re.MULTILINE)
             assert all(what.strip() for _, what in listed), part
@@ -112,61 +90,11 @@ def test_the_reference_lists_every_key_with_its_meaning():
             assert frozenset(model["properties"]) in tables, name
 
 
-def test_the_reference_lists_every_key_of_the_examples():
-    pages = "\n".join(_loaded("config_reference").pages().values())
-    for key in (
-        "loads.NAME.signal.frequency",
-        "place.symmetry.normal",
-        "validate.truth.model",
-        "bodies.NAME.moduli.NAME.value",
-        "joints.NAME.frames",
-        "estimate.inputs.NAME.increment",
-        "bearings.NAME.preload",
-        "runs[].config",
-        "mesh.matrices.stiffness[].file",
-        "gauges.exclude[].normal_cone.angle",
-    ):
-        assert f"| `{key}` |" in pages
-
-
 def test_a_key_of_the_reference_shows_type_default_and_unit():
-    pages = _loaded("config_reference").pages()
+    pages = script("docs/config_reference.py").pages()
     assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
     assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
     assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])
-
-
-def test_the_reference_is_rewritten_only_where_it_changed(tmp_path):
-    reference = _loaded("config_reference")
-    reference.write(tmp_path)
-    (tmp_path / "gone.md").write_text("of an older version")
-    page = tmp_path / "placement.md"
-    os.utime(page, (1, 1))
-    reference.write(tmp_path)
-    assert page.stat().st_mtime == 1
-    assert not (tmp_path / "gone.md").exists()
-
-
-@pytest.mark.parametrize(
-    ("word", "page"),
-    [
-        ("temperature", "bonding"),
-        ("adhesive", "bonding"),
-        ("microstrain", "faq"),
-        ("FAQ", "faq"),
-        ("cite", "index"),
-        ("gallery", "gallery/index"),
-    ],
-)
-@pytest.mark.slow
-def test_the_search_finds_what_one_would_look_for(site, word, page):
-    """In the index of the site, by the stem that the search makes of a word."""
-    text = (site / "searchindex.js").read_text(encoding="utf-8")
-    index = json.loads(text[text.index("(") + 1 : text.rindex(")")])
-    stem = SearchEnglish({}).stem(word.lower())
-    places = [index[terms].get(stem, []) for terms in ("terms", "titleterms")]
-    found = {index["docnames"][at] for place in places for at in (place if isinstance(place, list) else [place])}
-    assert page in found
 
 
 @pytest.mark.slow

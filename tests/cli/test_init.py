@@ -91,14 +91,6 @@ def test_steps_that_differ_and_contact_are_both_asked_for(tmp_path):
     assert re.search(r"\n  step: +# ← step whose supports and elements count: 1, 2\n", template("row.inp", found))
 
 
-def test_modes_says_which_ignored_cards_may_change_the_structure(init):
-    text = bricks((4, 2, 2)).replace("ENDDATA", "SPC,1,20,3,.01\nPARAM,POST,-1\nENDDATA")
-    assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
-    done = CliRunner().invoke(app, ["modes", "own.yaml"])
-    assert done.exit_code == 0, done.output
-    assert "2 cards ignored (ENFORCED DISPLACEMENT of another value than zero may change the structure" in done.output
-
-
 @pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
 def test_a_name_of_the_deck_stays_a_name(sign):
     name = f"a{sign}  evil: 1"
@@ -161,16 +153,6 @@ def test_questions_fill_in_what_options_leave_open(init):
     assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
 
 
-def test_the_set_of_supports_is_asked_for(init):
-    text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
-    text = text.replace("ENDDATA", "SPC1,7,3,1\nENDDATA")
-    code, said = init("-i", answers="2\n7\n1\n0 0 -1\n1e3\n20\nn\n", text=text)
-    assert code == 0, said
-    assert "which set of supports holds (1, 7)" in said
-    assert "the deck has no set of supports '2'" in said
-    assert load_config("own.yaml").model.mesh.spc == 7
-
-
 def test_the_set_that_holds_says_which_faces_are_left_out(init):
     """One facet of the bottom is held by set 7, the whole end by set 1, which is taken where none has been chosen."""
     text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
@@ -204,12 +186,9 @@ def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init)
     [
         (("--load", "set tipp"), "the deck has no set 'tipp'"),
         (("--load", "somewhere"), "--load  'somewhere' says of no place where it is"),
-        (("--load", "node tip"), "'tip' is not the id of a node"),
         (("--direction", "up"), "--direction  'up' is not three numbers"),
-        (("--amplitude", "10 kN"), "--amplitude  '10 kN' is not a number above zero"),
+        (("--amplitude", "inf"), "--amplitude  'inf' is not a number above zero"),
         (("--direction", "0 0 0"), "--direction  '0 0 0' has no length"),
-        (("--direction", "nan 0 1"), "'nan 0 1' is not three numbers"),
-        (("--amplitude", "inf"), "'inf' is not a number above zero"),
         (("--material", "steel"), "--material  the deck states its materials"),
         (("--held", "0 0 0"), "--held  the deck has supports"),
         (("--load", "node ²"), "'²' is not the id of a node"),
@@ -252,19 +231,12 @@ def test_a_load_of_the_deck_holds_nothing(init):
     assert (code, "'deck_load FORCE-7' is a load" in said) == (2, True), said
 
 
-@pytest.mark.parametrize("name", ["1_1", "1e5", "0x1F", "NULL", "On", "a b", "ü", "it's", "2"])
+@pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))
     Path("own.yaml").write_text(written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8")
     assert load_config("own.yaml").model.loads["force"].set == name
-
-
-def test_a_face_gets_a_name_that_no_set_of_the_deck_has():
-    told = Answers(held=Place("face", "[0, 0, 0]", "a face"))
-    written = template("a.bdf", Suggestion(supports=False, taken=("held", "held-face")), told)
-    assert "    held-face-face: {near: [0, 0, 0]}" in written
-    assert "{set: held-face-face," in written
 
 
 def test_a_material_is_written_for_the_regions_that_lack_one():

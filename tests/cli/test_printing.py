@@ -16,14 +16,17 @@ import pytest
 
 import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
+from strainsight.processes import SAFE_PATH
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Stage
-from strainsight_cli.bar import progress_bar
-from strainsight_cli.clock import Left, after, ends_at, spelt
+from strainsight_cli.clock import after, ends_at
 from strainsight_cli.failures import failure_of, plain_warnings, tell
+from strainsight_cli.main import main
 from strainsight_cli.printing import json_line, say
 from strainsight_cli.render import failure_json, print_tables
 from strainsight_cli.work import note
+
+from ..shared import slowly
 
 HERE = Path(strainsight_cli.__file__).parent
 CONTROLS = [chr(i) for i in (*range(32), *range(127, 160)) if i != 10]
@@ -80,30 +83,21 @@ def test_a_warning_holds_no_control_and_no_forged_line(capsys):
     assert not BAD & set(text)
 
 
-def test_a_bar_holds_no_control_of_a_name(monkeypatch):
-    ours, theirs = pty.openpty()
-    with os.fdopen(theirs, "w") as terminal:
-        monkeypatch.setattr(sys, "stderr", terminal)
-        with progress_bar(True) as move:
-            move("run\x1b]0;pwn\x07", "place", "at \x1b[5mG1", 0.5, Left())
-        terminal.flush()
-        text = b""
-        while b"\x1b[?25h" not in text:  # the cursor is shown again at its end: a terminal may give its text in parts
-            text += os.read(ours, 1 << 16)
-    os.close(ours)
-    assert b"pwn" in text
-    assert b"\x1b]0;" not in text
-    assert b"\x1b[5m" not in text
-
-
-def test_words_of_the_command_line_hold_no_control():
+@pytest.mark.parametrize(
+    "words", [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]]
+)
+def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
     """A folder full of names is put into the words of a command by `*`."""
-    for words in (["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]):
-        command = [sys.executable, "-m", "strainsight_cli.main", *words]
-        done = subprocess.run(command, capture_output=True, text=True)
-        assert done.returncode == 2
-        assert done.stderr
-        assert not BAD & set(done.stdout + done.stderr)
+    monkeypatch.setattr(sys, "argv", ["strainsight", *words])
+    monkeypatch.setattr(sys, "warnoptions", [])
+    for name in (SAFE_PATH, "PYDANTIC_DISABLE_PLUGINS"):  # which main sets for the rest of a process
+        monkeypatch.setenv(name, "1")
+    with pytest.raises(SystemExit) as caught:
+        main()
+    printed = capfd.readouterr()
+    assert caught.value.code == 2
+    assert printed.err
+    assert not BAD & set(printed.out + printed.err)
 
 
 def test_only_one_function_prints():
@@ -119,9 +113,9 @@ import time
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.clock import Left
 with progress_bar(True) as move:
-    move("run [1]", "place", "so {far} [red]", 0.5, Left(time.time() + 42.5, 75.0))
+    move("run [1]\\x1b]0;pwn\\x07", "place", "so {far} [red]\\x1b[5m", 0.5, Left(time.time() + 42.5, 75.0))
     time.sleep(0.3)
-    move("run [1]", "", "", 1.0, Left())
+    move("run [1]\\x1b]0;pwn\\x07", "", "", 1.0, Left())
 """
 COLOUR = re.compile(rb"\x1b\[[0-9;]*[0-9]m")
 
@@ -152,6 +146,8 @@ def test_it_says_what_is_left_as_it_is_written(environment, coloured):
     assert b"about 0:42 left, then 1:15" in COLOUR.sub(b"", said)
     assert b"so {far} [red]" in COLOUR.sub(b"", said)
     assert b"run [1]" in COLOUR.sub(b"", said)
+    assert b"\x1b]0;" not in said
+    assert b"\x1b[5m" not in said
     assert bool([code for code in COLOUR.findall(said) if code != b"\x1b[0m"]) == coloured
 
 
@@ -191,16 +187,6 @@ def test_only_what_follows_from_the_stage_is_added():
     assert after(stages, "rom", last) is None
 
 
-def test_it_counts_down_and_is_silent_where_nothing_is_known():
-    left = Left(1072.0, 3600.0)
-    assert left.text(1000.0) == "about 1:12 left, then 1:00:00"
-    assert left.text(1071.0) == "about 0:01 left, then 1:00:00"
-    assert left.text(1073.0) == ""
-    assert Left(None, 30.0).text(0.0) == ""
-    assert Left(1010.0, None).text(1000.0) == "about 0:10 left"
-    assert spelt(59.6) == "1:00"
-
-
 COMMAND = """\
 #!{python}
 from strainsight_cli.main import app
@@ -236,20 +222,7 @@ def completed(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("words", "expected"),
-    [(("sta",), {"statics", "status"}), (("do",), {"doctor"}), (("re",), {"reduce", "report"}), (("run", "--dr"), {"--dry-run"})],
+    [(("sta",), {"statics", "status"}), *slowly((("do",), {"doctor"}), (("run", "--dr"), {"--dry-run"}))],
 )
 def test_bash_completes_commands_and_options(words, expected, completed):
     assert set(completed(*words)[:-1]) == expected
-
-
-def test_bash_falls_back_to_file_names_for_a_config(completed):
-    *offered, rule = completed("run", "conf")
-    assert offered == []
-    assert "-o default" in rule
-
-
-def test_the_shell_that_asks_is_recognised():
-    """Without naming it, as the manual says."""
-    command = f"{sys.executable} -m strainsight_cli.main --show-completion; true"
-    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, timeout=60)
-    assert "COMP_WORDS" in done.stdout

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -20,160 +23,157 @@ from ..robustness import small
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CONFIG = CONFIGS / "cantilever-youngs-modulus.yaml"
+PENDULUM = """\
+kind: bench
+name: pendulum
+bodies:
+  bob: {type: rigid, mass: 2.0, inertia: {xx: 0.1, yy: 0.1, zz: 0.1}, pose: {origin: [0.1, 0, -1.0]}}
+frames:
+  pivot: {body: ground, pose: {x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
+  hinge: {body: bob, pose: {origin: [-0.1, 0, 1.0], x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}
+  centre: {body: bob}
+joints:
+  hinge: {type: revolute, frames: [pivot, hinge], axis: x}
+forces:
+  weight: {type: gravity}
+  push: {type: force, frame: centre, direction: [1, 0, 0], signal: {type: sine, amplitude: 2.0, frequency: 1.0}}
+sensors:
+  centre: {type: motion, frame: centre}
+simulate: {duration: 0.5, time_step: 0.01, start: as_given}
+"""
 SUITE = """\
 kind: suite
-name: two
-title: A beam & its <modulus>
-set: {estimate: null, rom.parameter_samples: 1, tolerances.frequency: 0, validate.random_sets: 0}  # seed 1 draws −2.8 σ of it
+name: both
+title: Two <pendulums>
 runs:
-  - {config: beam.yaml, label: "E", set: {place.keep: 4}}
-  - {config: beam.yaml, label: placed only, name: placed, until: place, set: {place.keep: 2}}
-  - {config: beam.yaml, label: watched, name: watched, until: observe, note: "A note.", set: {place.keep: 4}}
+  - {config: pendulum.yaml, name: coarse, label: coarse & quick, study: Steps, until: simulate, set: {simulate.time_step: 0.05}}
+  - {config: pendulum.yaml, name: fine, label: fine, study: Steps, until: simulate, note: Takes longer.}
+studies:
+  - {name: Steps, over: simulate.time_step}
+claims:
+  - {text: The joint holds., run: [coarse, fine], stage: simulate, number: violation, below: 1.0e-12}
+  - {text: Fine takes ten times the steps., run: fine, stage: simulate, number: steps, against: coarse, above: 9, below: 11}
 """
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("suite")
-
-
-@pytest.fixture(scope="module")
-def suite(folder):
-    small.write_project(folder)
-    path = folder / "two.yaml"
-    path.write_text(SUITE, encoding="utf-8")
-    return str(path)
+    folder = tmp_path_factory.mktemp("suite")
+    (folder / "pendulum.yaml").write_text(PENDULUM, encoding="utf-8")
+    (folder / "both.yaml").write_text(SUITE, encoding="utf-8")
+    return folder
 
 
 @pytest.fixture(scope="module")
 def call(folder):
-    def called(*words: str):
-        return CliRunner().invoke(app, [*words, "--results", str(folder / "results")])
+    """A function: a command and more words → how it ended on the suite of two benches."""
+
+    def called(command: str, *words: str):
+        return CliRunner().invoke(app, [command, str(folder / "both.yaml"), *words, "--results", str(folder / "results")])
 
     return called
 
 
 @pytest.fixture(scope="module")
-def first(suite, call):
-    """The first run, before any other test."""
-    before = call("status", suite)
+def first(call):
+    """What the first run prints, before any other test."""
+    before = call("status")
     assert before.exit_code == 0
-    assert before.output.count("will run") == before.output.count("never run") > 20
-    assert call("run", suite, "--dry-run").output == before.output
-    done = call("run", suite)
+    assert before.output.count("will run") == before.output.count("never run") == 2 * 3 + 1
+    assert call("run", "--dry-run").output == before.output
+    done = call("run")
     assert done.exit_code == 0, done.output
     return done.output
 
 
-def test_every_run_has_its_stages_and_the_suite_its_page(first, folder):
-    results = folder / "results"
-    assert {path.name for path in results.iterdir() if path.is_dir()} == {
-        "beam",
-        "placed",
-        "watched",
-        "two",
-    }
-    assert not (results / "placed" / "validate.h5").exists()
-    assert not (results / "watched" / "place.h5").exists()
-    assert {path.name for path in (results / "two").iterdir()} == {"suite.h5", "report.html", "run.log"}
-    page = (results / "two" / "report.html").read_text(encoding="utf-8")
-    assert "<modulus>" not in page
-    assert "A note." in page
-    assert 'href="../beam/report.html"' in page
-    assert 'href="../placed/report.html"' not in page
-
-
-def test_it_says_which_run_is_at_work_what_came_out_and_where_the_time_went(first):
-    for heading in ("run 1 of 3 beam", "run 2 of 3 placed", "run 3 of 3 watched", "suite two"):
+def test_suite_prints_runs_claims_and_times(first, folder):
+    for heading in ("run 1 of 2 coarse", "run 2 of 2 fine", "suite both"):
         assert heading in first.splitlines()
-    table = first.split("where the time goes")[1].splitlines()
-    head, own, placed, watched, page, total = (line.split() for line in table[1:7])
-    assert head[:2] == ["run", "import"]
-    assert head[-1] == "all"
-    assert "↩" not in own
-    # Only what comes after the observability differs.
-    assert placed.count("↩") == watched.count("↩") == head.index("observe") - head.index("import") + 1
-    assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in (own, placed, page)), abs=0.2)
-    assert "peak memory: " in first
-    assert "not estimated (observe)" in first
+    statement = next(line for line in first.splitlines() if line.startswith("Fine takes"))
+    assert " ".join(statement.split()) == "Fine takes ten times the steps. 9 to 11 5 contradicted"
+    head, *rows, total = (line.split() for line in first.split("where the time goes")[1].splitlines()[1:6])
+    assert (head[0], head[-1]) == ("run", "all")
+    assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in rows), abs=0.2)
+    assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == ["confirmed", "contradicted"]
 
 
-def test_then_it_is_up_to_date_and_says_the_same_of_its_time(first, suite, call):
-    again = call("run", suite)
-    assert again.exit_code == 0
-    assert " done " not in again.output
-    assert (
-        again.output.split("where the time goes")[1].splitlines()[:7]
-        == first.split("where the time goes")[1].splitlines()[:7]
-    )
-    assert "will run" not in call("status", suite).output
+def test_suite_writes_its_page_and_escapes_its_texts(first, folder):
+    results = folder / "results"
+    assert {path.name for path in results.iterdir() if path.is_dir()} == {"coarse", "fine", "both"}
+    assert {path.name for path in (results / "both").iterdir()} == {"suite.h5", "report.html", "run.log"}
+    page = (results / "both" / "report.html").read_text(encoding="utf-8")
+    assert "<pendulums>" not in page
+    assert "coarse &amp; quick" in page
+    assert "Takes longer." in page
 
 
-def test_json_names_the_run_of_every_stage(first, suite, call):
-    events = [json.loads(line) for line in call("run", suite, "--json").stdout.splitlines()]
+def test_finished_suite_is_up_to_date_and_json_names_the_run_of_every_stage(first, call):
+    again = call("run", "--json")
+    events = [json.loads(line) for line in again.stdout.splitlines()]
     assert {event["status"] for event in events} == {"up to date"}
-    assert list(dict.fromkeys(event["run"] for event in events)) == [
-        "beam",
-        "placed",
-        "watched",
-        "two",
-    ]
-    assert events[-1]["summary"]["runs"] == 3
-    looked = [json.loads(line) for line in call("status", suite, "--json").stdout.splitlines()]
+    assert list(dict.fromkeys(event["run"] for event in events)) == ["coarse", "fine", "both"]
+    assert events[-1]["summary"]["runs"] == 2
+    looked = [json.loads(line) for line in call("status", "--json").stdout.splitlines()]
     assert [(entry["run"], entry["stage"]) for entry in looked] == [(event["run"], event["stage"]) for event in events]
 
 
-def test_a_changed_label_writes_the_page_only_and_a_changed_run_is_named(first, suite, call):
-    lines = call("status", suite, "--set", "runs.2.label=other").output.splitlines()
-    assert [line.split()[0] for line in lines if "will run" in line] == ["suite"]
-    changed = call("status", suite, "--set", "runs.1.set.place.keep=3").output.splitlines()
-    assert [line for line in changed if "will run" in line][-1].endswith("placed changed")
+@pytest.mark.parametrize(
+    ("change", "stages"),
+    [("runs.1.label=other", ["suite"]), ("claims.1.above=4", ["suite"])],
+)
+def test_changed_text_or_bound_writes_the_page_only(first, call, change, stages):
+    lines = call("status", "--set", change).output.splitlines()
+    assert [line.split()[0] for line in lines if "will run" in line] == stages
 
 
-def test_a_run_that_fails_stops_the_suite_and_is_named(first, suite, call, folder):
-    page = folder / "results" / "two" / "report.html"
+def test_changed_run_is_named(first, call):
+    lines = call("status", "--set", "runs.1.set.simulate.duration=0.4").output.splitlines()
+    assert [line for line in lines if "will run" in line][-1].endswith("fine changed")
+
+
+def test_failed_run_stops_the_suite_and_is_named(first, call, folder):
+    page = folder / "results" / "both" / "report.html"
     before = page.read_bytes()
-    done = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0")
+    done = call("run", "--set", "runs.0.set.bodies.bob.pose.origin=[0, 0, 5]", "--set", "runs.0.set.simulate.start=equilibrium")
     assert done.exit_code == 2
-    said = done.stderr
-    assert said.startswith("warning: --set runs.1.set.place.minimum_spacing  place.minimum_spacing: 3 m is more than")
-    assert "\nrun 2 of 3 placed failed:\n--set runs.1.set.place.minimum_spacing  place.minimum_spacing: " in said
-    assert "run 3 of 3" not in done.output
+    assert "run 1 of 2 coarse failed:\n" in done.stderr
+    assert "bodies.bob.pose" in done.stderr
+    assert "run 2 of 2" not in done.output
     assert page.read_bytes() == before
-    last = call("run", suite, "--set", "runs.1.set.place.minimum_spacing=3.0", "--json").stdout.splitlines()[-1]
-    assert (json.loads(last)["run"], json.loads(last)["status"]) == ("placed", "failed")
 
 
-def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(suite, folder):
-    results = folder / "none"
-    text = Path(suite).read_text(encoding="utf-8").replace("place.keep: 2", "mesh.file: none.bdf")
+def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(folder):
+    signal = "{type: sine, amplitude: 2.0, frequency: 1.0}"
+    file = "{type: csv, file: none.csv, time_column: t, value_column: F}"
+    (folder / "lacking.yaml").write_text(PENDULUM.replace(signal, file), encoding="utf-8")
     path = folder / "missing.yaml"
-    path.write_text(text, encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(path), "--results", str(results)])
+    path.write_text(SUITE.replace("pendulum.yaml, name: fine", "lacking.yaml, name: fine"), encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(path), "--results", str(folder / "none")])
     assert done.exit_code == 2
-    assert "run 2 of 3 placed failed:" in done.stderr
-    assert "missing.yaml:7:" in done.stderr
-    assert not results.exists()
+    assert "run 2 of 2 fine failed:" in done.stderr
+    assert "lacking.yaml:13:" in done.stderr
+    assert not (folder / "none").exists()
 
 
-@pytest.mark.parametrize("stage", ["import", "place", "report", "estimate"])
-def test_a_suite_has_no_stages_of_its_own(stage, suite, call):
-    done = call(stage, suite)
+@pytest.mark.parametrize(
+    ("command", "changes", "words"),
+    [
+        ("import", [], ["a suite has no stage 'import'", "strainsight run"]),
+        ("status", ["runs.0.until=simulat"], ["runs[0].until: the run has no stage 'simulat'", "did you mean simulate?"]),
+        ("status", ["runs.0.until=a", "runs.1.until=b"], ["no stage 'a'", "no stage 'b'"]),
+        ("run", ["claims.0.number=violations"], ["no number 'violations' in the stage 'simulate'", "did you mean violation?"]),
+        ("status", ["claims.0.stage=estimate"], ["runs[0], 'coarse', has no stage 'estimate'"]),
+    ],
+)
+def test_what_a_suite_lacks_is_refused_with_its_place(first, call, command, changes, words):
+    done = call(command, *(word for change in changes for word in ("--set", change)))
     assert done.exit_code == 2
-    assert f"a suite has no stage '{stage}'" in done.stderr
-    assert "strainsight run" in done.stderr
+    for word in words:
+        assert word in done.stderr
 
 
-def test_an_unknown_last_stage_is_named_with_its_place(suite, call):
-    done = call("status", suite, "--set", "runs.1.until=plaec")
-    assert done.exit_code == 2
-    assert "runs[1].until: the run has no stage 'plaec'" in done.stderr
-    assert "did you mean place?" in done.stderr
-
-
-def test_every_unknown_last_stage_is_reported_at_once(suite, call):
-    done = call("status", suite, "--set", "runs.1.until=plaec", "--set", "runs.2.until=obsevre")
-    assert done.stderr.count("the run has no stage") == 2
+def test_key_of_a_bench_in_set_names_where_it_belongs(call):
+    assert "write set.simulate.duration=1" in call("status", "--set", "simulate.duration=1").stderr
 
 
 @pytest.fixture
@@ -195,18 +195,17 @@ def guessing(tmp_path):
 
 
 def test_a_guess_is_waited_for_however_its_run_is_written(guessing):
-    for source in ("first", guessing.path, f"../configs/{guessing.path}"):
+    for source in ("first", f"../configs/{guessing.path}"):
         works = guessing(source)
         assert makers(works[1], works) == {"parameters.E.guess.from": 0}
 
 
 def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessing):
-    for source in ("first", guessing.path):
-        with pytest.raises(ConfigError) as caught:
-            guessing(source, until="place")
-        assert caught.value.key == "runs[0].until"
-        assert "guess.yaml:5:" in caught.value.where
-        assert caught.value.remedy == "runs[1] takes its guess from it: until: validate"
+    with pytest.raises(ConfigError) as caught:
+        guessing("first", until="place")
+    assert caught.value.key == "runs[0].until"
+    assert "guess.yaml:5:" in caught.value.where
+    assert caught.value.remedy == "runs[1] takes its guess from it: until: validate"
     with pytest.raises(ConfigError, match="which the suite runs later"):
         guessing(guessing.path, place=0)
 
@@ -223,14 +222,52 @@ def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
     assert all("guess.yaml:" in place for place in places)
 
 
-def test_its_artefact_holds_the_table(first, folder):
-    suite = Artefact(folder / "results" / "two" / "suite.h5")
-    assert suite["/run/name"].tolist() == ["beam", "placed", "watched"]
-    assert suite["/run/gauges"][:2].tolist() == [4, 2]
-    assert suite["/unknown/run"].tolist() == [0, 1, 2]
-    place = Artefact(folder / "results" / "placed" / "place.h5")
-    assert suite["/run/metric_final"][1] == place.summary["trace_final"]
-    validate = Artefact(folder / "results" / "beam" / "validate.h5")
-    assert suite["/unknown/error"][0] == validate.summary["error.E"]
-    assert suite["/unknown/verdict"].tolist()[1:] == ["", ""]
-    assert len(suite["/case/condition"]) == 9
+PLACEMENTS = """\
+kind: suite
+name: two
+title: A beam
+set: {estimate: null, rom.parameter_samples: 1, tolerances.frequency: 0, validate.random_sets: 0}
+runs:
+  - {config: beam.yaml, label: placed, name: placed, set: {place.keep: 2}}
+  - {config: beam.yaml, label: watched, name: watched, until: observe}
+"""
+
+
+@pytest.mark.slow
+def test_suite_of_placements_collects_their_numbers_and_computes_shared_stages_once(tmp_path):
+    small.write_project(tmp_path)
+    (tmp_path / "two.yaml").write_text(PLACEMENTS, encoding="utf-8")
+    done = CliRunner().invoke(app, ["run", str(tmp_path / "two.yaml"), "--results", str(tmp_path / "results")])
+    assert done.exit_code == 0, done.output
+    head, placed, watched = (line.split() for line in done.output.split("where the time goes")[1].splitlines()[1:4])
+    assert "↩" not in placed
+    assert watched.count("↩") == head.index("observe") - head.index("import") + 1
+    suite = Artefact(tmp_path / "results" / "two" / "suite.h5")
+    assert suite["/run/name"].tolist() == ["placed", "watched"]
+    assert suite["/run/gauges"][0] == 2
+    folder = tmp_path / "results" / "placed"
+    assert suite["/run/metric_final"][0] == Artefact(folder / "place.h5").summary["trace_final"]
+    assert suite["/unknown/error"][0] == Artefact(folder / "validate.h5").summary["error.E"]
+    page = (tmp_path / "results" / "two" / "report.html").read_text(encoding="utf-8")
+    assert 'href="../placed/report.html"' in page
+    assert 'href="../watched/report.html"' not in page
+
+
+@pytest.mark.slow
+def test_a_suite_that_was_killed_goes_on_where_it_ended(folder):
+    """Killed between two runs, without a word: what was finished is taken as it is, what was begun is done again."""
+    results, words = folder / "killed", ["run", str(folder / "both.yaml"), "--results"]
+    whole = results / "coarse" / "simulate.h5"
+    child = subprocess.Popen([sys.executable, "-m", "strainsight_cli.main", *words, str(results)], stdout=subprocess.DEVNULL)
+    while not whole.exists() and child.poll() is None:
+        time.sleep(0.005)
+    child.kill()
+    child.wait()
+    assert not (results / "both" / "suite.h5").exists()
+    before = whole.stat().st_mtime_ns
+    done = CliRunner().invoke(app, [*words, str(results)])
+    assert done.exit_code == 0, done.output
+    assert whole.stat().st_mtime_ns == before
+    assert Artefact(results / "both" / "suite.h5").header.stage == "suite"
+    coarse = done.output.split("run 1 of 2 coarse")[1].split("run 2 of 2")[0]
+    assert "up to date" in coarse

@@ -46,7 +46,6 @@ def test_a_modulus_called_as_the_constant_term_of_a_matrix_is_refused():
     ("override", "key", "says"),
     [
         ("cases.weight.bearing=pitch-baering", "cases.weight.bearing", "did you mean pitch-bearing?"),
-        ("cases.weight.bearing=[pitch-bearing, none]", "cases.weight.bearing", "no bearing 'none'"),
         ("curves=[{along: x, reach: 1.0e-4, bearing: [pitch]}]", "curves[0].bearing", "did you mean pitch-bearing?"),
     ],
 )
@@ -94,8 +93,8 @@ def test_a_preload_beyond_any_bearing_is_refused(preload, says):
     assert says in str(error)
 
 
-@pytest.mark.parametrize("radius", [0.0299, 0.03, 0.0304, 0.0306, 0.0318])
-@pytest.mark.parametrize("preload", [-5e-4, 0.0, 5e-4])
+@pytest.mark.parametrize("radius", [0.0299, 0.0304, 0.0306])
+@pytest.mark.parametrize("preload", [0.0, 5e-4])
 def test_config_and_kernel_refuse_the_same_grooves(radius, preload):
     """The rule is written twice because a config knows no kernel; this holds the two together."""
     data = load_config(FULL).data["bearings"]["pitch-bearing"]
@@ -194,11 +193,23 @@ def kinds(section):
     return {get_args(model.model_fields["type"].annotation)[0]: model for model in members}
 
 
-def entry(section, kind, **changed):
-    keys = EXAMPLES[section][kind]
-    for old, new in changed.items():
-        keys = keys.replace(old, new)
-    return f"{section}.extra={{type: {kind}, {keys}}}"
+def every_kind(**changed):
+    """An entry of every kind, for `--set`; changed: names of frames, and what stands in their place."""
+    found = []
+    for section, examples in EXAMPLES.items():
+        for kind, keys in examples.items():
+            for old, new in changed.items():
+                keys = keys.replace(old, new)
+            found += [f"{section}.{kind}-extra={{type: {kind}, {keys}}}"] * (kind != "strain")
+    return found
+
+
+def keys_naming(*frames):
+    """Those of the entries that name all these frames."""
+    return {
+        f"{section}.{kind}-extra" for section, examples in EXAMPLES.items() for kind, keys in examples.items()
+        if all(frame in keys for frame in frames)
+    }  # fmt: skip
 
 
 def test_there_is_an_example_of_every_kind():
@@ -206,29 +217,21 @@ def test_there_is_an_example_of_every_kind():
         assert examples.keys() == kinds(section).keys()
 
 
-@pytest.mark.parametrize(("section", "kind"), [(section, kind) for section in EXAMPLES for kind in EXAMPLES[section]])
-def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it(section, kind):
-    load_config(FULL, [entry(section, kind)] if kind != "strain" else [])
+def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it():
+    load_config(FULL, every_kind())
     for name in ("flange", "root"):
-        if name not in EXAMPLES[section][kind]:
-            continue
         with pytest.raises(ConfigError) as caught:
-            load_config(FULL, [entry(section, kind, **{name: f"{name}s"})])
-        assert not caught.value.others
-        assert caught.value.key.startswith(f"{section}.extra.")
-        assert f"no frame '{name}s'" in caught.value.what
-        assert f"did you mean {name}?" in str(caught.value)
+            load_config(FULL, every_kind(**{name: f"{name}s"}))
+        errors = [caught.value, *caught.value.others]
+        assert {".".join(error.key.split(".")[:2]) for error in errors} == keys_naming(name)
+        assert all(f"no frame '{name}s'" in error.what and f"did you mean {name}?" in str(error) for error in errors)
 
 
-@pytest.mark.parametrize(
-    ("section", "kind"), [(section, kind) for section in EXAMPLES for kind in EXAMPLES[section] if kind != "strain"]
-)
-def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two(section, kind):
-    if "flange" not in EXAMPLES[section][kind]:
-        return
+def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two():
     with pytest.raises(ConfigError, match="both frames are on 'blade'") as caught:
-        load_config(FULL, [entry(section, kind, flange="station")])
-    assert caught.value.key == f"{section}.extra" + ("" if kind == "bearing" else ".frames")
+        load_config(FULL, every_kind(flange="station"))
+    errors = [caught.value, *caught.value.others]
+    assert {error.key.removesuffix(".frames") for error in errors} == keys_naming("flange", "root")
 
 
 @pytest.mark.parametrize(

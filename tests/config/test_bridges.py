@@ -20,13 +20,6 @@ def one(*arms: str) -> str:
 @pytest.mark.parametrize(
     ("override", "key", "what", "remedy"),
     [
-        (
-            "gauges.fixed=[{name: B1}]",
-            "gauges.fixed[0]",
-            "give exactly one of 'position', 'arms'",
-            "fixed: Gauges and bridges",
-        ),
-        ("gauges.fixed=[{arms: 2}]", "gauges.fixed[0].arms", "2 has to be a list", "arms: Two to four arms"),
         (one(), "gauges.fixed[0].arms", "a bridge of 0 arms", "give two to four arms"),
         (one(UP + "}"), "gauges.fixed[0].arms", "a bridge of 1 arm", "one alone is a gauge: position, direction"),
         (
@@ -42,14 +35,6 @@ def one(*arms: str) -> str:
             "sign: -1 of the channel",
         ),
         (one(UP + ", sign: 2}", DOWN + "}"), "gauges.fixed[0].arms[0].sign", "2 is not one of 1, -1", "Of its strain"),
-        (
-            one(UP + "}", "{position: [0.5, 0.05, -0.095], direction: [0, 0, 0]}"),
-            "gauges.fixed[0].arms[1].direction",
-            "a vector of length zero",
-            "[1, 0, 0]",
-        ),
-        (one(UP + "}", "{position: [0, 0, 1]}"), "gauges.fixed[0].arms[1].direction", "missing", "Measuring direction"),
-        (one(UP + "}", DOWN + ", angles: [0]}"), "gauges.fixed[0].arms[1].angles", "unknown key", "known here"),
     ],
 )
 def test_a_bridge_that_is_none_is_refused_with_key_and_remedy(override, key, what, remedy):

@@ -51,22 +51,16 @@ def test_every_example_is_valid_and_named_like_its_file(path):
 @pytest.mark.parametrize(
     ("old", "new", "key"),
     [
-        ("keep: 4", "kepe: 4", "place.kepe"),
         ("length_unit: m", "length_unit: metre", "mesh.length_unit"),
-        ("guess: 1.89e+11", "guess: '1.89e+11'", "parameters.E.guess"),
         ("range: [1.6e+11, 2.4e+11]", "range: [2.4e+11, 1.6e+11]", "parameters.E.range"),
         ("guess: 1.89e+11", "guess: 2.9e+11", "parameters.E"),
         ("direction: [0, 0, 1]", "direction: [0, 0, 0]", "loads.tip.direction"),
         ("node: 2, ", "", "loads.tip"),
         ("modes: 10", "modes: 0", "rom.modes"),
-        ("ratio: 0.01", "ratio: 1.5", "damping.ratio"),
         ("train: {duration: 1.0", "train: {duration: 1.0e+308", "train.time_step"),
         ("train: {duration: 1.0, time_step: 5.0e-4", "train: {duration: 1.0, time_step: 5.0e-324", "train.time_step"),
-        ("seed: 1", "seed: 99999999999999999999", "seed"),
-        ("aggregate: mean", "aggregate: median", "place.aggregate"),
         ("parameters: {E: 2.1e+11}", "parameters: {G: 2.1e+11}", "validate.truth.parameters.G"),
         ("parameters: {E: 2.1e+11}", "parameters: {E: 9.0e+11}", "validate.truth.parameters.E"),
-        ("name: cantilever-youngs-modulus", "name: ../elsewhere", "name"),
         ("initial_std: {E: 0.1}", "initial_std: {}", "validate.initial_std"),
     ],
 )
@@ -138,21 +132,15 @@ def test_a_number_is_a_number_however_it_is_written(write, number):
     "text",
     [
         "",
-        "just text",
         "- a list",
         "kind: placement\nkind: placement\n",
         "kind: !!python/object/apply:os.system ['true']\n",
         "a: &a [*a]\n",
-        "kind: [\n",
         "kind: \x00\n",
     ],
 )
 def test_what_is_no_config_is_refused_in_one_message(write, text):
     assert refused(write(text))[0].where
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    assert "no such" in str(refused(tmp_path / "none.yaml")[0])
 
 
 def test_an_override_counts_and_is_named_as_the_place(write):
@@ -168,11 +156,7 @@ def test_an_override_counts_and_is_named_as_the_place(write):
     assert refused(path, "place.keep")[0].where == "--set"
 
 
-def test_paths_stay_as_written(write):
-    assert load_config(write(EXAMPLE)).data["mesh"]["file"] == "../meshes/cantilever.bdf"
-
-
-@pytest.mark.parametrize("kind", ["[placement]", "{placement: 1}", "[[]]", "null", "1"])
+@pytest.mark.parametrize("kind", ["[placement]", "null"])
 @pytest.mark.parametrize("override", [(), ("place.keep=4",)])
 def test_a_kind_that_is_no_text_is_refused(write, kind, override):
     (error,) = refused(write(EXAMPLE.replace("kind: placement", f"kind: {kind}")), *override)
@@ -185,12 +169,6 @@ def test_what_a_terminal_obeys_is_not_shown_as_it_stands(write):
     assert str(error).replace("\n", "").isprintable()
 
 
-def test_a_number_of_five_thousand_digits_is_cut_in_the_message(write):
-    (error,) = refused(write(EXAMPLE.replace("seed: 1", f"seed: {'9' * 5000}")))
-    assert "is not a decimal number" in error.what
-    assert len(str(error)) < 2000
-
-
 def test_half_of_a_sign_is_no_text(write):
     r"""\ud83d\ude00 is how JSON writes one sign; half of it cannot be written into any file."""
     good = load_config(write(EXAMPLE.replace("parameters:", r'"parameters":')), [r'name="a\u005fb"'])
@@ -199,12 +177,6 @@ def test_half_of_a_sign_is_no_text(write):
     assert "half of a sign" in error.what
     (error,) = refused(write(EXAMPLE.replace("seed: 1", r'seed: "\ud83d\ude00"')))
     assert "'😀'" in error.what
-
-
-@pytest.mark.parametrize("place", ["²", "9" * 5000, "٣", "-1", "3"])
-def test_a_place_in_a_list_that_is_none(write, place):
-    (error,) = refused(write(EXAMPLE), f"loads.tip.direction.{place}=1")
-    assert "has no entry" in error.what or "is not KEY=VALUE" in error.what
 
 
 def test_a_file_that_is_too_long_is_no_config(write):
@@ -237,7 +209,7 @@ def test_every_field_of_the_schema_is_described():
     assert [name for name, field in found if not (field.get("description") or field.get("$ref"))] == []
 
 
-@pytest.mark.parametrize("deck", ["my deck.bdf", "../parts/hub-7.nas", "ünïcode.bdf", "it's: #1.bdf", "0815.dat"])
+@pytest.mark.parametrize("deck", ["../parts/hub-7.nas", "ünï it's: #1.bdf"])
 def test_the_template_is_valid_for_any_deck_name(tmp_path, deck):
     path = tmp_path / "own.yaml"
     told = Answers(load=Place("node", "2", "a node"), direction="[0, 0, 1]", amplitude=1e4, frequency=20.0)
@@ -278,12 +250,7 @@ def test_none_is_missing(suite, kind, counts):
     assert named(suite.model.comparisons, kind) == wanted
 
 
-def test_they_stand_in_the_order_of_the_thesis(suite):
-    first = [tuple(map(int, re.search(r"(\d)\.(\d+)", row.source).groups())) for row in suite.model.comparisons]
-    chapters = [chapter for chapter, _ in first]
-    assert chapters == sorted(chapters)
-
-
+@pytest.mark.slow
 def test_every_run_is_the_side_of_a_row(suite, runs):
     """None is computed for nothing, but for what other runs take from it."""
     sides = [side for row in suite.model.comparisons for side in (row.as_printed, row.ours) if side is not None]
@@ -294,6 +261,7 @@ def test_every_run_is_the_side_of_a_row(suite, runs):
     assert {run.model.name for run in runs} == used | taken
 
 
+@pytest.mark.slow
 def test_the_settings_of_the_thesis_are_its_own(runs):
     """Of placements: the printed noise and columns, the plain trace, one instant, no tolerances, its own model as the truth."""
     placements = [run for run in runs if run.data["kind"] == "placement"]
@@ -305,6 +273,7 @@ def test_the_settings_of_the_thesis_are_its_own(runs):
         assert (own.filter.method, own.validation.truth.model) == ("extended", "rom")
 
 
+@pytest.mark.slow
 def test_the_benches_of_chapter_2_have_its_update_and_its_noise(runs):
     """Algorithm 1: one update a step, Q* after it, its own step as the truth; but for the one that shows what Q* costs."""
     benches = {run.model.name: run.model for run in runs if run.data["kind"] == "bench"}
@@ -315,13 +284,6 @@ def test_the_benches_of_chapter_2_have_its_update_and_its_noise(runs):
     assert {name for name in second if printed[name].method.noise != "as_printed"} == {"thesis-loads-before"}
     ours = [own.method for name, own in estimates.items() if name.startswith("ours-")]
     assert {(own.update, own.noise) for own in ours} == {("iterated", "before_step")}
-
-
-def test_what_does_not_hold_says_why_in_the_manual():
-    """A row of the manual whose verdict is more than "holds" goes on after it."""
-    page = (SUITE.parents[2] / "docs" / "reproduction.md").read_text(encoding="utf-8").split("## Figure by figure")[1]
-    verdicts = [line.strip("| ").rsplit(" | ", 1)[1] for line in page.splitlines() if line.startswith("| ")][2:]
-    assert [own for own in verdicts if re.fullmatch(r"\*\*(?!holds\*\*)[^*]*\*\*", own)] == []
 
 
 def test_the_page_of_the_manual_has_every_row(suite):

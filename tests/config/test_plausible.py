@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import get_args
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -77,15 +77,6 @@ def test_every_number_of_every_config_has_a_plausible_range_or_a_reason_for_none
     assert lacking == []
 
 
-def test_a_number_without_a_range_is_noticed():
-    class Careless(BaseModel):
-        good: Annotated[float, Plausible(0.0, 1.0)]
-        bad: dict[str, tuple[float, ...]] | None
-
-    found = {name: mark_of(field, Marker) or bounded(inside) for _, name, field, inside in fields_of(Careless, set())}
-    assert found == {"good": Plausible(0.0, 1.0), "bad": False}
-
-
 def test_ranges_are_in_order_and_reasons_are_given():
     for _, _, field, _ in every_number():
         mark = mark_of(field, Marker)
@@ -114,16 +105,12 @@ ODD = [  # (config, key, value, what the warning says)
     (PLACEMENT, "gauges.direction.angles", "[900]", "900 deg is outside the plausible range of up to 360 deg"),
     (PLACEMENT, "gauges.range", "1500", "if 1500 is in µm/m, write 0.0015"),
     (PLACEMENT, "loads.tip.signal.phase", "90", "if 90 is in degrees, write 1.571"),
-    (PLACEMENT, "loads.tip.signal.amplitude", "1e-9", "check the value and its unit"),
     (PLACEMENT, "mesh.merge", "1", "if 1 is in mm, write 0.001"),
-    (PLACEMENT, "report.gauge_factor", "2000", "1 to 200"),
     (BEARING, "bearings.one.contact_angle", "0.785", "if 0.785 is in rad, write 44.98"),
-    (BEARING, "bearings.one.youngs_modulus", "208", "if 208 is in GPa, write 2.08e+11"),
     (BEARING, "bearings.one", "{balls: 147, ball_diameter: 60, pitch_diameter: 3000, contact_angle: 45, radius_inner_left: 31.8, "
      "radius_inner_right: 31.8, radius_outer_left: 31.8, radius_outer_right: 31.8}", "if 60 is in mm, write 0.06"),
     (BEARING, "cases.pull.force", "[1e+12, 0, 0]", "up to 1e+09 N"),
     (BENCH, "bodies.beam.damping.ratio", "0.4", "if 0.4 is in per cent, write 0.004"),
-    (BENCH, "estimate.sensors.gauges.noise", "1e+5", "1e-12 to 1000"),
 ]  # fmt: skip
 
 
@@ -134,15 +121,6 @@ def test_an_absurd_value_is_warned_of_with_its_key_and_what_was_meant(tmp_path, 
     assert list(implausible(load_config(path).model)) == []
     found = list(implausible(load_config(path, [f"{key}={value}"]).model))
     assert any(own.key.startswith(key) and words in f"{own.what}; {own.remedy}" for own in found), found
-
-
-@pytest.mark.parametrize("key", ["damping.ratio", "tolerances.position", "gauges.range", "mesh.merge", "loads.tip.signal.phase"])
-def test_what_a_warning_proposes_is_without_one(tmp_path, key):
-    path = tmp_path / "own.yaml"
-    path.write_text(PLACEMENT, encoding="utf-8")
-    (value,) = (value for _, name, value, _ in ODD if name == key)
-    (found,) = implausible(load_config(path, [f"{key}={value}"]).model)
-    assert list(implausible(load_config(path, [f"{key}={found.remedy.rpartition(' ')[2]}"]).model)) == []
 
 
 def test_lengths_are_compared_with_the_structure(tmp_path):
@@ -180,10 +158,8 @@ def refused(name: str, override: str) -> list[ConfigError]:
     ("zone", "key", "what", "remedy"),
     [
         ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "a mapping has to be a list", BOX),
-        ("{box: [[0, 0, 0], [1, 1]]}", ".box[1]", "2 entries are too few", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known here: box"),
         ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of its axis [-]."),
-        ("{normal_cone: 5}", ".normal_cone", "5 has to be a mapping", "normal_cone: The normals."),
         (
             "{near_edgs: 0.1}",
             "",
@@ -202,7 +178,6 @@ def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
     ("entry", "key", "what", "remedy"),
     [
         ("bearing: a, inner: c", "outer", "missing", "outer: Frame of the outer ring, at the centre of the bearing."),
-        ("bearing: {a: 1}, outer: a, inner: c", "bearing", "a mapping has to be text", "bearing: Name of the bearing."),
         ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner, drag"),
     ],
 )
@@ -211,35 +186,17 @@ def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
 
-def test_members_of_a_union_without_names_are_one_problem_of_their_key():
-    (error,) = refused("cantilever-youngs-modulus.yaml", "parameters.E.region={id: 5}")
-    assert error.key == "parameters.E.region"
-    assert error.what == "a mapping has to be a whole number or text or a list"
-
-
-def test_a_key_is_described_by_the_member_that_the_config_names():
-    errors = refused("cantilever-youngs-modulus.yaml", "loads.tip.signal={type: sweep, end_frequency: 4, duration: 1}")
-    said = {error.key: error.remedy for error in errors}
-    # a sine's is "Amplitude a …"
-    assert said["loads.tip.signal.amplitude"] == "amplitude: Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²]."
-
-
 # What is no YAML is refused at its line with what to do about it.
 @pytest.mark.parametrize(
     ("text", "line", "remedy"),
     [
         ("a:\n  b: 1\n\tc: 2\n", 3, "with spaces, not with tabs"),
-        ("a:\t1\n", 1, "with spaces, not with tabs"),
         ("a:\n    b: 1\n  c: 2\n", 3, "indent it exactly as its neighbours above"),
-        ("a:\n  - 1\n  b: 2\n", 3, "indent it exactly as its neighbours above"),
-        ("a:\n  b: 1\n    c: 2\n", 3, "indent it exactly as its neighbours above"),
         ("a: b: c\n", 1, "': ' in quotes"),
         ("a: 1\nb 2\nc: 3\n", 3, "KEY: VALUE in the line above"),
         ("a: [1, 2\nb: 3\n", 2, "close the bracket"),
-        ("a: {b: 1\nc: 2\n", 2, "close the bracket"),
         ("a: 'x\nb: 1\n", 3, "close the quotes"),
         ("a: %b\n", 1, "put the value in quotes"),
-        ("a: *b\n", 1, "put the value in quotes"),
         ('a: "C:\\data"\n', 1, "single quotes"),
     ],
 )
@@ -274,12 +231,6 @@ def test_a_section_that_only_an_override_made_has_to_be_added():
     assert "docs/estimation.md" in error.remedy
 
 
-def test_a_section_that_is_there_stays_where_it_is():
-    config = load_config(CONFIG, ["place.keep=6"])
-    assert config.locate("place").startswith(f"{CONFIG}:")
-    assert config.locate("place.keep") == "--set place.keep"
-
-
 # What an S-N curve and a rule of the mean stress demand of each other.
 LINE = {"slope": 3.0, "stress": 1e8}
 
@@ -293,9 +244,7 @@ def problems(curve=(), mean=()):
     ("curve", "mean"),
     [
         ({}, {}),
-        ({"knee": 5e6}, {}),
         ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}),
-        ({"cut_off": 1e7}, {"rule": "goodman", "tensile_strength": 5e8}),
         ({}, {"rule": "fkm", "sensitivity": 0.0}),
     ],
 )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from strainsight.config.load import load_config
-from strainsight.config.suite_runs import runs_of, value_over
+from strainsight.config.suite_runs import runs_of
 from strainsight.errors import ConfigError
 from strainsight.stages.pages.suite_entries import suite_config
 
@@ -107,14 +107,10 @@ def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_onc
 @pytest.mark.parametrize(
     ("before", "after", "key", "what"),
     [
-        ("title: Two runs", "titel: Two runs", "titel", "unknown key"),
         ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 long"),
         ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
-        ("name: watched", "name: a/b", "runs[1].name", "is not a name"),
-        ("label: tip", "lable: tip", "runs[2].lable", "unknown key"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
-        ("cantilever-input.yaml", "cantilever.yaml", "runs[2].config", "no such file"),
         ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite itself"),
         ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "as is runs[0]"),
         ("name: all", "name: watched-short", "runs[1].name", "as is the suite itself"),
@@ -126,12 +122,6 @@ def test_a_mistake_in_the_suite_has_its_place(write, before, after, key, what):
     assert error.key == key
     assert "suite.yaml:" in error.where
     assert error.remedy
-
-
-def test_a_list_is_not_called_too_short_because_all_its_entries_are_wrong(write):
-    text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {label: 1, config: a.yaml}\n"
-    (error,) = refused(write(text))
-    assert error.key == "runs[0].label"
 
 
 def test_a_guess_from_a_run_that_comes_later_is_refused(write):
@@ -147,7 +137,6 @@ def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     [
         ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
         ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
-        ("note: With", "note: |\n      With", "runs[2].note", "a line break"),
     ],
 )
 def test_a_text_that_a_terminal_would_act_upon_is_refused(write, before, after, key, what):
@@ -162,8 +151,6 @@ def test_a_text_that_a_terminal_would_act_upon_is_refused(write, before, after, 
     ("given", "remedy"),
     [
         ("place.keep=5", "write set.place.keep=5"),
-        ("seed=2", "write set.seed=2"),
-        ("mesh.file=a.bdf", "write set.mesh.file=a.bdf"),
         ("jbos=2", "did you mean jobs?"),
     ],
 )
@@ -171,12 +158,6 @@ def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     (error,) = refused(write(), given)
     assert error.where == f"--set {given.split('=')[0]}"
     assert error.remedy == remedy
-
-
-def test_a_misspelt_name_in_a_set_of_the_command_line_is_placed_there(write):
-    for error in refused(write(), "set.loads.tipp.signal.amplitude=3"):
-        assert error.where == "--set set.loads.tipp.signal.amplitude"
-        assert error.remedy == "did you mean tip?"
 
 
 def test_a_section_that_was_replaced_whole_is_reported(write):
@@ -277,20 +258,12 @@ def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_st
     ]
 
 
-def test_a_section_that_is_set_for_all_runs_is_each_run_s_own(write_studies):
-    runs = runs_of(load_config(write_studies()))
-    assert [run.config.data["simulate"]["time_step"] for run in runs] == [0.5, 0.1, 0.1]
-
-
 @pytest.mark.parametrize(
     ("before", "after", "key", "what"),
     [
         ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
-        ("against: long", "against: none", "claims[1].against", "no run 'none'"),
-        ("below: 3", "note: 3", "claims[0].note", "unknown key"),
         (", below: 3", "", "claims[0]", "has no bound"),
         ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
-        ("below: 3", "equals: true, below: 3", "claims[0].equals", "no other bound"),
         ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "no run to compare"),
         ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is no number in runs[0], 'long-x'"),
         ("over: simulate.time_step, ", "", "studies[0].numbers", "nothing to draw them over"),
@@ -298,8 +271,6 @@ def test_a_section_that_is_set_for_all_runs_is_each_run_s_own(write_studies):
         ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "is listed twice"),
         ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
         ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
-        ("text: Few steps.", 'text: "Few\\esteps."', "claims[0].text", "control character"),
-        ("group: own", 'group: "a\\nb"', "runs[0].group", "a line break"),
     ],
 )
 def test_a_mistake_has_its_place(write_studies, before, after, key, what):
@@ -353,18 +324,6 @@ def test_placements_have_studies_and_claims_too(write_studies):
         "claims[0].run",
         "runs[0], 'a', has no stage 'validate': it goes through import, place",
     )
-
-
-def test_a_bearing_alone_has_no_page_in_a_suite(write_studies, tmp_path):
-    (tmp_path / "ball.yaml").write_text("kind: bearing\nname: ball\n", encoding="utf-8")
-    (error,) = refused_studies(write_studies(STUDIES.replace("bench.yaml, name: other", "ball.yaml, name: other")))
-    assert error.key == "runs[2].config"
-
-
-def test_the_value_at_a_dotted_key():
-    config = {"a": [{"b": 2}, {"b": True}], "c": None}
-    assert value_over(config, "a.0.b") == 2.0
-    assert [value_over(config, key) for key in ("a.1.b", "a.2.b", "c", "c.d", "a", "e")] == [None] * 6
 
 
 def test_what_is_measured_on_another_run_follows_the_suffix(write_studies, tmp_path):

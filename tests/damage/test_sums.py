@@ -92,15 +92,6 @@ def test_miner_is_the_sum_over_the_cycles_of_another_implementation():
         assert found == pytest.approx(expected, rel=1e-12)
 
 
-def test_stress_times_c_is_damage_times_c_to_the_slope():
-    rng = np.random.default_rng(9)
-    stress = 1e7 * rng.standard_normal((2, 500))
-    for slope in (3.0, 7.0):
-        curve = Curve(1e8, 2e6, slope)
-        one, scaled = damage_of(stress, curve).miner, damage_of(2.5 * stress, curve).miner
-        np.testing.assert_allclose(scaled / one, 2.5**slope, rtol=1e-12)
-
-
 def test_a_constant_stress_added_changes_nothing_without_a_rule_for_it():
     rng = np.random.default_rng(10)
     stress = 1e7 * rng.standard_normal((2, 500))
@@ -146,17 +137,6 @@ def test_one_number_of_a_state_is_that_of_its_tensor():
     np.testing.assert_allclose(one_number(stress, "signed_von_mises"), np.sign(largest) * mises, rtol=1e-9)
 
 
-def test_uniaxial_stress_is_itself_and_none_is_none():
-    stress = np.zeros((2, 6, 9))
-    stress[0, 1] = np.linspace(-2e8, 2e8, 9)
-    for kind in ("principal", "signed_von_mises"):
-        np.testing.assert_allclose(one_number(stress, kind)[0], stress[0, 1], rtol=1e-7, atol=1e-6)
-        assert (one_number(stress, kind)[1] == 0).all()
-    stress[1, :3] = -5e6
-    assert (one_number(stress, "principal")[1] == -5e6).all()
-    assert (one_number(stress, "signed_von_mises")[1] == 0).all()
-
-
 def test_histories_with_nan_have_no_damage_and_do_not_touch_others():
     stress = np.stack([cosine(5e7), cosine(5e7)])
     stress[0, 7] = np.nan
@@ -166,7 +146,7 @@ def test_histories_with_nan_have_no_damage_and_do_not_touch_others():
     assert found.miner[1] == pytest.approx(50 / 2e6)
 
 
-@pytest.mark.parametrize("count", [40, 100, 333])
+@pytest.mark.parametrize("count", [40, 100])
 def test_it_holds_one_more_draw_in_95_of_100(count):
     """Of any distribution: here of a skew one with tails."""
     rng = np.random.default_rng(12)
@@ -227,29 +207,6 @@ def test_counts_are_those_of_another_implementation(levels):
             signal = np.round(signal * levels / 4)
         theirs = [(size, mean, count) for size, mean, count, _, _ in other.extract_cycles(signal)]
         np.testing.assert_allclose(in_order(rainflow(signal)), in_order(theirs), rtol=0, atol=1e-12)
-
-
-def test_every_reversal_but_one_is_in_half_a_cycle():
-    rng = np.random.default_rng(4)
-    signal = rng.standard_normal(501)
-    turns = 1 + np.count_nonzero(np.diff(np.sign(np.diff(signal)))) + 1
-    assert 2 * rainflow(signal)[:, 2].sum() == turns - 1
-
-
-def test_time_turned_round_has_the_same_cycles_where_the_largest_range_is_at_the_ends():
-    """What is left over is then one range either way."""
-    rng = np.random.default_rng(5)
-    signal = np.concatenate([[-9.0], rng.uniform(-1, 1, 300), [9.0]])
-    np.testing.assert_allclose(in_order(rainflow(signal[::-1])), in_order(rainflow(signal)), atol=1e-12)
-
-
-def test_time_turned_round_changes_no_more_than_half_cycles():
-    rng = np.random.default_rng(6)
-    signal = rng.standard_normal(400)
-    one, other_way = (by_range(np.round(rainflow(own), 9)) for own in (signal, signal[::-1]))
-    left = sum(abs(one.get(size, 0) - other_way.get(size, 0)) for size in {*one, *other_way})
-    halves = np.count_nonzero(rainflow(signal)[:, 2] == 0.5)
-    assert left <= halves
 
 
 def test_constant_and_monotone_signals():

@@ -13,7 +13,6 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from ..solids import CUTS, HEX, SOLIDS, TET
 
 E, NU, RHO, LENGTH = 2.1e11, 0.3, 7850.0, 1.0
-G = E / (2 * (1 + NU))
 OF = {"tet4": TET, "tet10": TET, "hex20": HEX}
 CELLS = (2, 1, 1)
 SHEARED = np.array([[LENGTH, 0.05, 0.0], [0.0, 0.3, 0.02], [0.0, 0.0, 0.2]])
@@ -225,12 +224,6 @@ def centred(own: Bar) -> Reference:
     return found
 
 
-def turned_roller(own: Bar) -> Reference:
-    found = plain(own)
-    found.hold(own.tip[:2], (1,), T)
-    return found
-
-
 def related(own: Bar) -> Reference:
     found, (a, b) = plain(own), own.tip[:2]
     found.relation((a, 0, 1.0), (b, 0, -0.5), (b, 2, 0.25))
@@ -241,18 +234,6 @@ def sprung(own: Bar) -> Reference:
     found, (a, b) = plain(own), own.tip[:2]
     found.spring(3e7, (a, 1))
     found.spring(2e8, (a, 2), (b, 2))
-    return found
-
-
-def loaded(own: Bar) -> Reference:
-    found = plain(own)
-    found.mass(own.tip[0], 12.0)
-    return found
-
-
-def held_tip(own: Bar) -> Reference:
-    found = plain(own)
-    found.hold(own.tip[:1], (0,))
     return found
 
 
@@ -267,8 +248,3 @@ def barred(own: Bar) -> Reference:
     return found
 
 
-def symmetry(own: Bar) -> Reference:
-    found = Reference(own)
-    found.hold(own.root)
-    found.hold(own.tip, (1,))
-    return found

@@ -233,18 +233,6 @@ def test_stiffness_and_mass_are_the_same(meshes, first, second):
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_every_element_has_its_material(meshes, name):
-    mesh = with_materials(meshes[name])
-    found = {}
-    for block in mesh.blocks:
-        for element, region in zip(block.ids, block.region, strict=True):
-            material = mesh.materials[mesh.regions[int(region)].material]
-            found[int(element)] = (material.youngs_modulus, material.poisson_ratio, material.density)
-    stated = {i: (m.youngs_modulus, m.poisson_ratio, m.density) for i, (_, m) in REGIONS.items()}
-    assert found == {e.id: stated[e.region] for e in MODEL.elements}
-
-
-@pytest.mark.parametrize("name", FORMATS)
 def test_numbers_positions_and_connectivity_are_those_of_the_model(meshes, name):
     mesh = meshes[name]
     assert sorted(mesh.node_ids.tolist()) == sorted(MODEL.x)

@@ -112,9 +112,6 @@ def test_angle_offset_and_thickness_stand_behind_the_nodes(tmp_path):
     [
         (",7,8\n", ",7\n", r"CQUAD8 1: 3 of 4 mid-side nodes \(G8 is blank\)", 12),
         ("11,10,6\n", "11,,6\n", r"CTRIA6 2: 2 of 3 mid-side nodes \(G5 is blank\)", 14),
-        (",7,8\n", ",7,5\n", "CQUAD8 1: a node stands twice", 12),
-        (",7,8\n", f",7,8,{T},{T},{2 * T},{T}\n", "T3 makes it 0.1 thick", 12),
-        ("CQUAD8,1,7", "CQUAD8,1,9", "property 9 is not in the deck", 12),
         ("GRID,5,,1,0,0.", "GRID,5,,1.6,0,0.", "node 5 of quad8 element 1 lies at 0.8 of its side", 12),
         ("GRID,7,,1,1.1,0.", "GRID,7,,1,1.9,0.", "node 7 of quad8 element 1 is 0.45 side lengths off its side", 12),
     ],

@@ -12,7 +12,7 @@ from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.thin import BeamSection, ShellSection
 
 from ..refusals import expect_refusal
-from ..strips import B, L, T, gmsh, grid, triangles, vtu
+from ..strips import T, gmsh, grid, triangles, vtu
 from .conftest import TETRAHEDRON
 
 SHELL = GivenSection(("skin",), ShellSection(T))
@@ -165,21 +165,6 @@ $EndElements
             "no region 'skim' of triangles",
             "mean skin?",
         ),
-        ({"a": GivenSection((9,), ShellSection(T))}, (), "a.regions", "no region 9 of triangles", "skin; or all"),
-        (
-            {"a": GivenSection(("root",), ShellSection(T))},
-            (),
-            "a.regions",
-            "'root' has lines and no triangles and quadrangles",
-            "lines have an area",
-        ),
-        (
-            {"a": GivenSection(("skin",), ROD.section)},
-            (),
-            "a.regions",
-            "'skin' has triangles and quadrangles and no lines",
-            "have a thickness",
-        ),
         (
             {"a": SHELL, "b": GivenSection(None, ShellSection(T))},
             (),
@@ -194,8 +179,6 @@ $EndElements
             r"element 3 runs along the direction \[1.0, 0.0, 0.0\]",
             "a direction of their own",
         ),
-        ({"a": BEAM}, (("3 1 2 3 3 1 4", "3 1 2 3 3 1 1"),), None, "element 3 .*: a node stands twice", "remove it"),
-        ({"a": BEAM}, (("\n4 0.125 0.0 0.0", "\n4 0.0 0.0 0.0"),), None, "element 3 is a line without length", "merge"),
         (
             {"a": SHELL},
             (("13 3 2 3 3 1 4 5 2", "13 10 2 3 3 1 4 5 2 7 8 3 6 9"),),
@@ -219,15 +202,6 @@ def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key
         assert error.value.where.rpartition(":")[2].isdigit()
 
 
-def test_cells_of_nine_nodes_are_refused_where_they_have_a_section(tmp_path):
-    x = np.array([(0.0, 0), (1, 0), (1, 1), (0, 1), (0.5, 0), (1, 0.5), (0.5, 1), (0, 0.5), (0.5, 0.5)])
-    x = np.column_stack([x, np.zeros(9)])
-    path = tmp_path / "part.vtu"
-    meshio.Mesh(x, [("quad9", [range(9)])]).write(path)
-    with expect_refusal(DeckError, r"1 quad9 cell in regions with a section", remedy="quad8"):
-        read_mesh(path, given={"a": GivenSection(None, ShellSection(T))})
-
-
 def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
     (tmp_path / "deck.bdf").write_text(TETRAHEDRON)
     with expect_refusal(UserError, r"deck.bdf is a deck, which states its sections itself", key="mesh.sections.a"):
@@ -236,13 +210,6 @@ def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
     for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):
         with pytest.raises(UserError, match=what):
             read_mesh(tmp_path / "part.vtu", given={"mesh.sections.a": GivenSection(regions, ShellSection(T))})
-
-
-def test_the_area_of_the_strip_is_that_of_its_shells(strip):
-    """So that no quadrangle is lost or counted twice."""
-    x = strip(skin=SHELL).position[strip(skin=SHELL).shells[0].nodes]
-    area = 0.5 * np.linalg.norm(np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]), axis=1)
-    assert area.sum() == pytest.approx(L * B, rel=1e-14)
 
 
 ONE = (
@@ -261,6 +228,3 @@ def test_shapes_that_no_shell_can_have_are_named_with_the_line_of_the_element(st
         strip(text=ONE.format(*corner), every=GivenSection(None, ShellSection(T)))
 
 
-def test_a_warped_shell_has_a_note(strip):
-    (note,) = strip(text=ONE.format(1, 1, 0.4), every=GivenSection(None, ShellSection(T))).notes
-    assert "1 quad4 warped" in note

@@ -8,12 +8,16 @@ import shutil
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import yaml
 
+from strainsight import api
 from strainsight.cases.structure import placement
+from strainsight.cases.structure.placement import Placement
+from strainsight.cases.structure.validation import Validation
 from strainsight.config.load import load_config
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
@@ -215,6 +219,28 @@ def finished(
     shutil.copytree(kept / "results", folder / "results", dirs_exist_ok=True)
     results = folder / "results" / load_config(path, ()).data["name"]
     return {stage.name: Artefact(results / f"{stage.name}.h5") for stage in stages}
+
+
+def prepared(folder: Path, text: str, changes: Mapping[str, Any] = {}, *overrides: str) -> SimpleNamespace:
+    """Case, mesh, reduced model, training run and screened candidates of a placement, without artefacts."""
+    (folder / "beam.bdf").write_text(text, encoding="ascii")
+    (folder / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
+    case = api.load(folder / "edge.yaml", overrides)
+    mesh = api.mesh(case)
+    reduced = api.reduce(case, mesh)
+    training = api.train(case, mesh, reduced)
+    screened = api.screen(case, mesh, reduced, training)
+    return SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened)
+
+
+def placed(own: SimpleNamespace) -> Placement:
+    """The placement of what is prepared."""
+    return api.place(own.case, own.mesh, own.reduced, own.training, own.screened)
+
+
+def validated(own: SimpleNamespace, gauges: np.ndarray) -> Validation:
+    """The validation of these gauges of what is prepared."""
+    return api.validate(own.case, own.mesh, own.reduced, own.training, own.screened, gauges)
 
 
 def infinite(found: Mapping[str, Artefact]) -> list[str]:

@@ -3,28 +3,34 @@
 from __future__ import annotations
 
 import re
+import warnings
 from decimal import Decimal
 
 import pytest
+import yaml
 
 from strainsight.errors import UserError, at_least, at_most
+from strainsight.workflow.runner import run
 
-from .beam import BENCH_CONFIG, RHO, bricks, finished, of_material
+from ..shared import job_of, stages_of
+from .beam import BENCH_CONFIG, PLACEMENT_CONFIG, RHO, bricks, config_of, finished, of_material
 
 COUNTS = (3, 1, 1)
 DAMPING = "damping"
 
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where runs take the stages over that they share."""
+    return tmp_path_factory.mktemp("refused")
+
+
 PLACEMENTS = [
     # key, value in the message, changes
-    ("gauges.noise_std.value", "above 0", {"gauges.noise_std": {"value": 0.0}}),
     ("gauges.noise_std", "1e-30 is", {"gauges.noise_std": {"value": 1e-30}}),
     ("gauges.noise_std", "a noise of 0.009", {"gauges.noise_std": {"value": 9e-3}, "loads.tip.signal.amplitude": 1e-6}),
     ("gauges.noise_std.value", "1e+06 m/m are 1e+08 %", {"gauges.noise_std": {"value": 1e6}}),
-    ("gauges.noise_std.value", "1e+300 m/m", {"gauges.noise_std": {"value": 1e300}}),
-    ("gauges.noise_std", "1e-320", {"gauges.noise_std": {"value": 1e-320}}),
-    ("validate.initial_std.E", "above 0", {"validate.initial_std.E": 0.0}),
     ("validate.initial_std.E", "1e+06 times the guess", {"validate.initial_std.E": 1e6}),
-    ("parameters.E.process_noise_scale", "above 0", {"parameters.E.process_noise_scale": 0.0}),
     ("parameters.E.process_noise_scale", "3.16e+06 %", {"parameters.E.process_noise_scale": 1e6}),
     (
         "place.estimate",
@@ -33,31 +39,24 @@ PLACEMENTS = [
     ),
     ("filter.drift", "constants in a bank", {"filter.drift": True}),
     ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
-    ("damping.ratio", "1.0 has to be below 1", {"damping.ratio": 1.0}),
     (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
-    (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 0.0, "beta": 1e30}}),
-    ("rom.modes", "at least 1", {"rom.modes": 0}),
     ("rom.modes", "200 modes of a model with 30 unknowns", {"rom.modes": 200}),
     ("loads", "more than 1e+50", {"loads.tip.signal.amplitude": 1e300}),
-    ("loads", "less than 1e-50", {"loads.tip.signal.amplitude": 1e-300}),
     ("train.time_step", "1 steps", {"train.duration": 1e-3}),
     ("place.keep", "8 is larger", {"place.keep": 8, "screen.keep": 4}),
-    ("mesh.length_unit", "'lightyear'", {"mesh.length_unit": "lightyear"}),
 ]
 
 
 @pytest.mark.parametrize(("key", "value", "changes"), PLACEMENTS)
-def test_a_placement_is_refused(tmp_path, key, value, changes):
-    refused(tmp_path, bricks(COUNTS), key, value, changes)
+def test_a_placement_is_refused(folder, key, value, changes):
+    refused(folder, bricks(COUNTS), key, value, changes)
 
 
 @pytest.mark.parametrize(
     ("modulus", "density", "key", "value"),
     [
         (1e-3, RHO, "train.duration", "periods of the last mode"),
-        (1e-30, RHO, "train.duration", "periods of the last mode"),
         (1e30, RHO, "train.time_step", "periods of the first mode"),
-        (1e-100, 1e-107, "loads", "more than 1e+50"),
         (1e100, 1e93, "loads", "less than 1e-50"),
     ],
 )
@@ -68,31 +67,18 @@ def test_a_material_that_the_run_cannot_show_is_refused(tmp_path, modulus, densi
 
 BENCHES = [
     ("place.noise", "1e-30: one increment", {"place.noise": 1e-30}),
-    ("place.noise", "1e+06: one increment", {"place.noise": 1e6}),
-    ("place.noise", "1e-07: one increment of side", {"estimate.inputs.side.increment": 1e-30}),
     ("place.noise", "1e-07: one increment of side", {"estimate.inputs.side.increment": 1e30}),
-    ("estimate.inputs.side.std", "above 0", {"estimate.inputs.side.std": 0.0}),
     ("estimate.sensors.gauges.noise", "1e-30 is less than 1e-12", {"estimate.sensors.gauges.noise": 1e-30}),
     ("estimate.sensors.gauges.noise", "one σ of an unknown moves it by", {"estimate.inputs.side.std": 1e30}),
     ("estimate.inputs.down", "no sensor feels it", {"estimate.sensors.gauges.noise": 1e6}),
-    (
-        "estimate.sensors.gauges.noise",
-        "it reads up to",
-        {"forces.side.signal.amplitude": 1e10, "estimate.sensors.gauges.noise": 1e-11},
-    ),
     ("forces.side.signal", "more than 1e+50", {"forces.side.signal.amplitude": 1e200}),
     ("bodies.beam", "500 modes of a body with", {"bodies.beam.modes": 500}),
 ]
 
 
 @pytest.mark.parametrize(("key", "value", "changes"), BENCHES)
-def test_a_bench_is_refused(tmp_path, key, value, changes):
-    refused(tmp_path, bricks(COUNTS), key, value, changes, BENCH_CONFIG)
-
-
-@pytest.mark.parametrize("modulus", [1e-3, 1e-30, 1e30])
-def test_a_bench_of_an_absurd_modulus_is_refused(tmp_path, modulus):
-    refused(tmp_path, bricks(COUNTS, modulus=modulus), "place.noise", "one increment of down", {}, BENCH_CONFIG)
+def test_a_bench_is_refused(folder, key, value, changes):
+    refused(folder, bricks(COUNTS), key, value, changes, BENCH_CONFIG)
 
 
 DRIFT = "parameters.E.process_noise_scale"
@@ -102,9 +88,6 @@ DRIFT = "parameters.E.process_noise_scale"
     ("key", "value", "others"),
     [
         ("gauges.noise_std", {"value": 1e-30}, {}),
-        ("gauges.noise_std", {"value": 9e-3}, {"loads.tip.signal.amplitude": 1e-6}),
-        (DRIFT, 1e9, {}),
-        (DRIFT, 1e9, {"process_noise.rule": "thesis"}),
         (DRIFT, 1e9, {"process_noise.rule": "as_printed"}),
     ],
 )
@@ -123,10 +106,16 @@ def test_limits_are_rounded_to_the_side_that_is_accepted(limit):
     assert Decimal(at_least(limit)) - Decimal(at_most(limit)) <= Decimal(limit) / 10
 
 
-def refused(folder, text, key, value, changes, *base):
+def refused(folder, text, key, value, changes, base=PLACEMENT_CONFIG):
     """UserError, so that the command line ends with 2; it names the key at its line and the value, and has a remedy."""
-    with pytest.raises(UserError) as found:
-        finished(folder, "estimate" if base else "validate", text, changes, *base)
+    place = folder / base["kind"]
+    place.mkdir(exist_ok=True)
+    (place / "beam.bdf").write_text(text, encoding="ascii")
+    (place / "edge.yaml").write_text(yaml.safe_dump(config_of(base, changes)), encoding="utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        with pytest.raises(UserError) as found:
+            run_all(place, "estimate" if base is BENCH_CONFIG else "validate")
     error = found.value
     assert error.exit_code == 2
     assert error.key == key
@@ -134,3 +123,9 @@ def refused(folder, text, key, value, changes, *base):
     assert "edge.yaml:" in error.where
     assert value in str(error)
     assert error.remedy
+
+
+def run_all(folder, until):
+    job = job_of(folder / "edge.yaml", folder / "results")
+    for _ in run(stages_of(job, until), job):
+        pass

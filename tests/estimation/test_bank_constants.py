@@ -238,7 +238,7 @@ def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, paramet
     P = driven_start()[:states, :states]
     wider = np.diag(np.insert(np.diag(P), 4, 25.0))
     _, y = draw_truth(other, np.zeros(states + 1), wider, force, [3])
-    options, there = {"spacing": 0.6, "depth": 20.0}, np.delete(np.arange(states + 1), 4)
+    options, there = {"spacing": 0.8, "depth": 14.0}, np.delete(np.arange(states + 1), 4)
     found = filter_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, **options)
     expected = filter_bank(other, np.zeros(states + 1), wider, force, y[:, 0], **options)
     std = expected.run.std[1:, 0, there]

@@ -22,16 +22,17 @@ from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
+from ..shared import slowly
 from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, loaded_chain, start
 from .chain import H as STEP
 from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
-STEPS = 20
+STEPS = 12
 OFFSETS = np.array([[2e-3, 0.0], [0.0, 5e-3], [1e-3, 1e-3], [0.0, 0.0]])
 DRIFTS = np.array([[0.0, 0.0], [0.0, 2e-3], [0.0, 0.0], [3e-3, -4e-3]])
-MISSING = (7, 0), (8, 0), (8, 1), (15, 1)
+MISSING = (5, 0), (6, 0), (6, 1), (10, 1)
 P = start()[:5, :5]
 
 
@@ -134,7 +135,7 @@ def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
     begin = np.zeros((1, 5)), P, np.zeros((1, 4, 5))
     known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
     ends = known_ends(known, offsets())
-    with pytest.raises(ValueError, match=r"\(20, 2\) in place of \(19, 2\)"):
+    with pytest.raises(ValueError, match=r"\(12, 2\) in place of \(11, 2\)"):
         consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], ends[1:], y[1:], noise)
     with pytest.raises(ValueError, match="do not fit"):
         replace(one, H=np.concatenate([one.H, one.H]))
@@ -153,7 +154,7 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", [*slowly(False), True])
 def test_a_quieter_gauge_makes_no_load_worse(learned):
     """With gains of 2 % on its way, which an extended filter takes for exact, so that the quieter they are the worse it is."""
     model = chain()
@@ -181,7 +182,7 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
         assert (later.std <= bank.run.std * (1 + 1e-6)).all()
 
 
-@pytest.mark.parametrize("learned", [False, True])
+@pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     """What is kept of the covariance is what all of it says, to rounding, however the record is cut."""
     model = chain(tuple(REFERENCE)[:1])

@@ -43,7 +43,7 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     P, columns = start(), FELT.reshape(3, -1).T
     bank = filter_bank(model, np.zeros(7), P, forces(), y, drifts(), spacing=0.6, depth=20.0)
     mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
-    axis = 0.65 * np.arange(-12, 13)
+    axis = 0.7 * np.arange(-11, 12)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     log_density, nu = np.empty(len(point)), np.empty((len(point), 3))
     for i, p in enumerate(point):
@@ -52,7 +52,7 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
         log_density[i] = log_normal(y.ravel(), middle, covariance) - 0.5 * np.sum(p**2 / np.diag(P)[5:])
         nu[i] = columns.T @ np.linalg.solve(covariance, y.ravel() - middle)
     w = np.exp(log_density - log_density.max())
-    assert max(w.reshape(25, 25)[[0, -1]].max(), w.reshape(25, 25)[:, [0, -1]].max()) < 1e-8
+    assert max(w.reshape(23, 23)[[0, -1]].max(), w.reshape(23, 23)[:, [0, -1]].max()) < 1e-8
     w /= w.sum()
     expected = w @ point
     np.testing.assert_allclose(mean / std, expected / std, atol=1e-6)
@@ -136,9 +136,9 @@ def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown)
     np.testing.assert_array_equal(model.step(both, 3)[0][:, n:], b)
 
 
-@pytest.mark.parametrize("unknown", [(), ("E",)])
-def test_a_known_offset_is_one_taken_from_the_record(filters, unknown):
+def test_a_known_offset_is_one_taken_from_the_record(filters):
     """b known without doubt: the filter on y is the plain filter on y − E b."""
+    unknown = ("E",)
     plain = filters[unknown]
     model, b = Biased(plain, AT), np.array([3e-5, -2e-5])
     mean = np.zeros(plain.size)

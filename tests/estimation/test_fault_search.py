@@ -14,6 +14,7 @@ from strainsight.estimation.fault_search import BROAD, Suspect, diagnosed, exami
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
 from strainsight.estimation.peak import peak_of
 
+from ..shared import slowly
 from .chain import NOISE, chain, driven_chain, driven_start, forces, loaded_chain, start
 from .test_bank import STEPS, joint, log_normal
 
@@ -111,7 +112,7 @@ def test_laplace_at_the_peak_is_what_the_bank_integrates():
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
     none = no_nuisances(model)
-    bank = filter_bank(model, np.zeros(6), P, forces(steps), y[:, 0], spacing=0.5, depth=10.0)
+    bank = filter_bank(model, np.zeros(6), P, forces(steps), y[:, 0])
     peak = peak_of(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None)
     assert peak.evidence == pytest.approx(float(bank.run.log_likelihood[0]), abs=0.1)
     mean, std = bank.run.mean[-1, 0, 4:], bank.run.std[-1, 0, 4:]
@@ -156,7 +157,7 @@ def broken(kind, y):
     return y, Fault("scale", 1, kind)
 
 
-@pytest.mark.parametrize("kind", [1e3, 1e-6, "dead", "clipped", "late"])
+@pytest.mark.parametrize("kind", [1e-6, "late", *slowly("dead", "clipped")])
 def test_a_fault_of_one_channel_is_named(four, kind):
     """The others are named in test_record_check."""
     model, P, y = four
@@ -176,8 +177,7 @@ def mohr(degrees):
     return np.array([c * c, s * s, s * c]) @ STRAIN
 
 
-@pytest.mark.parametrize(("degrees", "named"), [(15.0, 15.0), (62.0, 60.0)])
-def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four, degrees, named):
+def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
     """One that is turned by an angle beside those that are tried is by the nearest, here without a tolerance of the angle."""
     model, P, _ = four
 
@@ -186,7 +186,7 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four, degree
         H[0, :2] = mohr(angle)
         return replace(model, H=H)
 
-    samples = draw_truth(read(degrees), np.zeros(5), P, forces(LONG), [3])[1][:, 0]
+    samples = draw_truth(read(62.0), np.zeros(5), P, forces(LONG), [3])[1][:, 0]
     straight, rows = read(0.0), np.full((4, len(ANGLES), model.size), np.nan)
     rows[0] = [read(angle).H[0] for angle in ANGLES]
 
@@ -197,21 +197,16 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four, degree
     given = Suspect(straight, mean, P, forces(LONG), samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
     found = examined(given)
     assert found.contradicts
-    assert found.diagnosis.named.fault == Fault("angle", 0, named)
+    assert found.diagnosis.named.fault == Fault("angle", 0, 60.0)
     sound = draw_truth(straight, np.zeros(5), P, forces(LONG), [3])[1][:, 0]
     assert not examined(replace(given, samples=sound)).contradicts
 
 
-def test_a_sound_record_is_not_accused(four):
+def test_a_search_for_faults_in_a_sound_record_finds_none(four):
+    """Neither of ten, nor where one is looked at as closely as a wrong one."""
     model, P, y = four
     for one in range(y.shape[1]):
-        found = examined(suspect(model, P, forces(LONG), y[:, one]))
-        assert not found.contradicts, one
-
-
-def test_a_search_for_faults_in_a_sound_record_finds_none(four):
-    """Also where it is looked at as closely as a wrong one."""
-    model, P, y = four
+        assert not examined(suspect(model, P, forces(LONG), y[:, one])).contradicts, one
     found = diagnosed(suspect(model, P, forces(LONG), y[:, 0]))
     assert found.named is None
     assert found.candidates == ()
@@ -266,10 +261,11 @@ def test_a_missing_stretch_is_no_fault(four):
     assert not examined(suspect(model, P, forces(LONG), samples)).contradicts
 
 
+@pytest.mark.slow
 def test_the_chain_with_unknown_stiffnesses_names_a_fault_too():
     model, P = chain(), start()
     model = replace(model, H=np.hstack([FOUR, np.zeros((4, 5))]), r=np.repeat(model.r[:1], 4))
-    known = forces(LONG // 2)
+    known = forces(LONG // 3)
     _, y = draw_truth(model, np.zeros(7), P, known, [1])
     sound = y[:, 0]
     assert not examined(suspect(model, P, known, sound)).contradicts

@@ -27,6 +27,7 @@ from strainsight.estimation.faults import (
 from strainsight.estimation.load_faults import KnownLoads
 from strainsight.estimation.settled import Settled
 
+from ..shared import slowly
 from .chain import driven_chain, driven_start
 from .test_fault_search import FOUR, LONG, suspect
 
@@ -173,7 +174,7 @@ def test_a_sound_record_is_consistent(record):
     assert not examined(record).contradicts
 
 
-@pytest.mark.parametrize("name", WRONG)
+@pytest.mark.parametrize("name", ["sign", "kilonewtons", "late", *slowly("early")])
 def test_the_fault_of_a_load_is_named(record, name):
     """A large one without a search among channels."""
     wrong, fault = WRONG[name]

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, solve_continuous_are, solve_discrete_are
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern
+from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.augmentation.linearisation import linearise
 from strainsight.errors import NumericalError
 from strainsight.estimation.claim import covariance_recursion
@@ -31,8 +31,9 @@ def modal_scale(model):
     return np.concatenate([1 / omega, np.ones(model.size - n)])
 
 
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
+@pytest.mark.parametrize(("inputs", "parameters"), CASES[1:])
 def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, inputs, parameters):
+    """Of parameters; loads alone are compared with filterpy below."""
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
     run = run_filter(model, mean, P0, u, y, keep="all")
     Q, R, H = model.process, np.diag(model.r / model.h), model.H
@@ -59,12 +60,11 @@ def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, input
         np.testing.assert_allclose(run.gauge_std[-1, b], np.sqrt(np.diag(H @ P @ H.T)), rtol=1e-5)
 
 
-@pytest.mark.parametrize("parameters", [(), ("E",)])
-def test_what_is_known_is_predicted(make_beam, make_filter, sine, parameters):
+def test_what_is_known_is_predicted(make_beam, make_filter, sine):
     """A filter that is told the load and starts at the truth predicts every strain and acceleration, whatever it doubts.
     Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
     beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 25
-    model = make_filter(beam, parameters=parameters, known=("tip",), h=h, accelerometers=1)
+    model = make_filter(beam, parameters=("E",), known=("tip",), h=h, accelerometers=1)
     u = sine(h * np.arange(steps), h, 1e4, 200.0)
     rest, theta = beam.model, beam.model.reference
     M, K, C = rest.mass.at(theta), rest.stiffness.at(theta), np.zeros((4, 4))
@@ -106,9 +106,16 @@ def test_steady_covariance_solves_the_discrete_riccati_equation(make_beam, make_
     np.testing.assert_allclose(found / np.outer(d, d), expected / np.outer(d, d), atol=1e-7)
 
 
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
-def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, inputs, parameters):
-    """Fixed intensities, one frozen linearisation: CARE (5.14) is the limit of the discrete filter for h → 0."""
+@pytest.mark.parametrize(
+    ("inputs", "parameters", "load_model"),
+    [
+        *[(*case, None) for case in CASES],
+        *[(("tip",), (), own) for own in (IntegratedRandomWalk(20.0), Oscillator(20.0), Matern(20.0, 1.5))],
+    ],
+)
+def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, inputs, parameters, load_model):
+    """Fixed intensities, one frozen linearisation, A_u of an input model in F: CARE (5.14), the placement's, is the limit of the
+    discrete filter for h → 0."""
     beam = make_beam(modes=3)
     n, load = 3, np.array([1e4])
     q = np.linalg.solve(beam.model.stiffness.at(beam.model.reference), beam.model.input_shape @ load)
@@ -116,7 +123,10 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam,
     # at 2⁻²¹ s one unit in the last place of the process noise moves the rate by 0.2, in SciPy's discrete solver; at 2⁻²⁰ s
     # it differs by 0.006 between kernels of OpenBLAS
     for h in 2.0 ** np.array([-18, -19, -20]):
-        model = make_filter(beam, inputs=inputs, parameters=parameters, known=() if inputs else ("tip",), h=h)
+        model = make_filter(
+            beam, inputs=inputs, parameters=parameters, known=() if inputs else ("tip",), h=h,
+            models={"tip": load_model} if load_model else None, q_velocity=1e-2 if load_model else 0.0,
+        )  # fmt: skip
         scale = modal_scale(model)
         x = np.zeros(model.size)
         x[:n], x[n : 2 * n], x[model.input_states] = 0.8 * q, 40.0 * q, 1.0
@@ -136,7 +146,7 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam,
         np.testing.assert_allclose(again[0] / np.outer(d, d), steady / np.outer(d, d), atol=1e-7)
         differences.append(np.abs(steady / np.outer(d, d) - limit * np.outer(scale, scale) / np.outer(d, d)).max())
     rate = np.array(differences[:-1]) / differences[1:]
-    assert differences[-1] < 1.2e-3
+    assert differences[-1] < (1e-2 if load_model else 1.2e-3)
     np.testing.assert_allclose(rate[-1], 2.0, atol=0.1)
     assert abs(rate[-1] - 2) < max(abs(rate[-2] - 2), 0.02)
 
@@ -158,20 +168,9 @@ def test_a_batch_is_its_runs_one_by_one(make_beam, make_filter, sine):
             np.testing.assert_allclose(getattr(batch, name)[:, b] / scale, one / scale, atol=1e-8)
 
 
-def test_a_covariance_that_no_run_changes_is_computed_once(make_beam, make_filter, sine):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
-    shared = run_filter(model, mean, P0, u, y, keep="all")
-    apart = run_filter(replace(model, H=np.stack([model.H] * 3)), mean, P0, u, y, keep="all")
-    assert shared.covariance.shape[1] == 1
-    assert apart.covariance.shape[1] == 3
-    np.testing.assert_allclose(shared.mean, apart.mean, rtol=1e-9, atol=1e-12 * np.abs(apart.mean).max())
-    np.testing.assert_allclose(shared.std, apart.std, rtol=1e-9, atol=1e-30)
-
-
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
-def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine, inputs, parameters):
+def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine):
     """No hidden tolerance or scale: with a power of two as unit even the rounding is the same."""
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ("E",))
     unit = 2.0**40
     other = run_filter(replace(model, H=model.H * unit, r=model.r * unit**2), mean, P0, u, y * unit)
     run = run_filter(model, mean, P0, u, y)
@@ -179,12 +178,12 @@ def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine, inputs,
     np.testing.assert_array_equal(other.std, run.std)
 
 
-@pytest.mark.parametrize("noise", [1e-12, 1e-9, 1e-3])
+@pytest.mark.parametrize("noise", [1e-12, 1e-3])
 def test_covariance_stays_positive_semidefinite_at_any_noise(make_beam, make_filter, sine, noise):
     """To the rounding of the covariance before the update, which is what an update has to subtract from."""
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ("E",), 400, 2, strain_noise=noise)
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ("E",), 200, 1, strain_noise=noise)
     run = run_filter(model, mean, P0, u, y, keep="all")
-    for k in range(0, 400, 20):
+    for k in range(0, 200, 20):
         before = predict(run.covariance[k], run.jacobian[k], model.process)
         std = np.sqrt(np.diagonal(before, axis1=-2, axis2=-1))
         relative = run.covariance[k + 1] / (std[..., :, None] * std[..., None, :])
@@ -236,15 +235,6 @@ def test_two_equal_gauges_without_noise_are_refused(make_beam, make_filter, sine
         run_filter(replace(model, r=0 * model.r), mean, P0, u, y)
 
 
-@pytest.mark.parametrize("form", ["joseph", "square_root"])
-def test_a_gauge_that_reads_nothing_without_noise_is_refused(make_beam, make_filter, sine, form):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
-    H, r = model.H.copy(), model.r.copy()
-    H[2], r[2] = 0.0, 0.0
-    with pytest.raises(NumericalError, match="not positive definite"):
-        run_filter(replace(model, H=H, r=r), mean, P0, u, y, form=form)
-
-
 def test_a_refusal_names_the_first_sample_without_any_doubt(make_beam, make_filter, sine):
     """Nothing is uncertain, so the first sample is the first to have no variance."""
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
@@ -259,8 +249,10 @@ def test_a_refusal_names_the_first_sample_without_any_doubt(make_beam, make_filt
 kalman = pytest.importorskip("filterpy.kalman")
 
 
-@pytest.mark.parametrize("form", ["joseph", "square_root"])
-@pytest.mark.parametrize("models", [{}, {"tip": IntegratedRandomWalk(20.0)}, {"tip": Matern(10.0, 2.5)}])
+@pytest.mark.parametrize(
+    ("models", "form"),
+    [({}, "joseph"), ({"tip": IntegratedRandomWalk(20.0)}, "square_root"), ({"tip": Matern(10.0, 2.5)}, "joseph")],
+)
 def test_filter_and_smoother_agree(make_beam, make_filter, sine, models, form):
     """In coordinates where the steady deviations are 1, so that filterpy's inverses lose no digits; to 1e-10."""
     beam = make_beam(modes=4, ratio=0.05, load_nodes=(16, 8))

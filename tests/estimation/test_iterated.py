@@ -109,7 +109,7 @@ def most_probable(model, x, prior, process, y):
     return (model.f((x + P @ found.x[:3])[None]) + Q @ found.x[3:])[0]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_iteration_ends_at_the_most_probable_state(seed):
     rng = np.random.default_rng(seed)
     X = rng.normal(size=(2, 3, 3))
@@ -187,7 +187,7 @@ def test_a_corrected_state_keeps_to_the_constraint():
     """Rod length and tangent velocity after every update; the one-shot update leaves the circle."""
     start = np.diag([0, 0, 0, 0, 1e-2, 0.05])
     model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
-    steps, rng = 80, np.random.default_rng(1)
+    steps, rng = 50, np.random.default_rng(1)
     truth = np.zeros((steps + 1, 6))
     truth[0] = [np.sin(0.5), -np.cos(0.5), 0, 0, 0, 0]
     for k in range(steps):
@@ -208,7 +208,7 @@ def test_a_corrected_state_keeps_to_the_constraint():
         )
         if inside:
             smoothed = smooth(model, run)
-            late = slice(20, -20)
+            late = slice(15, -10)
             error = [np.sqrt(np.mean((z[:-1, 0, 5] - truth[:-1, 5])[late] ** 2)) for z in (run.mean, smoothed.mean)]
             assert error[1] < 0.6 * error[0]
             assert error[1] < 0.5
@@ -315,14 +315,13 @@ def test_a_linear_model_has_nothing_to_iterate(make_beam, make_filter):
         np.testing.assert_array_equal(run_filter(model, np.zeros(7), P0, nothing, y, **options).mean, once.mean)
 
 
-@pytest.mark.parametrize("through_step", [False, True])
-@pytest.mark.parametrize("form", ["joseph", "square_root"])
+@pytest.mark.parametrize(("form", "through_step"), [("joseph", True), ("square_root", False)])
 def test_iterating_a_parameter_ends_where_one_shot_ends(make_beam, make_filter, sine, through_step, form):
     """Where E is known to 1e-4 the problem is all but linear; what differs is of second order in σ. Filtered and smoothed."""
     model = make_filter(
         make_beam(modes=4), parameters=("E",), known=("tip",), accelerometers=1, q_velocity=0.1, q_parameter=0.0
     )
-    u = sine(model.h * np.arange(60), model.h, 1e4, 20.0)
+    u = sine(model.h * np.arange(40), model.h, 1e4, 20.0)
     P0 = np.diag([0.0] * 8 + [1e-8])
     _, y = draw_truth(model, np.zeros(9), P0, u, [0, 1])
     once = run_filter(model, np.zeros(9), P0, u, y, keep="all", form=form)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
-from scipy.linalg import expm, solve_continuous_are, solve_continuous_lyapunov, solve_discrete_are
+from scipy.linalg import expm, solve_continuous_lyapunov
 from scipy.stats import norm
 
 from strainsight.augmentation.input_models import (
@@ -18,7 +18,6 @@ from strainsight.augmentation.input_models import (
     input_intensity,
     rate_matrix,
 )
-from strainsight.augmentation.linearisation import linearise
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.estimation.draws import covariance_factor, draw_truth
@@ -26,10 +25,9 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.metrics import input_error, load_scale, settling_time
 from strainsight.estimation.model import input_hold, input_transition, inputs_of, loads_of, physical, process_covariance
-from strainsight.estimation.motion import step
 from strainsight.estimation.posterior import marginal, peaks_of
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.update import predict, update
+from strainsight.estimation.update import predict
 
 from .drawn import drawn, prior
 
@@ -73,7 +71,7 @@ def test_an_input_is_read_where_its_model_puts_it(make_beam, make_filter):
 def test_moments_follow_the_linear_model(make_beam, make_filter):
     model = make_filter(make_beam(modes=2), inputs=("tip",), q_velocity=3.0)
     mean, P0 = np.array([0.0, 0, 0, 0, 0.5]), np.diag([0.0, 0.0, 1e-2, 1e-3, 0.3])
-    steps, runs = 3, 40000
+    steps, runs = 3, 10000
     nothing = np.zeros((steps, 3, 0))
     truth, y = draw_truth(model, mean, P0, nothing, range(runs))
     A = run_filter(model, mean, P0, nothing, np.zeros((steps, 4)), keep="all").jacobian[0, 0]
@@ -136,21 +134,6 @@ def test_an_estimate_has_settled_from_when_on_it_stays_near():
     assert settling_time(time, np.full(5, np.nan), 2.0, 0.01) == np.inf
     assert settling_time(time, np.full(5, -2.0), -2.0, 0.01) == 0.0
     assert settling_time(time, np.array([1.0, 1.0, 0.0, 0.0, 0.0]), 0.0, 0.01) == 2.0
-
-
-def test_a_missing_gauge_is_one_of_endless_noise(make_beam, make_filter, sine):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
-    broken = y.copy()
-    broken[:, 1, 2] = np.nan
-    broken[20:30, 0] = np.nan
-    run = run_filter(model, mean, P0, u, broken)
-    rest = replace(model, H=model.H[[0, 1, 3]], r=model.r[[0, 1, 3]])
-    without = run_filter(rest, mean, P0, u, y[:, 1][:, [0, 1, 3]])
-    np.testing.assert_allclose(run.mean[:, 1], without.mean[:, 0], rtol=1e-8, atol=1e-10 * np.abs(without.mean).max())
-    np.testing.assert_allclose(run.nis[:, 1], without.nis[:, 0], rtol=1e-8)
-    assert np.all(np.isnan(run.innovation[:, 1, 2]))
-    assert np.all(run.nis[20:30, 0] == 0)
-    assert np.all(np.diff(run.std[20:31, 0, 8]) > 0)
 
 
 def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter, sine):
@@ -309,9 +292,8 @@ def test_what_a_load_moves_while_it_drifts_is_in_the_noise_of_a_step(h):
     x, w = np.polynomial.legendre.leggauss(20)
     pieces = max(4, int(2000 * h))
     nodes = np.concatenate([h / pieces * (i + 0.5 + 0.5 * x) for i in range(pieces)])
-    expected = sum(
-        weight * expm(F * s) @ Q @ expm(F * s).T for s, weight in zip(nodes, np.tile(0.5 * h / pieces * w, pieces), strict=True)
-    )
+    A, weight = expm(F * nodes[:, None, None]), np.tile(0.5 * h / pieces * w, pieces)
+    expected = np.einsum("s,sij,jk,slk->il", weight, A, Q, A, optimize=True)
     size = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(size, size), expected / np.outer(size, size), atol=1e-9)
     assert np.linalg.eigvalsh(found / np.outer(size, size)).min() > -1e-12
@@ -324,31 +306,3 @@ def test_the_hold_passes_through_the_load(model):
     c = input_hold(one, h)[:, 0] @ zeta
     for s in (0.0, 0.5, 1.0):
         assert c @ [1, s, s * s] == pytest.approx(1e4 * (expm(rate_matrix(model) * s * h) @ zeta)[0], rel=1e-10)
-
-
-@pytest.mark.parametrize("model", [IntegratedRandomWalk(20.0), Oscillator(20.0), Matern(20.0, 1.5)])
-def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, model):
-    """The placement's Riccati equation (5.14) with A_u in F is the limit of the filter with the same input model."""
-    beam = make_beam(modes=3)
-    differences = []
-    for h in 2.0 ** np.array([-16, -17, -18, -19]):
-        filtering = make_filter(beam, ("tip",), models={"tip": model}, h=h, q_velocity=1e-2)
-        n = filtering.size
-        scale = np.concatenate([1 / np.sqrt(np.diag(beam.model.stiffness.at(beam.model.reference))), np.ones(n - 3)])
-        F = linearise(beam.model, filtering.unknowns, filtering.fixed, np.zeros((1, 6)), np.zeros((1, 1)))[0]
-        whitened = filtering.H * scale / np.sqrt(filtering.r)[:, None]
-        limit = solve_continuous_are(
-            (F * scale / scale[:, None]).T, whitened.T, filtering.Q / np.outer(scale, scale), np.eye(4)
-        )
-        A = step(filtering, np.zeros((1, n)), np.zeros((3, 0)))[1][0] * scale / scale[:, None]
-        ahead = solve_discrete_are(A.T, whitened.T, filtering.process / np.outer(scale, scale), np.eye(4) / h)
-        gain = ahead @ whitened.T @ np.linalg.inv(whitened @ ahead @ whitened.T + np.eye(4) / h)
-        steady = ahead - gain @ whitened @ ahead
-        again = predict(steady[None], A[None], filtering.process / np.outer(scale, scale))
-        _, again, _ = update(np.zeros((1, n)), again, whitened, np.full((1, 4), 1 / h), np.zeros((1, 4)))
-        d = np.sqrt(np.diag(limit))
-        np.testing.assert_allclose(again[0] / np.outer(d, d), steady / np.outer(d, d), atol=1e-7)
-        differences.append(np.abs((steady - limit) / np.outer(d, d)).max())
-    rate = np.array(differences[:-1]) / differences[1:]
-    assert differences[-1] < 1e-2
-    np.testing.assert_allclose(rate[-2:], 2.0, atol=0.15)

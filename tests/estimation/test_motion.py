@@ -45,36 +45,18 @@ def state(model, rng):
     return scale * rng.normal(size=model.size), scale
 
 
-@pytest.mark.parametrize("graded", [False, True])
 @pytest.mark.parametrize(
-    ("inputs", "parameters"),
-    [
-        (("tip",), ()),
-        ((), ("E",)),
-        ((), ("rho",)),
-        ((), ("rho", "E")),
-        (("tip",), ("E", "rho")),
-        (("tip", "middle"), ("E",)),
-    ],
+    ("inputs", "parameters", "graded"), [((), ("rho",), False), ((), ("rho", "E"), True), (("tip",), ("E", "rho"), True)]
 )
 def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, parameters, graded):
+    """Under a known load, which parameters turn; the others are below."""
     beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
-    known = () if "middle" in inputs else ("middle",)
-    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known)
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=("middle",))
     x, scale = state(model, np.random.default_rng(3))
-    u = KNOWN[:, : len(known)]
-
-    def forward(points):
-        return step(model, points, u)[0] / scale
-
-    d, directions = 2e-3, np.diag(scale)
-    differences = (
-        8 * (forward(x + d * directions) - forward(x - d * directions))
-        - (forward(x + 2 * d * directions) - forward(x - 2 * d * directions))
-    ).T / (12 * d)
-    J = step(model, x[None], u)[1][0] * scale / scale[:, None]
+    found = differences(lambda z: step(model, z, KNOWN)[0] / scale, x, scale)
+    J = step(model, x[None], KNOWN)[1][0] * scale / scale[:, None]
     largest = np.abs(J).max(axis=0)
-    np.testing.assert_allclose(J / largest, differences / largest, atol=1e-7)
+    np.testing.assert_allclose(J / largest, found / largest, atol=1e-7)
 
 
 def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam, make_filter, sine):
@@ -266,7 +248,7 @@ def samples(model, p, seed):
 
 def by_brute_force(model, y):
     """Mean and σ of p: Kalman filters with rows of their own at every p of a grid, weighed by likelihood and prior."""
-    grid = np.linspace(0.0, 0.25, 101)
+    grid = np.linspace(0.0, 0.25, 51)
     score = []
     for p in grid:
         own = known_at(model, p)

@@ -16,6 +16,7 @@ from strainsight.estimation.settled import Settled
 from strainsight.estimation.spikes import SPIKE, spikes_of
 from strainsight.estimation.stretches import at_rest, loudest_stretches, moving_part_of, part_of
 
+from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
 from .test_fault_search import FOUR, suspect
 
@@ -49,7 +50,7 @@ def changed(record, change):
 def named(record):
     found = check_record(record).finding
     assert found.contradicts
-    return found.diagnosis.named.fault
+    return found.diagnosis.named
 
 
 def test_a_stretch_lies_where_the_channels_read_most(record):
@@ -132,7 +133,8 @@ def test_at_rest_unknown_loads_are_as_intense_as_is_most_likely(record):
 
 
 @pytest.mark.parametrize(
-    "fault", [Fault("sign", 2), Fault("swapped", 0, 3), Fault("scale", 1, 2.0), Fault("offset", 1), Fault("drift", 0)]
+    "fault",
+    [Fault("swapped", 0, 3), Fault("drift", 0), *slowly(Fault("sign", 2), Fault("scale", 1, 2.0), Fault("offset", 1))],
 )
 def test_a_fault_behind_rest_is_named(record, fault):
     """A drift is told from an offset by the rest before the motion, however short the motion is."""
@@ -149,11 +151,10 @@ def test_a_fault_behind_rest_is_named(record, fault):
             size = 0.02 if fault.kind == "offset" else 0.04 * np.arange(1, len(y) + 1) / len(y)
             y[:, j] += size
 
-    wrong = changed(record, change)
-    assert named(wrong) == fault
+    found = named(changed(record, change))
+    assert found.fault == fault
     if fault.kind in ("offset", "drift"):
         expected = {"offset": 0.02, "drift": 0.04}[fault.kind]
-        found = check_record(wrong).finding.diagnosis.named
         assert abs(found.amount - expected) < 4 * found.std + 0.02 * expected
 
 
@@ -163,7 +164,7 @@ def test_spikes_are_named_wherever_they_are(record):
         y[300, 3] -= 500 * NOISE
         y[REST + 60, 0] += 200 * NOISE
 
-    fault = named(changed(record, change))
+    fault = named(changed(record, change)).fault
     assert fault.kind == "spikes"
     assert fault.spans == ((0, REST + 60, REST + 61), (1, 40, 41), (3, 300, 301))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -11,30 +11,6 @@ from scipy.linalg import cho_factor, cho_solve
 from strainsight.estimation.draws import covariance_factor, draw_truth
 from strainsight.estimation.filter import filter_runs, run_filter
 from strainsight.estimation.smoother import smooth
-
-
-def test_equals_the_textbook_recursion(make_beam, make_filter):
-    """Rauch, Tung and Striebel with P⁻ solved, on a model whose every state has process noise."""
-    model = make_filter(make_beam(modes=3, ratio=0.05), inputs=("tip",), strain_noise=1e-5)
-    model = replace(model, Q=model.Q + np.diag([1e-8, 1e-9, 1e-10, 1e-2, 1e-2, 1e-2, 0]))
-    P0 = np.diag(np.diag(model.Q))
-    nothing = np.zeros((80, 3, 0))
-    _, y = draw_truth(model, np.zeros(7), P0, nothing, [0, 1])
-    run = run_filter(model, np.zeros(7), P0, nothing, y, keep="all")
-    smoothed = smooth(model, run, covariance=True)
-    A = run.jacobian[0, 0]
-    mean, P = run.mean[-1], run.covariance[-1, 0]
-    for k in range(79, -1, -1):
-        filtered = run.covariance[k, 0]
-        ahead = A @ filtered @ A.T + model.process
-        scale = np.sqrt(np.diag(ahead))
-        J = np.linalg.solve(ahead / np.outer(scale, scale), (A @ filtered) / scale[:, None]).T / scale
-        mean = run.mean[k] + (mean - run.mean[k] @ A.T) @ J.T
-        P = filtered + J @ (P - ahead) @ J.T
-        d = np.sqrt(np.diag(P))
-        np.testing.assert_allclose(smoothed.mean[k] / d, mean / d, atol=1e-7)
-        np.testing.assert_allclose(smoothed.covariance[k, 0] / np.outer(d, d), P / np.outer(d, d), atol=1e-7)
-        np.testing.assert_allclose(smoothed.std[k, 0], d, rtol=1e-7)
 
 
 def test_equals_the_least_squares_estimate_of_the_whole_record(make_beam, make_filter):

@@ -100,16 +100,6 @@ def test_tapered_beam_with_I12_is_the_integral_of_its_curvature(k, ratio):
         np.testing.assert_allclose(found, exact, rtol=1e-9, atol=1e-11 * np.abs(exact).max())
 
 
-def test_unsymmetric_bending_leaves_the_plane_of_the_load():
-    """Z-like section: v = P L³ I2 / (3E (I1 I2 − I12²)), w = −P L³ I12 / (3E (I1 I2 − I12²))."""
-    E, L, P, I1, I2, I12 = 70e9, 1.5, 200.0, 4e-8, 1e-8, 1.2e-8
-    frame = Frame(*line(3, L), (0, 1, 0), properties(3, 1e-4, [[I1, I12], [I12, I2]], 1e-9), E)
-    tip = frame.solve(CLAMP, {(3, 1): P})[3]
-    det = I1 * I2 - I12**2
-    assert tip[1] == pytest.approx(P * L**3 * I2 / (3 * E * det), rel=1e-10)
-    assert tip[2] == pytest.approx(-P * L**3 * I12 / (3 * E * det), rel=1e-10)
-
-
 @pytest.mark.parametrize("own", [rectangle(1, 0.1, 0.2, SHEAR), rectangle(1, 0.1, 0.2, torsion=0.0)])
 def test_rigid_motions_cost_nothing_and_the_rest_does(own):
     rng = np.random.default_rng(1)
@@ -140,21 +130,6 @@ def test_a_beam_that_is_turned_has_its_matrix_turned():
     np.testing.assert_allclose(turned, T @ K @ T.T, atol=1e-12 * np.abs(K).max())
 
 
-def test_what_is_turned_about_x_in_the_section_is_the_same_beam():
-    """Axes turned by α about x, and the moments of area with them."""
-    position, alpha = np.array([[[0, 0, 0], [1.0, 2.0, 0.5]]]), 0.7
-    S = np.array([[3e-4, 1e-4], [1e-4, 9e-5]])
-    axes = axes_of(position, (0, 0, 1))
-    c, s = np.cos(alpha), np.sin(alpha)
-    turn = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    R = turn[1:, 1:]
-    pair = [
-        beam_stiffnesses(position, a, properties(1, 0.02, own, 1e-4), np.zeros((1, 2, 3)), NONE, np.array([1]))
-        for a, own in ((axes, S), (axes @ turn, R.T @ S @ R))
-    ]
-    np.testing.assert_allclose(pair[0], pair[1], atol=1e-13 * np.abs(pair[0]).max())
-
-
 def test_a_plane_beam_bends_in_its_plane_alone():
     """I2 = 0: plane 1 as the textbook has it, no stiffness in plane 2; the same along any principal direction."""
     L, A, I1, J = 2.0, 0.02, 3e-5, 1e-5
@@ -176,7 +151,7 @@ def test_a_beam_without_bending_is_a_rod():
     np.testing.assert_allclose(K, rod, atol=1e-14 * rod.max())
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_released_motions_carry_no_force_and_store_the_least_energy(seed):
     """Against least energy over the released motions by a pseudo-inverse, mechanisms among them."""
     rng = np.random.default_rng(seed)
@@ -187,21 +162,6 @@ def test_released_motions_carry_no_force_and_store_the_least_energy(seed):
     exact = full - full[:, r] @ np.linalg.pinv(full[np.ix_(r, r)], rcond=1e-10) @ full[r]
     np.testing.assert_allclose(found, exact, atol=1e-12 * full.max())
     assert not found[r].any()
-
-
-def test_pinned_beams_are_known_ones():
-    L, I1 = 2.0, 3e-5
-    own = properties(1, 0.02, np.diag([I1, 8e-6]), 1e-5)
-    pinned = np.zeros((1, 2, 6), bool)
-    pinned[0, 1, 5] = True
-    K = one(own, released=pinned)
-    assert K[5, 5] == pytest.approx(3 * I1 / L)  # far end pinned
-    assert K[7, 7] == pytest.approx(3 * I1 / L**3)
-    pinned[0, :, 3:] = True  # torsion at both ends as well: it spins freely
-    K = one(own, released=pinned)
-    assert K[0, 0] == pytest.approx(0.02 / L)
-    K[[0, 0, 6, 6], [0, 6, 0, 6]] = 0.0
-    assert np.abs(K).max() < 1e-16
 
 
 def test_a_hinge_in_the_middle_of_a_clamped_beam():
@@ -234,15 +194,6 @@ def test_portal_frame():
     u = frame.solve({0: range(6), 3: range(6)}, {(1, 0): H})
     k = h / L  # girder over column
     assert u[1, 0] == pytest.approx(H * h**3 / (12 * E * I1) * (2 + 3 * k) / (1 + 6 * k), rel=1e-6)
-
-
-def test_macneal_harder_straight_beam():
-    """6 × 0.2 × 0.1, E 1e7: tip 3e-5 (extension), 0.1081 and 0.4321 (shear in and out of plane), 0.03408 (twist)."""
-    own = rectangle(6, 0.2, 0.1, (5 / 6, 5 / 6))
-    frame = Frame(*line(6, 6.0), (0, 1, 0), own, 1e7)
-    for component, target in ((0, 3e-5), (1, 0.1081), (2, 0.4321)):
-        assert frame.solve(CLAMP, {(6, component): 1.0})[6, component] == pytest.approx(target, rel=0.002)
-    assert frame.solve(CLAMP, {(6, 3): 1.0})[6, 3] == pytest.approx(0.03408, rel=0.001)
 
 
 def test_macneal_harder_curved_beam():

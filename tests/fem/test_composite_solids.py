@@ -32,6 +32,7 @@ from strainsight.records.mesh import MeshColumns
 from strainsight.rom.inertia import scalar_mass
 
 from ..anisotropy import CONSTANTS, TURN, strains, tensor, turned, work
+from ..shared import slowly
 from .composite_models import (
     CARBON,
     DIRECTIONS,
@@ -76,21 +77,6 @@ def test_a_strain_that_all_layers_share_has_the_work_of_each(box, kind, along):
     for t, own, angle in (layers[0], layers[2]):
         C = C + t / 3.5 * turned(tensor(own.stiffness), TURN @ about(along, angle))
     np.testing.assert_allclose(energies(mesh), [volume * work(C, own) for own in strains()], rtol=1e-12)
-
-
-def test_layers_at_minus_theta_are_the_mirror_of_those_at_theta(box):
-    mesh = box("hex8", (3, 3, 1), size=(0.5, 0.3, 0.05))
-    mirror = np.array([1.0, -1.0, 1.0])
-    K = [
-        assemble_stiffness(layered(mesh, [(1.0, CARBON, sign * 30.0), (2.0, CARBON, sign * 80.0)])) for sign in (1, -1)
-    ]
-    place = {tuple(np.round(x, 9)): i for i, x in enumerate(mesh.position * [1, 1, 1])}
-    to = np.array([place[tuple(np.round(x * mirror + [0, 0.3, 0], 9))] for x in mesh.position])
-    u = np.random.default_rng(1).normal(size=(len(mesh.position), 3))
-    other = np.empty_like(u)
-    other[to] = u * mirror
-    back = (K[1] @ other.ravel()).reshape(-1, 3)[to] * mirror
-    np.testing.assert_allclose(back.ravel(), K[0] @ u.ravel(), atol=1e-12 * np.abs(back).max())
 
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20"])
@@ -340,7 +326,7 @@ def test_a_soft_core_is_too_stiff_in_shear_across_and_import_says_so(box):
     assert not any("in shear across" in own for own in sanity_warnings(mild))
 
 
-@pytest.mark.parametrize("angles", [(0, 90, 90, 0), (45, -45, -45, 45)])
+@pytest.mark.parametrize("angles", [*slowly(((0, 90, 90, 0),)), (45, -45, -45, 45)])
 def test_a_thin_plate_has_the_frequencies_of_the_laminate(box, angles):
     """Clamped at an edge, a hundredth as thick as long: the first six of solids with one element across, and of shells."""
     t = 0.004
@@ -358,22 +344,3 @@ def test_a_thin_plate_has_the_frequencies_of_the_laminate(box, angles):
     model = build_model(shells)
     thin, _ = modes(model.stiffness.constant, model.mass.constant, 6)
     np.testing.assert_allclose(solid, thin, rtol=0.01)
-
-
-def test_rotating_the_model_changes_nothing(box):
-    """Frequencies, and the stress on the surface turned with it."""
-    layers = [(1.0, CARBON, 30.0), (1.0, SKEW, 0.0), (0.4, TIN, 0.0)]
-    mesh = layered(box("hex8", (3, 2, 1), size=(0.5, 0.2, 0.05), distort=0.2, clamp_root=True), layers, 2)
-    other = layered(replace(mesh, position=mesh.position @ TURN.T), layers, 2, TURN)
-    found = []
-    for own in (mesh, other):
-        model = build_model(own)
-        found.append(modes(model.stiffness.constant, model.mass.constant, 6)[0])
-    np.testing.assert_allclose(*found, rtol=1e-10)
-    z = np.random.default_rng(0).normal(size=(len(mesh.position), 3))
-    facets = exterior_facets(mesh)
-    mises = []
-    for own, field in ((mesh, z), (other, z @ TURN.T)):
-        model = surface_model(own, facet_strain(own, facets), field.reshape(-1, 1))
-        mises.append(surface_state(model, {}, np.ones(1)).von_mises)
-    np.testing.assert_allclose(*mises, rtol=1e-10)

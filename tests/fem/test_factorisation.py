@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
 from pathlib import Path
@@ -71,7 +70,6 @@ def test_factors_do_not_disturb_each_other():
     b = np.arange(400.0)
     x, y = first.solve(b), second.solve(b)
     del second
-    gc.collect()
     assert np.array_equal(first.solve(b), x)
     assert np.allclose(B @ y, b, atol=1e-9)
 
@@ -100,11 +98,9 @@ def test_memory_goes_with_the_factor(monkeypatch):
     factor = factorise(spd())
     other = factor
     del factor
-    gc.collect()
     assert np.all(np.isfinite(other.solve(np.ones(400))))
     assert released == []
     del other
-    gc.collect()
     assert released == [True]
 
 
@@ -149,6 +145,7 @@ print(factor.size, announced, resident() - before)
 """
 
 
+@pytest.mark.slow
 def test_the_estimate_is_what_the_factor_takes():
     """Growth of the resident memory in PARDISO's factorisation against what its analysis announced.
 
@@ -165,6 +162,7 @@ def test_the_estimate_is_what_the_factor_takes():
     assert 0.7 * announced < growth < 1.3 * announced
 
 
+@pytest.mark.slow
 def test_solutions_do_not_depend_on_the_number_of_threads():
     """Four columns with one thread of MKL and with two, in a process that may have two."""
     code = """

@@ -86,14 +86,11 @@ def anew(mesh, t):
 @pytest.mark.parametrize(
     ("kind", "section", "height", "offset", "size"),
     [
-        ("quad4", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
-        ("tri3", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
         ("quad4", "of its own bending", 0.0, 0.0, (0.3, 0.1)),
         ("tri3", "laminate", 0.02, -0.001, (0.3, 0.1)),
         ("quad4", "general", 0.0, 0.001, (0.3, 0.1)),
         ("quad4", "homogeneous", 0.002, 0.0, (0.03, 0.02)),  # about as thick as an element is long
         ("tri3", "homogeneous", 0.002, 0.0, (0.03, 0.02)),
-        ("quad8", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
         ("tri6", "homogeneous", 0.02, 0.002, (0.3, 0.1)),
         ("quad8", "laminate", 0.02, -0.001, (0.3, 0.1)),
     ],
@@ -121,10 +118,7 @@ def displaced(mesh, t=None):
 
 @pytest.mark.parametrize(
     ("kind", "height", "length"),
-    [
-        *(("quad4", 0.02, 0.0), ("tri3", 0.02, 0.0), ("quad8", 0.02, 0.0), ("tri6", 0.02, 0.0)),
-        *(("quad4", 0.0, 0.03), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03), ("tri6", 0.0, 0.03)),
-    ],
+    [("quad4", 0.02, 0.0), ("tri6", 0.02, 0.0), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03)],
 )
 def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
     """On both faces, at a point and over a grid; slopes too; linear in t where the shell is flat."""
@@ -151,7 +145,7 @@ def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
     np.testing.assert_allclose(T * change.derivative("t", {"t": 0.9 * T}), slope, atol=1e-7 * np.abs(rows).max())
 
 
-@pytest.mark.parametrize("kind", ["quad4", "tri3", "quad8", "tri6"])
+@pytest.mark.parametrize("kind", ["tri3", "quad8"])
 def test_strain_of_the_faces_is_that_of_a_mesh_made_anew(kind):
     mesh = shell(kind, height=0.02, count=(4, 3))
     facets, field = exterior_facets(mesh), displaced(mesh)

@@ -21,9 +21,9 @@ from strainsight.fem.mpi.session import OverMpi
 from strainsight.fem.relief import factorise_free, relief_of
 
 from ..mpi import needs_slepc, over
+from ..shared import slowly
 
 SIDE = 9
-ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 
 
 def line(n, ends):
@@ -60,7 +60,7 @@ def start(monkeypatch):
 
 
 @needs_slepc
-@pytest.mark.parametrize("processes", [1, 2])
+@pytest.mark.parametrize("processes", [*slowly(1), 2])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
     """Every copy of a frequency, M-orthonormal shapes, K⁻¹B; shapes are those of PARDISO, and nothing is left."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
@@ -81,6 +81,7 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
 
 
 @needs_slepc
+@pytest.mark.slow
 def test_a_free_structure(start):
     """Of a cube that nothing holds: its one rigid motion is left out, a load is balanced by inertia."""
     K, M, exact = lattice(ends=False)
@@ -105,7 +106,7 @@ def test_an_indefinite_matrix_is_refused(start):
 
 @needs_slepc
 def test_too_little_memory_is_refused_before_it_is_taken(start, monkeypatch):
-    K, _, _ = lattice(ends=True, n=16)
+    K, _, _ = lattice(ends=True, n=12)
     monkeypatch.setattr(session, "available_memory", lambda: 1e6)
     with pytest.raises(UserError, match=r"not enough memory for the factor.*asks for") as caught:
         start(2)(K)
@@ -140,7 +141,7 @@ def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
 
 
 @needs_slepc
-@pytest.mark.parametrize("ending", ENDINGS, ids=lambda number: number.name)
+@pytest.mark.parametrize("ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name)
 def test_a_run_that_is_ended_leaves_no_process_and_no_file(tmp_path, ending):
     """Ctrl-C and SIGTERM as the command line takes them, and SIGKILL, which asks nobody."""
     script = (

@@ -99,6 +99,7 @@ def test_it_joins_a_hexahedron_to_tetrahedra(mesh_of):
     assert np.abs((K @ u)[36:]).max() < 1e-12 * np.abs(K @ u).max()
 
 
+@pytest.mark.slow
 def test_a_cantilever_of_pyramids_tends_to_that_of_hexahedra(box):
     """From above, with the square of the element's size; a hexahedron in six pyramids is softer than in six tetrahedra."""
 

@@ -184,13 +184,6 @@ def test_what_is_no_shell_is_refused_by_its_id(nodes, word):
     assert "11" not in str(error.value)
 
 
-def test_two_triangles_have_the_mass_of_their_quad():
-    x, quad = SHAPES["skewed"], np.array([[0, 1, 2, 3]])
-    motions = rigid_motions(x)[:, :3]
-    one, two = (motions.T @ (mass(x, cells, 3.0, 0.1) @ motions) for cells in (quad, halved(quad)))
-    np.testing.assert_allclose(one, two, rtol=1e-13, atol=1e-15)
-
-
 OUTER = np.array([[0.0, 0.0], [0.24, 0.0], [0.24, 0.12], [0.0, 0.12]])
 INNER = np.array([[0.04, 0.02], [0.18, 0.03], [0.16, 0.08], [0.08, 0.08]])
 XY = np.vstack([OUTER, INNER])

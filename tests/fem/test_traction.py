@@ -58,7 +58,7 @@ def test_a_force_spread_evenly_over_an_end_stretches_a_bar_uniformly(kind):
     np.testing.assert_allclose(u, mesh.position * [1, -NU, -NU] / E, atol=1e-9 * 2 / E)
 
 
-@pytest.mark.parametrize("kind", list(SOLIDS))
+@pytest.mark.parametrize("kind", ["tet10", "hex8", "wedge15"])
 def test_pressure_all_around_makes_a_body_smaller_by_its_bulk_modulus(kind):
     """On the three free faces of an eighth, u = −p (1 − 2ν)/E x."""
     mesh = body(kind, (4, 2, 2), shaken)

@@ -27,6 +27,7 @@ from strainsight.rom.model import Damping
 from strainsight.rom.reduction import modal_model
 from strainsight.signals.histories import Sine, hold_coefficients, instant_values
 
+from ..shared import slowly
 from .transients import NONE, chain, dense_damping, model_of
 
 
@@ -50,7 +51,7 @@ def tied(box):
     )
 
 
-@pytest.mark.parametrize("kind", ["rayleigh", "modal"])
+@pytest.mark.parametrize("kind", [*slowly("rayleigh"), "modal"])
 def test_a_mesh_with_supports_and_a_rigid_tie_agrees_with_solve_ivp(box, kind):
     mesh = tied(box)
     model = build_model(mesh, (Parameter("E2", "youngs_modulus", (2,), 2.0e7),))

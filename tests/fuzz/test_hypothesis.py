@@ -23,7 +23,7 @@ from .readers import fault_of
 from .readers import read_deck as read_any_deck
 from .seeds import ROOT
 
-FEW = settings(max_examples=40, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+FEW = settings(max_examples=20, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 CONFIG = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text("utf-8")
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(max_size=8),
@@ -36,7 +36,7 @@ TOKENS = st.sampled_from(
 )
 
 
-@settings(FEW, max_examples=12)
+@settings(FEW, max_examples=8)
 @given(st.dictionaries(st.sampled_from(KEYS), JSON, max_size=4))
 def test_any_values_below_the_keys_of_a_config(tmp_path_factory, values):
     path = tmp_path_factory.getbasetemp() / "made.yaml"

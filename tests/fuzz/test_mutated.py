@@ -5,10 +5,7 @@ A small share of `make fuzz`, which reads 20 000 of each group, and 3000 altered
 
 from __future__ import annotations
 
-import os
 import sys
-import time
-from pathlib import Path
 from random import Random
 
 import numpy as np
@@ -21,9 +18,8 @@ from . import structured
 from .campaign import faults
 from .cases import Group, companions
 from .commands import command_faults
-from .guard import Hung, Watch, soon
 from .mutation import mutated
-from .readers import READERS, fault_of
+from .readers import READERS
 from .seeds import write_seeds
 
 SHARE = {"config": 250, "deck": 900, "measurement": 900, "results": 900}
@@ -39,6 +35,7 @@ def seeds(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_the_sound_files_are_read(seeds, tmp_path, name):
     """What is damaged is worth damaging: some choice of what is asked of it reads every one of them."""
@@ -62,48 +59,14 @@ def test_damaged_files_are_refused_or_read(seeds, tmp_path, name):
     assert faults(name, seeds, tmp_path / "work", SEED, 0, SHARE[name]) == []
 
 
-def test_a_damaged_file_follows_from_its_number(seeds):
-    group, again = Group("deck", seeds / "deck"), Group("deck", seeds / "deck")
+def test_a_damaged_file_follows_from_its_number(tmp_path):
+    for name in ("own.bdf", "other.inp"):
+        (tmp_path / name).write_text("".join(f"GRID,{i},,{i / 7:.3f},0.,1.\n" for i in range(60)))
+    group, again = Group("results", tmp_path), Group("results", tmp_path)
     assert [group.case(3, i) for i in range(15)] == [again.case(3, i) for i in reversed(range(15))][::-1]
     content = group.files["own.bdf"]
     changed = [mutated(content, Random(i), group.words) != content for i in range(60)]
     assert np.mean(changed) > 0.9
-
-
-def test_what_a_reader_may_not_do_is_seen(tmp_path):
-    """The measure itself: another exception, a hang, much memory, and files elsewhere."""
-
-    def raises(error):
-        def read(path: Path, choice: int) -> None:
-            raise error
-
-        return fault_of(read, tmp_path, 0)
-
-    assert raises(UserError("a fault", where="a.bdf:3")) is None
-    assert "ValueError left the reader" in (raises(ValueError("x")) or "")
-
-    def hidden(path: Path, choice: int) -> None:
-        try:
-            raise MemoryError("192 GiB")
-        except MemoryError:
-            raise UserError("cannot be read") from None
-
-    assert "MemoryError was met" in (fault_of(hidden, tmp_path, 0) or "")
-    with pytest.raises(Hung), soon(0.02):
-        time.sleep(5)
-    (tmp_path / "own").mkdir()
-    watch = Watch(tmp_path / "own", ())
-    watch.on = True
-    try:
-        (tmp_path / "own" / "a").write_text("x")
-        own = list(watch.found)
-        (tmp_path / "b").write_text("x")
-        Path("/etc/passwd").read_bytes()
-        os.rename(tmp_path / "b", tmp_path / "c")
-    finally:
-        watch.on = False
-    assert own == []
-    assert [said.split()[0] for said in watch.found] == ["writes", "reads", "os.rename", "os.rename"]
 
 
 @pytest.mark.slow
@@ -114,9 +77,6 @@ def test_no_damaged_file_is_an_internal_error_of_the_command_line(seeds, tmp_pat
 
 
 def test_altered_models_are_taken_or_refused(tmp_path):
-    assert structured.faults(2, 0, 12, tmp_path) == {}
+    assert structured.faults(2, 0, 2, tmp_path) == {}
 
 
-def test_a_case_follows_from_its_number_and_differs_from_what_is_sound():
-    assert structured.case(1, 7) == structured.case(1, 7)
-    assert sum(structured.case(1, i) not in structured.sound() for i in range(100)) > 90

@@ -105,8 +105,7 @@ def bare():
     return build
 
 
-@pytest.fixture
-def box_mesh() -> Mesh:
+def bricks() -> Mesh:
     """10 × 3 × 2 hexahedra of edge 0.1 m, all nodes at x = 0 held, those at x = 1 m tied to a node in their middle."""
     n = (10, 3, 2)
     grid = np.stack(np.meshgrid(*(np.arange(k + 1) for k in n), indexing="ij"), axis=-1)
@@ -126,3 +125,8 @@ def box_mesh() -> Mesh:
         rigid=(RigidElement(1, len(position) - 1, tip, (0, 1, 2)),),
         node_sets={"lonely": ids[:1], "root": ids[root]},
     )
+
+
+@pytest.fixture
+def box_mesh() -> Mesh:
+    return bricks()

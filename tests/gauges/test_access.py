@@ -22,7 +22,7 @@ from strainsight.mesh.joins import Relation
 from ..bodies import body
 
 # Candidate bridges on both sides of a body: where the line through it leaves, which are one, what they read.
-KINDS = ("tet4", "tet10", "hex8", "hex20", "wedge6", "wedge15")
+KINDS = ("tet10", "hex8", "wedge15")
 INNER, OUTER = 0.8, 1.0
 UPRIGHT = [NormalCone((1, 0, 0), 10.0), NormalCone((0, 1, 0), 10.0)]
 """Sides of a box but for its top and bottom."""
@@ -68,10 +68,9 @@ def test_the_line_through_a_box_leaves_at_the_mirrored_place(kind):
         np.testing.assert_allclose(skin.normal[found.facet], -normal, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["hex20", "tet10"])
-def test_the_first_exit_of_a_tube_is_its_inner_wall_from_outside_and_its_outer_one_from_inside(kind):
+def test_the_first_exit_of_a_tube_is_its_inner_wall_from_outside_and_its_outer_one_from_inside():
     """A circle of 24 parabolas is off by 2e-5 of its radius at most."""
-    mesh = tube(kind)
+    mesh = tube("hex20")
     skin = skin_of(mesh.position, exterior_facets(mesh))
     phi, x = np.linspace(0.05, 6.2, 37), np.full(37, 0.41)
     radial = np.column_stack([np.zeros(37), np.sin(phi), np.cos(phi)])
@@ -195,9 +194,6 @@ def facets_of(skin, where):
 
 
 # The room over a gauge: bores, grooves and gaps by their widths, and places that are free.
-OF_EVERY_FACET = ("hex8", "tet4", "wedge15")
-"""With every kind of facet."""
-
 
 def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     """Gauges along an axis on every facet that it does not stand on, and the room over them; of: a part of the mesh."""
@@ -207,22 +203,21 @@ def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     return gauges, room(skin_of(mesh.position, facets), gauges, reach)
 
 
-@pytest.mark.parametrize("kind", OF_EVERY_FACET)
-def test_over_a_box_there_is_all_the_room_there_is(kind):
-    _, found = over(box(kind))
+def test_over_a_box_there_is_all_the_room_there_is():
+    _, found = over(box("wedge15"))
     assert np.isinf(found).all()
 
 
-@pytest.mark.parametrize(("kind", "exact"), [("hex8", 0.02), ("hex20", 2e-3)])
-def test_in_a_bore_it_is_the_chord_at_45_degrees_and_outside_there_is_no_end(kind, exact):
+def test_in_a_bore_it_is_the_chord_at_45_degrees_and_outside_there_is_no_end():
     """Of rays from a point of a circle of diameter D the one along the normal goes D, those slanted by 45° to both sides
     D cos 45°, on the circle. Slanted along the bore they go farther or out of its end."""
-    gauges, found = over(tube(kind))
+    mesh = tube("hex8")
+    gauges, found = over(mesh)
     inside = np.sum(gauges.position[:, 1:] * gauges.normal[:, 1:], axis=1) < 0
     assert 10 < np.count_nonzero(inside) < len(inside) - 10
     assert np.isinf(found[~inside]).all()
-    np.testing.assert_allclose(found[inside], np.sqrt(2) * INNER, rtol=exact)
-    _, near = over(tube(kind), reach=1.1)
+    np.testing.assert_allclose(found[inside], np.sqrt(2) * INNER, rtol=0.02)
+    _, near = over(mesh, reach=1.1)
     assert np.isinf(near).all()
 
 
@@ -241,9 +236,8 @@ def floor_of(gauges, first, width):
     return (np.abs(x[:, 2] - 1) < 1e-9) & (n[:, 2] > 0.9) & (x[:, 1] > first) & (x[:, 1] < first + width)
 
 
-@pytest.mark.parametrize("kind", ["hex8", "tet4"])
-def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wall_its_width(kind):
-    mesh, first = channel(kind, 2, 3)
+def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wall_its_width():
+    mesh, first = channel("hex8", 2, 3)
     gauges, found = over(mesh)
     floor = floor_of(gauges, first, 2)
     y = gauges.position[floor, 1] - first
@@ -256,10 +250,10 @@ def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wal
     assert np.isinf(found[~floor & ~inner]).all()
 
 
-@pytest.mark.parametrize(("kind", "shift"), [("hex8", 0.0), ("tet4", 0.25)])
-def test_below_a_part_that_touches_there_is_no_room(kind, shift):
+@pytest.mark.parametrize("shift", [0.0, 0.25])
+def test_below_a_part_that_touches_there_is_no_room(shift):
     """Two boxes of 6 × 3 × 2 cells, one on the other without a common node, meshed alike or not."""
-    one = box(kind)
+    one = box("hex8")
     size, n, block = np.ptp(one.position, axis=0), len(one.position), one.blocks[0]
     k = len(block.ids)
     upper = one.position + np.array([shift, 0.0, size[2]])
@@ -299,15 +293,6 @@ def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
         floor = floor_of(gauges, first, width)
         assert floor.any()
         assert np.isinf(found[floor]).all()
-
-
-def test_beyond_the_reach_it_does_not_look():
-    mesh, _ = channel("hex8", 2, 3)
-    _, found = over(mesh, reach=1.9)
-    assert np.isinf(found).all()
-    _, found = over(mesh, reach=2.05)
-    assert np.isfinite(found).any()
-    assert found[np.isfinite(found)].max() <= 2.05
 
 
 # A gauge's carrier keeps off edges, supports and loads.

@@ -15,7 +15,7 @@ from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.candidates import candidates, concatenate
 from strainsight.gauges.export import uff_text
 from strainsight.gauges.installation import InstallationStd, drawn_installation, installation_variance, installed_rows
-from strainsight.gauges.rows import channel_matrix, channel_rows, fits
+from strainsight.gauges.rows import channel_matrix, channel_rows
 from strainsight.gauges.screening import screen
 from strainsight.gauges.sensitivity import CALIBRATION_POISSON, sensitivity_rows
 from strainsight.mesh.facets import exterior_facets
@@ -163,6 +163,7 @@ def drawn_by_hand(beam, arms, z, draws):
     return total
 
 
+@pytest.mark.slow
 def test_the_variance_by_tolerances_is_that_of_drawn_single_gauges(beam, motions):
     """3000 draws know a variance to 1/√1500, 2.6 %; three of that are asked."""
     mesh, facets = beam
@@ -191,12 +192,12 @@ def test_zeros_belong_to_the_channel_and_temperature_to_the_arms(beam):
     """What all gauges read of a kelvin cancels where arms of either sign are as many; what each reads beside does not."""
     std = InstallationStd(offset=2e-6, temperature=10.0, thermal_output=1e-6, thermal_spread=1e-7)
     half, two = bridge(beam, BENDING[:2]), bridge(beam, [BENDING[0], (TOP, ALONG, 1)])
-    rng = np.random.default_rng(1)
-    drawn = [drawn_installation(concatenate([half, two]), std, rng) for _ in range(1500)]
+    both, rng = concatenate([half, two]), np.random.default_rng(1)
+    drawn = [drawn_installation(both, std, rng) for _ in range(800)]
     offset, drift = (np.array([getattr(d, name) for d in drawn]) for name in ("offset", "drift"))
-    np.testing.assert_allclose(offset.std(axis=0), 2e-6, rtol=0.05)
-    np.testing.assert_allclose(drift[:, 0].std(), 10 * np.sqrt(2) * 1e-7, rtol=0.06)
-    np.testing.assert_allclose(drift[:, 1].std(), 10 * 2e-6, rtol=0.06)
+    np.testing.assert_allclose(offset.std(axis=0), 2e-6, rtol=0.07)
+    np.testing.assert_allclose(drift[:, 0].std(), 10 * np.sqrt(2) * 1e-7, rtol=0.08)
+    np.testing.assert_allclose(drift[:, 1].std(), 10 * 2e-6, rtol=0.08)
 
 
 def test_an_arm_off_the_surface_is_named_with_its_key(beam):
@@ -211,16 +212,6 @@ def test_arms_of_opposite_sign_in_one_place_are_refused_and_of_one_sign_are_two_
     with pytest.raises(UserError, match="place and direction"):
         bridge(beam, [(TOP, ALONG, 1), (TOP, (-1, 0, 0), -1)])
     assert len(bridge(beam, [(TOP, ALONG, 1), (TOP, ALONG, 1)]).grids) == 2
-
-
-def test_a_grid_over_an_edge_of_any_arm_does_not_fit(beam):
-    mesh, facets = beam
-    pool = concatenate([bridge(beam, BENDING[:2]), single(beam, TOP, ALONG)])
-    long = pool.arms.grid.length + 0.3
-    wide = replace(
-        pool, arms=replace(pool.arms, grid=replace(pool.arms.grid, direction=np.array([[0.0, 1, 0]]), length=long))
-    )
-    np.testing.assert_array_equal(fits(mesh.position, wide, facets), [False, True])
 
 
 def test_every_arm_counts_for_spacing_and_zones(beam):
@@ -275,15 +266,6 @@ def layout():
     return position, d, n, ["G1", "G2", "rosette é", "", "-1"]
 
 
-def test_nodes_stand_at_the_gauges_each_in_a_system_of_its_own(layout):
-    position, *_ = layout
-    lines = datasets(uff_text(*layout))[2411]
-    assert len(lines) == 10
-    for i in range(5):
-        assert [int(lines[2 * i][j : j + 10]) for j in (0, 10, 20)] == [i + 1, 0, i + 1]
-        assert numbers(lines[2 * i + 1]) == list(position[i])
-
-
 def test_systems_have_x_along_the_gauge_and_z_outward(layout):
     position, d, n, _ = layout
     part, _, *lines = datasets(uff_text(*layout))[2420]
@@ -300,26 +282,6 @@ def test_systems_have_x_along_the_gauge_and_z_outward(layout):
         if i != 4:
             np.testing.assert_allclose(z, n[i], atol=1e-14)
         assert name == ["G1", "G2", "rosette ?", "NONE", "NONE -1"][i]
-
-
-def test_header_and_units_are_those_of_si(layout):
-    found = datasets(uff_text(*layout, title="hub", date="21-NOV-26", time="10:00:00"))
-    assert list(found) == [151, 164, 2420, 2411]
-    assert len(found[151]) == 7
-    assert found[151][0] == "hub"
-    assert found[151][6] == "21-NOV-26 10:00:00  "
-    assert int(found[164][0][:10]) == 1
-    assert int(found[164][0][30:40]) == 2
-    assert numbers(found[164][1]) == [1.0, 1.0, 1.0]
-    assert numbers(found[164][2]) == [273.15]
-
-
-def test_every_line_is_ascii_and_fits_into_eighty_columns(layout):
-    position, d, n, _ = layout
-    text = uff_text(position, d, n, ["x" * 200, "a\nb", "ü", "   -1 ", "e"], title="t" * 100)
-    assert text.isascii()
-    assert max(map(len, text.split("\n"))) <= 80
-    assert len(datasets(text)[2420]) == 2 + 6 * 5
 
 
 def test_another_reader_finds_the_same(layout, tmp_path):

@@ -16,36 +16,26 @@ from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.symmetry import mirror_partners
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import Mesh
 
 from ..refusals import expect_refusal
+from .conftest import bricks
 
 # Candidates are the exterior facets that are wanted, free and reachable, with an axis laid on each.
 NX, NY, NZ = 10, 3, 2
 
 
 def box() -> Mesh:
-    """10 × 3 × 2 hexahedra of edge 0.1 m, clamped at x = 0, with an RBE2 that holds the nodes at x = 1 m."""
-    grid = np.stack(np.meshgrid(np.arange(NX + 1), np.arange(NY + 1), np.arange(NZ + 1), indexing="ij"), axis=-1)
-    position = 0.1 * grid.reshape(-1, 3)
-    number = np.arange(len(position)).reshape(NX + 1, NY + 1, NZ + 1)
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([number[i : NX + i, j : NY + j, k : NZ + k] for i, j, k in corners], axis=-1).reshape(-1, 8)
-    block = CellBlock("hex8", 100 + np.arange(len(cells)), cells, np.ones(len(cells), dtype=np.int64))
-    tip, root = np.flatnonzero(position[:, 0] > 0.99), np.flatnonzero(position[:, 0] == 0)
-    position = np.vstack([position, [1.0, 0.15, 0.1]])
-    ids = 10 * np.arange(1, len(position) + 1)
-    return Mesh(
+    """10 × 3 × 2 hexahedra of edge 0.1 m, clamped at x = 0, with an RBE2 that holds the nodes at x = 1 m; ids of their own."""
+    mesh = bricks()
+    ids, (block,) = 10 * mesh.node_ids, mesh.blocks
+    return replace(
+        mesh,
         node_ids=ids,
-        position=position,
-        blocks=(block,),
-        regions={},
-        materials={},
-        fixed=np.array([(node, c) for node in root for c in range(3)]),
-        rigid=(RigidElement(1, len(position) - 1, tip, (0, 1, 2)),),
-        node_sets={"top": ids[np.isclose(position[:, 2], 0.2)]},
+        blocks=(replace(block, ids=block.ids + 99),),
+        node_sets={"top": ids[:-1][np.isclose(mesh.position[:-1, 2], 0.2)]},
         element_sets={"first": np.array([100, 106, 112])},
     )
 
@@ -109,15 +99,6 @@ def test_zero_degrees_is_the_axis_projected_and_angles_turn_right_handed_about_t
     np.testing.assert_array_equal(gauges.element[::3], gauges.element[2::3])
 
 
-def test_nodes_and_centres_belong_to_the_named_facet(beam):
-    mesh, _ = beam
-    gauges = candidates(*beam, (1, 0, 0))
-    for i in range(len(gauges)):
-        nodes = gauges.nodes[i][gauges.nodes[i] >= 0]
-        np.testing.assert_allclose(mesh.position[nodes].mean(axis=0), gauges.position[i], atol=1e-15)
-        assert set(nodes) <= set(mesh.blocks[0].nodes[gauges.element[i] - 100])
-
-
 def test_a_surface_is_an_element_set_or_a_node_set(beam):
     top = candidates(*beam, (1, 0, 0), surface="top")
     assert len(top) == 8 * NY
@@ -131,12 +112,6 @@ def test_a_set_that_is_not_there_is_refused_and_the_others_named(beam):
     for name, said in (("topp", "did you mean top?"), ("lid", "first, top")):
         with expect_refusal(UserError, f"'{name}' is not in the mesh", remedy=said):
             candidates(*beam, (1, 0, 0), surface=name)
-
-
-def test_a_name_that_is_two_sets_is_refused(beam):
-    mesh, facets = beam
-    with pytest.raises(UserError, match="both"):
-        candidates(replace(mesh, element_sets={"top": np.array([100])}), facets, (1, 0, 0), surface="top")
 
 
 def test_zones_are_kept_out(beam):
@@ -156,11 +131,6 @@ def test_near_edges_are_kept_out(beam):
     assert len(inner) == 2 * 8
 
 
-def test_nothing_left_is_refused(beam):
-    with pytest.raises(InfeasibleError, match="no facet is left"):
-        candidates(*beam, (1, 0, 0), exclude=(Box((-1, -1, -1), (2, 2, 2)),))
-
-
 def test_an_axis_near_a_normal_is_refused_with_an_example(beam):
     for tilt, bad in ((9.9, True), (10.1, False)):
         axis = (np.sin(np.deg2rad(tilt)), 0.0, np.cos(np.deg2rad(tilt)))
@@ -176,11 +146,6 @@ def test_an_axis_near_a_normal_is_refused_with_an_example(beam):
 def test_an_axis_without_direction_is_refused(beam, axis):
     with pytest.raises(UserError, match="gauge axis"):
         candidates(*beam, axis)
-
-
-def test_the_length_of_the_axis_does_not_matter(beam):
-    a, b = candidates(*beam, (1, 0.3, 0.2)), candidates(*beam, (1e-100, 3e-101, 2e-101))
-    np.testing.assert_allclose(a.direction, b.direction, atol=1e-14)
 
 
 def test_a_facet_without_area_carries_no_gauge():
@@ -226,7 +191,7 @@ def test_distances_to_segments_are_those_of_a_fine_sampling():
     rng = np.random.default_rng(0)
     points, segments = rng.uniform(0, 1, (60, 3)), rng.uniform(0, 1, (7, 2, 3))
     segments[0, 1] = segments[0, 0]
-    s = np.linspace(0, 1, 20001)[:, None]
+    s = np.linspace(0, 1, 2001)[:, None]
     distance = np.full(60, np.inf)
     for a, b in segments:
         line = a + s * (b - a)

@@ -51,7 +51,7 @@ def waves(x: np.ndarray) -> np.ndarray:
     return np.column_stack([np.sin(0.8 * x[:, 0] + 0.3 * x[:, 1]), np.cos(0.7 * x[:, 1]), x[:, 0] * x[:, 1] / 10])
 
 
-@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), ("tri6", 0.0), ("tri6", 0.2), ("quad4", 0.2), ("quad8", 0.2)])
+@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)])
 def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
     """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field, as it is continuous from facet to facet. Gauges through
     the corners of the cells (45°) and along their edges are among them."""
@@ -90,13 +90,6 @@ def test_a_grid_fits_where_its_ends_are_on_the_plate(kind, plate, bare):
     assert "near_edges: 0.85" in e.value.remedy
 
 
-def test_a_grid_that_ends_at_an_edge_fits(plate, bare):
-    position, facets = plate("quad4", 3, 1)
-    gauges = long(candidates(bare(position), facets, (1, 0, 0)), [1.0, 3.0, 1.0])
-    assert fits(position, gauges, facets).all()
-    np.testing.assert_array_equal(fits(position, long(gauges, [1.0 + 1e-6, 3.0, 1.0]), facets), [False, True, True])
-
-
 def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
     position, facets = plate("quad8", 5, 3)
     gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=2.0)
@@ -117,7 +110,7 @@ def test_a_linear_field_reads_the_same_with_and_without_a_grid(kind, plate, bare
     np.testing.assert_allclose(rows, channel_rows(position, gauges.take(ok), field), atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
     """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid. The
     grid spans a quarter of a facet to a facet and a half; the tube of parabolas is its circle's to 1 %."""
@@ -167,14 +160,6 @@ def test_units_of_length_do_not_matter(scale, tube, bare):
     np.testing.assert_allclose(scale * (b @ z), a @ z, rtol=1e-7, atol=1e-9)
 
 
-def test_facets_of_another_surface_are_refused(plate, bare):
-    position, facets = plate("quad4", 3, 2)
-    gauges = long(candidates(bare(position), facets, (1, 0, 0)), 0.1)
-    other = replace(facets, element_id=facets.element_id + 100)
-    with pytest.raises(UserError, match="element 1 has no facet 1"):
-        channel_rows(position, gauges, np.zeros((3 * len(position), 1)), facets=other)
-
-
 # The nearest point of a surface, and gauges that are bonded there.
 FACET_KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
@@ -201,11 +186,11 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
         assert xi.sum(axis=1).max() <= 1 + 1e-15
     else:
         assert np.abs(xi).max() <= 1
-    lattice = kind.shape(sampled(name, 201)) @ corners
+    lattice = kind.shape(sampled(name, 101)) @ corners
     brute = np.linalg.norm(lattice[None] - points[:, None], axis=2).min(axis=1)
     own = np.linalg.norm(x - points, axis=1)
     assert np.all(own <= brute * (1 + 1e-12))
-    # And not nearer than a lattice of 0.005 can miss.
+    # And not nearer than a lattice of 0.01 can miss.
     assert np.all(own >= brute - 0.03)
 
 
@@ -226,7 +211,7 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     np.testing.assert_allclose(found.local, xi, atol=1e-9)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     R = 2.0
     position, facets = tube(kind, 32, 3, R, 0.1)
@@ -243,26 +228,19 @@ def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
     np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
 
 
-@pytest.mark.parametrize("kind", FACET_KINDS)
+@pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     """A large facet beside small ones: its centre is far, itself near."""
     position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
-    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (50, 3))
+    points = np.random.default_rng(2).uniform([-2, -2, -2], [24, 4, 2], (16, 3))
     found = locate(skin_of(position, facets), points)
-    least = np.full(50, np.inf)
+    least = np.full(16, np.inf)
     for nodes in facets.nodes[:, : len(FACET_KINDS[kind].nodes)]:
-        _, x = project(FACET_KINDS[kind], np.broadcast_to(position[nodes], (50, len(nodes), 3)), points)
+        _, x = project(FACET_KINDS[kind], np.broadcast_to(position[nodes], (16, len(nodes), 3)), points)
         least = np.minimum(least, np.linalg.norm(x - points, axis=1))
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
-
-
-def test_of_two_facets_equally_near_the_first_counts(plate):
-    position, facets = plate("quad4", 2, 2)
-    found = locate(skin_of(position, facets), np.array([[1.0, 1.0, 0.3], [1.0, 0.5, 0.0]]))
-    np.testing.assert_array_equal(found.facet, [0, 0])
-    np.testing.assert_allclose(found.local, [[1, 1], [1, 0]], atol=1e-12)
 
 
 def test_a_bonded_gauge_lies_on_the_surface_along_its_direction(tube, bare):
@@ -324,13 +302,6 @@ GOOD = BondedEntry((0.45, 0.12, 0.2), (1, 0, 0))
 def test_what_cannot_be_bonded_is_refused_by_its_number(entry, says, box_mesh):
     with expect_refusal(UserError, says, key="gauges.fixed.1"):
         bonded(box_mesh, exterior_facets(box_mesh), [GOOD, entry], 0.005)
-
-
-def test_two_gauges_in_one_place_across_one_another_are_two(box_mesh):
-    pool, _ = bonded(box_mesh, exterior_facets(box_mesh), [GOOD, replace(GOOD, direction=(0, 1, 0))], 0.005)
-    assert pool.gauges == 2
-    none, distance = bonded(box_mesh, exterior_facets(box_mesh), [], 0.005)
-    assert len(none) == len(distance) == 0
 
 
 def test_facets_of_several_kinds_lie_side_by_side():

@@ -41,7 +41,7 @@ def cantilever(kind, n):
     return mesh, moved(mesh, force), end
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("hex8", 4), ("hex20", 1), ("tet10", 1), ("wedge6", 2), ("wedge15", 1)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 2), ("tet10", 1)])
 def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     mesh, field, end = cantilever(kind, n)
     own = found(mesh, field, gauges_at(mesh, [(0.45, 0.05, 0.1), (0.55, 0.0, 0.1)], (0, 0, 1), (1, 0, 0)), end)
@@ -49,7 +49,7 @@ def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
     assert np.abs(own.spread).max() < 1e-3
 
 
-@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10"])
+@pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     """Patch test: a block pulled along z, u = σ/E (−νx, −νy, z), by a traction on its top, of which each node has its share.
     Forces at nodes on parts of the elements would be another load."""
@@ -67,7 +67,7 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
     assert np.abs(found(mesh, field, on_top, top).refined).max() > SHARE
 
 
-@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet4", "tet10", "wedge6", "wedge15"])
+@pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
     """Uniform strain of any direction, on a body whose surface moves so, of elements that are no bricks: nothing changes beyond
     rounding."""
@@ -105,7 +105,7 @@ def bracket(kind, n, thick=1):
     return mesh, moved(mesh, force)
 
 
-@pytest.mark.parametrize(("kind", "sizes"), [("hex8", (4, 8, 16)), pytest.param("hex20", (4, 8), marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("kind", "sizes"), [("hex8", (4, 8)), pytest.param("hex20", (4, 8), marks=pytest.mark.slow)])
 def test_a_reentrant_corner_is_a_hot_spot_however_fine_the_mesh(kind, sizes):
     """Strain grows as r^−0.4555 (Williams 1952): beside it on every mesh, half the leg away on none."""
     beside, away = [], []
@@ -133,7 +133,8 @@ def slope(mesh, field, place, axis, size):
     return (4 * (at(0.5) - at(-0.5)) - (at(1) - at(-1))) / (2 * size)
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), pytest.param("hex20", 4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex20", 4)])
 def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
     """Beside the corner, on whole meshes of half and a quarter of the size: the sign of both changes, and the one that decides
     within a factor of two."""
@@ -160,7 +161,7 @@ def loaded_block(kind, n):
     return mesh, moved(mesh, force), node
 
 
-@pytest.mark.parametrize(("kind", "n"), [("hex8", 6), pytest.param("tet10", 4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("kind", "n"), [("hex8", 4), pytest.param("tet10", 4, marks=pytest.mark.slow)])
 def test_a_load_on_one_node_makes_a_hot_spot_of_what_is_beside_it_alone(kind, n):
     """Saint-Venant: 0.4 and 1.2 elements away it matters how the force is spread, five elements away it does not."""
     mesh, field, node = loaded_block(kind, n)
@@ -200,7 +201,7 @@ def plate(n):
 def test_the_side_of_a_hole_is_a_hot_spot_on_a_coarse_mesh_and_none_on_a_fine_one():
     """Kirsch: on the bore at 90° to the load three times the strain far away, hardly less in a plate of ten radii."""
     changes = []
-    for n in (2, 4, 12):
+    for n in (2, 12):
         mesh, field, end = plate(n)
         own = gauges_at(mesh, [(0.0, 0.01, 0.005)], (0, -1, 0), (1, 0, 0), within=40.0)
         changes.append(found(mesh, field, own, end).change[0])
@@ -303,8 +304,3 @@ def test_an_edge_far_round_a_bent_face_is_none_to_measure_across_to(half, there)
         assert np.isnan(found.distance[0, 1])
 
 
-def test_a_gauge_on_no_facet_has_no_edges(box_mesh):
-    facets = exterior_facets(box_mesh)
-    found = edge_dimensions(box_mesh.position, facets, np.array([-1]), np.zeros((1, 3)), TOP[None], TOP[None])
-    assert np.isnan(found.distance).all()
-    assert np.isnan(found.angle).all()

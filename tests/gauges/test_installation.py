@@ -23,7 +23,6 @@ from strainsight.gauges.sensitivity import COMMON, OWN, SECOND, sensitivity_rows
 
 # Gauges as installed: drawn with the σ that is stated, and read where and how they lie.
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
-NONE = InstallationStd()
 FIRST = tuple(name for name in (*COMMON, *OWN) if name not in SECOND)
 
 
@@ -77,14 +76,6 @@ def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each(pl
     assert level == pytest.approx(1.0, abs=4 * np.sqrt(2 / 2000))
     assert product[same].mean() / level == pytest.approx(1 + 0.7**2, rel=0.05)
     assert np.ptp(read[:, pool.gauge == 0], axis=1).max() == 0
-
-
-def test_what_is_drawn_beside_leaves_the_draws_that_were_there(plate, bare):
-    pool = pool_of(*plate("quad4", 4, 3), bare)
-    warmer = replace(STD, temperature=5.0, thermal_output=1e-6, drift=0.0)
-    one, other = (drawn_installation(pool, std, np.random.default_rng(3)) for std in (STD, warmer))
-    for name in ("place", "angle", "tilt", "gain", "transverse", "offset"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain(plate, bare):
@@ -145,11 +136,11 @@ def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(
 
 
 def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
-    """200 installations of small errors, read in a motion of two fields whose second rates are another motion."""
+    """100 installations of small errors, read in a motion of two fields whose second rates are another motion."""
     position, facets = plate("quad8", 7, 6)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 5), axis=1))
-    pool = pool.take(pool.channels(inner[::3]))
+    pool = pool.take(pool.channels(inner[::6]))
     bonded = pool.gauge < 4
     pool = replace(pool, bonded=bonded)
     Q = np.random.default_rng(5).standard_normal((2, 3, 3, 3))
@@ -162,12 +153,12 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
     claimed = installation_variance(slopes, std, pool, still, moving)
     sensing, rng = pool.quantity == ACCELERATION, np.random.default_rng(8)
     exact, squares = channel_rows(position, pool, field, facets=facets), np.zeros(len(pool))
-    for _ in range(200):
+    for _ in range(100):
         drawn = drawn_installation(pool, std, rng)
         rows, _ = installed_rows(position, pool, field, drawn, facets=facets)
         change = np.where(sensing, rates @ (rows - exact).T, motion @ (rows - exact).T) + drawn.offset
         change += np.outer((np.arange(30) + 0.5) / 30, drawn.drift)
-        squares += np.mean(change**2, axis=0) / 200
+        squares += np.mean(change**2, axis=0) / 100
     for alone, expected in (
         (InstallationStd(offset=4e-5), 1.6e-9),
         (InstallationStd(drift=6e-5), 1.2e-9),
@@ -177,20 +168,9 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
         np.testing.assert_allclose(found, np.where(sensing, 0.0, expected), rtol=1e-12)
     for nothing in (slopes.tilt_along[~sensing], slopes.tilt_across[~sensing], slopes.transverse[sensing]):
         assert not nothing.any()
-    # Of 200 squares of one normal error the mean scatters by √(2/200); of several less.
-    assert np.all(np.abs(squares / claimed - 1) < 5 * np.sqrt(2 / 200))
-    assert np.mean(squares / claimed) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 200 / pool.gauges))
-
-
-def test_what_is_exact_is_read_to_the_bit(plate, bare):
-    position, facets = plate("quad8", 5, 4, 0.2)
-    pool = pool_of(position, facets, bare)
-    field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
-    rows, held = installed_rows(
-        position, pool, field, drawn_installation(pool, NONE, np.random.default_rng(0)), facets=facets
-    )
-    np.testing.assert_array_equal(rows, channel_rows(position, pool, field, facets=facets))
-    assert not held.any()
+    # Of 100 squares of one normal error the mean scatters by √(2/100); of several less.
+    assert np.all(np.abs(squares / claimed - 1) < 5 * np.sqrt(2 / 100))
+    assert np.mean(squares / claimed) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 100 / pool.gauges))
 
 
 def test_small_errors_of_installation_change_readings_by_their_sensitivities(plate, bare):

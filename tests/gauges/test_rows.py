@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN, Candidates, candidates, concatenate
-from strainsight.gauges.motion import motion_candidates, spaced
+from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.zones import Box
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -56,7 +54,7 @@ def surface_strain(G: np.ndarray, d: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("bend", [0.0, 0.15])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_linear_field_is_read_exactly_on_distorted_and_curved_facets(kind, bend, seed):
     position, facets = patch(kind, bend, seed)
     G = np.random.default_rng(seed).standard_normal((3, 3))
@@ -77,21 +75,6 @@ def test_a_misplaced_gauge_reads_a_linear_field_in_its_own_direction(kind):
     )
     turned = Rotation.from_rotvec(np.deg2rad(12.0) * gauges.normal[0]).apply(gauges.direction)
     np.testing.assert_allclose(rows[:, 0], surface_strain(G, turned), atol=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(3))
-def test_a_rigid_motion_strains_nothing(kind, seed):
-    position, facets = patch(kind, 0.2, seed)
-    gauges = bonded(position, facets, angles=(0.0, 45.0, 90.0))
-    shift, spin = np.random.default_rng(seed).standard_normal((2, 3))
-    z = np.stack([np.tile(shift, (len(position), 1)), np.cross(spin, position)], axis=-1)
-    offset, rotation = np.tile([0.04, 0.03], (3, 1)), np.array([2.0, -3.0, 5.0])
-    for rows in (
-        channel_rows(position, gauges, z.reshape(-1, 2)),
-        channel_rows(position, gauges, z.reshape(-1, 2), offset=offset, rotation=rotation),
-    ):
-        np.testing.assert_allclose(rows, 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
@@ -128,56 +111,6 @@ def test_three_directions_lie_on_mohrs_circle():
         np.testing.assert_allclose(principal, expected, atol=1e-12)
 
 
-def test_half_a_turn_changes_nothing_and_the_sense_is_right_handed():
-    position, facets = patch("quad4", 0.0)
-    gauges = bonded(position, facets, axis=(1, 0, 0), angles=(0.0, 30.0, 180.0))
-    np.testing.assert_allclose(gauges.direction[1], [np.cos(np.pi / 6), 0.5, 0.0], atol=1e-15)
-    G = np.array([[1.0, 0.6, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.0]])
-    rows = channel_rows(position, gauges, column(position @ G.T))[:, 0]
-    assert rows[2] == pytest.approx(rows[0])
-    assert rows[0] == pytest.approx(1.0)
-    # Positive shear strains the diagonal between +x and +y.
-    assert rows[1] == pytest.approx(0.75 - 0.3 / 4 + 0.6 * np.cos(np.pi / 6) * 0.5)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_mirror_image_reads_the_same(kind):
-    """Reflect x, turn the node order round to keep the normal outward, and the angles and offsets with it."""
-    position, facets = patch(kind, 0.15, 2)
-    corners = 3 if kind.startswith("tri") else 4
-    back = [0, *range(corners - 1, 0, -1)]
-    if KINDS[kind].edges:
-        back += [corners + (corners - 1 - i) for i in range(corners)]
-    mirror = np.array([-1.0, 1.0, 1.0])
-    nodes = np.full((1, 8), -1)
-    nodes[0, : len(back)] = back
-    image = Facets(
-        element_id=facets.element_id, facet=facets.facet, kind=facets.kind, nodes=nodes, region=facets.region
-    )
-    z = np.random.default_rng(1).standard_normal(position.shape)
-    here = bonded(position, facets, axis=(1.0, 0.2, 0.1), angles=(25.0,))
-    there = bonded(position * mirror, image, axis=(-1.0, 0.2, 0.1), angles=(-25.0,))
-    np.testing.assert_allclose(there.direction, here.direction * mirror, atol=1e-14)
-    np.testing.assert_allclose(there.normal, here.normal * mirror, atol=1e-14)
-    a = channel_rows(position, here, column(z), offset=np.array([[0.03, 0.05]]), rotation=np.array([4.0]))
-    b = channel_rows(
-        position * mirror, there, column(z * mirror), offset=np.array([[0.03, -0.05]]), rotation=np.array([-4.0])
-    )
-    np.testing.assert_allclose(a, b, atol=1e-13)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_strain_is_displacement_over_length(kind, scale):
-    z = np.random.default_rng(4).standard_normal((len(KINDS[kind].nodes), 3))
-    plain, facets = patch(kind, 0.1, 1)
-    large, _ = patch(kind, 0.1, 1, scale)
-    offset, rotation = np.array([[0.05, 0.02]]), np.array([3.0])
-    a = channel_rows(plain, bonded(plain, facets), column(z), offset=offset, rotation=rotation)
-    b = channel_rows(large, bonded(large, facets), column(z), offset=scale * offset, rotation=rotation)
-    np.testing.assert_allclose(b * scale, a, rtol=1e-10)
-
-
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
 def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
     """Oracle: ∇z of the whole element by its own volume shape functions, at the centre of each of its facets."""
@@ -199,50 +132,6 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
         assert rows[i] == pytest.approx(d @ gradient @ d, abs=1e-11)
 
 
-def test_fields_side_by_side_are_read_one_by_one_and_candidates_in_any_order():
-    position, facets = patch("quad8", 0.1)
-    gauges = bonded(position, facets, angles=(0.0, 30.0, 60.0, 90.0))
-    fields = np.random.default_rng(2).standard_normal((3 * len(position), 5))
-    rows = channel_rows(position, gauges, fields)
-    assert rows.shape == (4, 5)
-    for j in range(5):
-        np.testing.assert_allclose(channel_rows(position, gauges, fields[:, j : j + 1])[:, 0], rows[:, j], rtol=1e-13)
-    order = np.array([2, 0, 3])
-    np.testing.assert_array_equal(channel_rows(position, gauges.take(order), fields), rows[order])
-
-
-def test_no_misplacement_is_a_misplacement_of_zero():
-    position, facets = patch("tri6", 0.1)
-    gauges = bonded(position, facets)
-    fields = np.random.default_rng(2).standard_normal((3 * len(position), 2))
-    moved = channel_rows(position, gauges, fields, offset=np.zeros((1, 2)), rotation=np.zeros(1))
-    np.testing.assert_allclose(moved, channel_rows(position, gauges, fields), atol=1e-14)
-
-
-def test_on_a_cylinder_the_direction_of_a_misplaced_gauge_follows_the_surface():
-    """A tube that breathes, z = r̂: the hoop strain is 1/R wherever on the facet the gauge sits."""
-    R, half = 2.0, 0.2
-    plane = KINDS["quad8"].nodes
-    phi = half * plane[:, 0]
-    position = np.column_stack([R * np.sin(phi), 0.3 * plane[:, 1], R * np.cos(phi)])
-    _, facets = patch("quad8", 0.0)
-    gauges = bonded(position, facets, axis=(1.0, 0.0, 0.0))
-    radial = np.column_stack([np.sin(phi), np.zeros(8), np.cos(phi)])
-    for offset in (0.0, 0.1, 0.25):
-        rows = channel_rows(position, gauges, column(radial), offset=np.array([[offset, 0.05]]))
-        # The facet is a parabola through the circle: the field on it is the circle's to second order in the angle.
-        assert rows[0, 0] == pytest.approx(1 / R, rel=5e-3)
-
-
-def test_far_from_the_origin_a_misplaced_gauge_is_still_found():
-    position, facets = patch("quad8", 0.1, scale=1e-3)
-    far = position + np.array([1e3, -2e3, 5e2])
-    fields = np.random.default_rng(0).standard_normal((24, 2))
-    offset = np.array([[1e-4, 2e-4]])
-    near = channel_rows(position, bonded(position, facets), fields, offset=offset)
-    np.testing.assert_allclose(channel_rows(far, bonded(far, facets), fields, offset=offset), near, rtol=1e-6)
-
-
 # Channels and gauges: rosettes, triaxial sensors, several families in one pool.
 @pytest.fixture
 def pool(plate, bare) -> Candidates:
@@ -253,19 +142,6 @@ def pool(plate, bare) -> Candidates:
     return concatenate([rosettes, sensors])
 
 
-def test_what_is_left_out_is_a_point_gauge_of_strain_at_the_centre(plate, bare):
-    position, facets = plate("tri3", 2, 1)
-    full = candidates(bare(position), facets, (1, 0, 0))
-    old = [entry.name for entry in fields(Candidates)][:8]
-    short = Candidates(*(getattr(full, name) for name in old))
-    for entry in fields(Candidates):
-        np.testing.assert_array_equal(getattr(short, entry.name), getattr(full, entry.name))
-    np.testing.assert_allclose(full.local, 1 / 3)
-    assert full.gauges == 4
-    assert not full.bonded.any()
-    assert set(full.quantity) == {STRAIN}
-
-
 def test_the_angles_of_a_rosette_are_one_gauge(pool):
     assert pool.gauges == 18
     np.testing.assert_array_equal(pool.gauge, np.repeat(np.arange(18), 3))
@@ -274,23 +150,6 @@ def test_the_angles_of_a_rosette_are_one_gauge(pool):
     np.testing.assert_array_equal(pool.array, np.repeat([0, 2], 27))
     np.testing.assert_array_equal(pool.quantity, np.repeat([STRAIN, ACCELERATION], 27))
     np.testing.assert_array_equal(pool.length, np.repeat([0.1, 0.0], 27))
-
-
-def test_taking_gauges_numbers_them_on(pool):
-    index = pool.channels(np.array([12, 2, 7]))
-    np.testing.assert_array_equal(index, [36, 37, 38, 6, 7, 8, 21, 22, 23])
-    part = pool.take(index)
-    np.testing.assert_array_equal(part.gauge, np.repeat([0, 1, 2], 3))
-    np.testing.assert_array_equal(part.array, np.repeat([2, 0, 0], 3))
-    assert len(pool.take(pool.channels(np.zeros(0, dtype=int)))) == 0
-    assert pool.take(np.zeros(0, dtype=int)).gauges == 0
-
-
-def test_putting_together_what_was_taken_apart_changes_nothing(pool):
-    parts = [pool.take(pool.channels(numbers)) for numbers in np.split(np.arange(18), [5, 6])]
-    again = concatenate(parts)
-    for entry in fields(Candidates):
-        np.testing.assert_array_equal(getattr(again, entry.name), getattr(pool, entry.name))
 
 
 def test_a_triaxial_sensor_on_a_body_in_motion_reads_the_motion_of_its_point(box_mesh):
@@ -318,11 +177,6 @@ def test_sensors_every_so_far_are_that_far_apart_and_leave_no_gap(every, box_mes
     assert gap.min() >= every * (1 - 1e-6)
     reach = np.linalg.norm(whole.position[:, None] - thin.position, axis=2).min(axis=1)
     assert reach.max() < every
-
-
-def test_points_are_passed_over_in_their_order():
-    x = np.array([[0.0, 0, 0], [0.9, 0, 0], [1.0, 0, 0], [1.5, 0, 0], [2.0, 0, 0]])
-    np.testing.assert_array_equal(spaced(x, 1.0), [0, 2, 4])
 
 
 def test_an_axis_of_no_length_is_refused(box_mesh):

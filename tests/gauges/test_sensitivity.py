@@ -15,7 +15,7 @@ from strainsight.gauges.misplaced import installation_axes, misplaced
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import principal_angles
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.sensitivity import COMMON, OWN, given_sensitivity, sensitivity_rows
+from strainsight.gauges.sensitivity import sensitivity_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 
@@ -95,9 +95,8 @@ def slopes_of_quadratic(direction, ahead, count):
     return np.einsum("mc,mi,rcij,mj->mr", direction, direction, Q + np.swapaxes(Q, 2, 3), ahead)
 
 
-@pytest.mark.parametrize("kind", ["tri6", "quad8"])
-@pytest.mark.parametrize("std", [0.01, 0.6])
-@pytest.mark.parametrize("length", [0.0, 0.2])
+@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("std", "length"), [(0.01, 0.0), (0.6, 0.2)])
 def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(
     kind, std, length, plate, bare
 ):
@@ -204,7 +203,7 @@ def kirsch_strain(position, direction):
     return np.sum((ends[0] - ends[1]) * direction, axis=1) / (2 * h)
 
 
-@pytest.mark.parametrize(("kind", "std"), [("tri3", 0.0005), ("tri6", 0.002), ("quad4", 0.002), ("quad8", 0.0005)])
+@pytest.mark.parametrize(("kind", "std"), [("tri6", 0.002), ("quad8", 0.0005)])
 def test_beside_a_hole_the_slopes_tell_the_rms_change_of_drawn_places(kind, std, bare):
     """The oracle is Kirsch's strain at 200 drawn places of every gauge; the slopes are of the mesh, by facets of 4 mm."""
     position, facets = surface(
@@ -253,14 +252,6 @@ def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plat
             np.testing.assert_allclose(rows[:, 0], slope, atol=1e-8)
 
 
-def test_of_given_rows_only_the_gain_is_known():
-    rows = np.random.default_rng(0).standard_normal((4, 3))
-    found = given_sensitivity(rows)
-    np.testing.assert_array_equal(found.gain, rows)
-    for name in (*COMMON, *OWN[1:]):
-        assert not getattr(found, name).any()
-
-
 # The direction in which the training run strains a place most.
 def rms(rows: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """RMS (len(angle),) over the run of what a gauge at φ reads, from its strain tensor: d·ε·d in every instant."""
@@ -297,12 +288,6 @@ def test_a_static_load_gives_the_principal_axis_of_larger_strain():
         rows = np.array([xx, (xx + yy) / 2 + xy, yy])[None, :, None]
         found = np.deg2rad(principal_angles(rows, np.eye(1))[0])
         assert abs(np.cos(found) * v[1] - np.sin(found) * v[0]) < 1e-8
-
-
-@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e9])
-def test_where_all_directions_are_alike_it_is_the_first(scale):
-    rows = scale * np.array([[[1.0], [1.0], [1.0]], [[0.0], [0.0], [0.0]]])
-    np.testing.assert_array_equal(principal_angles(rows, np.eye(1)), 0.0)
 
 
 def test_rounding_chooses_no_other_direction():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import h5py
 import numpy as np
 import pytest
 
@@ -95,38 +94,6 @@ def test_a_test_from_csv(tmp_path, end, mark):
     assert recording.place(0).endswith("rig.csv:4")
 
 
-def test_a_test_from_hdf5(tmp_path):
-    with h5py.File(tmp_path / "rig.h5", "w") as file:
-        for name, values in readings().items():
-            file[name] = values[KEPT]
-            file[name].attrs["units"] = UNITS[name]
-        file["clock/t"] = TIME[KEPT]
-    expect_truth(assemble(read_recording(tmp_path / "rig.h5", list(SETTINGS), time="clock/t", time_unit="s"), SETTINGS))
-
-
-def test_a_test_from_uff58(tmp_path):
-    content = b""
-    for node, (name, values) in enumerate(readings().items(), start=1):
-        rows = np.zeros(len(KEPT), [("t", ">f8"), ("y", ">f8")])
-        rows["t"], rows["y"] = TIME[KEPT], values[KEPT]
-        content += (
-            (
-                f"    -1\n    58b     2     2          11{rows.nbytes:12d}     0     0           0           0\n"
-                f"{name}\nNONE\nNONE\nNONE\nNONE\n"
-                f"    1         0    0         0 NONE      {node:10d}   0 NONE                0   0\n"
-                f"         4{len(KEPT):10d}         0  0.00000E+00  0.00000E+00  0.00000E+00\n"
-                "        17    0    0    0 NONE                 s\n"
-                f"         0    0    0    0 NONE                 {UNITS[name]}\n"
-                "         0    0    0    0 NONE                 NONE\n"
-                "         0    0    0    0 NONE                 NONE\n"
-            ).encode()
-            + rows.tobytes()
-            + b"    -1\n"
-        )
-    (tmp_path / "rig.unv").write_bytes(content)
-    expect_truth(assemble(read_recording(tmp_path / "rig.unv", list(SETTINGS)), SETTINGS))
-
-
 def test_decimal_commas_are_refused_with_the_line_or_read_where_stated(tmp_path):
     from strainsight.measurements.csv_layout import TextFormat
 
@@ -135,23 +102,6 @@ def test_decimal_commas_are_refused_with_the_line_or_read_where_stated(tmp_path)
     with expect_refusal(UserError, "is no number", where="rig.csv:4"):
         read_recording(path, list(SETTINGS), time="time")
     expect_truth(assemble(read_recording(path, list(SETTINGS), time="time", form=TextFormat(decimal=",")), SETTINGS))
-
-
-def test_a_clock_with_a_jump_that_is_no_whole_number_is_refused_with_the_line(tmp_path):
-    path = tmp_path / "rig.csv"
-    rows = [f"{t + (0.0104 if k >= 300 else 0):.6f},1" for k, t in enumerate(TIME)]
-    path.write_text("time [s],g1 [um/m]\n" + "\n".join(rows))
-    with expect_refusal(UserError, r"the clock jumps by 0.0114 s from 5.299 to 5.3104 s: 11.4 steps", where="rig.csv:302"):
-        assemble(read_recording(path, ["g1"], time="time"), {"g1": SETTINGS["g1"]})
-
-
-def test_mv_per_v_is_not_taken_for_strain():
-    recording = Recording(TIME, {"g1": STRAIN}, {"g1": "mV/V"}, "rig.csv")
-    with expect_refusal(UserError, "stated in um/m, the file has it in mV/V", key="g1"):
-        assemble(recording, {"g1": ChannelSettings("um/m")})
-    with pytest.raises(UserError, match="no channel 'g3'") as caught:
-        assemble(recording, {"g3": ChannelSettings("um/m")})
-    assert caught.value.remedy == "did you mean g1?"
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1, 2, 5])
@@ -165,18 +115,6 @@ def test_the_step_of_the_filter_moves_no_sample(factor):
     np.testing.assert_allclose(signals.values[seen, 0], FORCE[sample], rtol=1e-14)
     expected = KEPT if factor < 1 else KEPT[KEPT % factor == 0]
     np.testing.assert_array_equal(sample, expected)
-
-
-@pytest.mark.parametrize(("count", "said"), [(20, True), (19, False)])
-def test_a_stretch_of_missing_samples_is_named_with_its_time(count, said):
-    values = np.zeros(500)
-    values[100 : 100 + count] = np.nan
-    values[[3, 400, 401]] = np.nan
-    notes = assemble(
-        Recording(1e-3 * np.arange(500), {"a": values}, {"a": "um/m"}, "rig"), {"a": ChannelSettings("um/m")}
-    ).notes
-    assert f"a: {count + 3} of 500 samples are missing" in notes
-    assert any(note.startswith("a: 20 of them in a row, from 0.1 to 0.119 s") for note in notes) == said
 
 
 LATE = 7
@@ -196,13 +134,6 @@ def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
     np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)
     assert np.isnan(found.values[-LATE:, 1]).all()
     assert any("b: 7 samples late" in note for note in found.notes)
-
-
-def test_one_that_is_early_lacks_samples_at_the_beginning():
-    early = {"a": ChannelSettings("m/m", delay=Delay(samples=-LATE)), "b": ChannelSettings("m/m")}
-    found = assemble(late_record(), early)
-    np.testing.assert_allclose(found.values[LATE:, 0], found.values[LATE:, 1], atol=1e-12)
-    assert np.isnan(found.values[:LATE, 0]).all()
 
 
 @pytest.mark.parametrize("step", [2 * STEP, STEP / 2])
@@ -372,7 +303,6 @@ def test_missing_samples_stay_missing_and_the_impossible_becomes_so():
     [
         (("quartr", 2.0), "unknown bridge"),
         (("quarter", 0.0), "gauge factor"),
-        (("quarter", float("nan")), "gauge factor"),
         (("half-poisson", 2.0), "no Poisson's ratio"),
         (("half", 2.0, 0.3), "no gauge across"),
         (("full-poisson", 2.0, 0.5), "outside"),

@@ -10,7 +10,7 @@ from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import Clock, to_step, uniform_clock
 from strainsight.measurements.records import Recording
-from strainsight.measurements.units import UNITS, known_unit, spelling
+from strainsight.measurements.units import known_unit
 
 from ..refusals import expect_refusal
 
@@ -52,17 +52,6 @@ def test_units_in_other_words(units, si):
     assert [known_unit(unit).factor for unit in units] == pytest.approx([si] * len(units), rel=1e-15)
 
 
-def test_every_unit_is_in_its_own_spelling_and_similar_ones_are_not_suggested():
-    """mm/n may be a typing error for mm/m or for um/m, a thousandth."""
-    assert all(spelling(unit) == unit for unit in UNITS)
-    with pytest.raises(UserError) as caught:
-        ChannelSettings("mm/n")
-    assert caught.value.remedy.startswith("known units: strain, m/m")
-    for wrong in ("KN", "volts", "", "µ"):
-        with pytest.raises(UserError, match="unknown unit"):
-            ChannelSettings(wrong)
-
-
 def test_the_file_and_the_settings_have_to_agree_unless_overridden():
     ones = np.ones(1000)
     for same in ("ppm", "µm/m", None):
@@ -87,25 +76,6 @@ def test_offset_drift_zero_scale_and_sign_in_their_order():
     values, notes = calibrated(reading, ChannelSettings("um/m", drift=3.0, zero=(0.2, 0.4)))
     np.testing.assert_allclose(values, 1e-6 * (signal - window), atol=1e-18)
     assert any("the mean of 201 samples from 0.2 to 0.4 s" in note for note in notes)
-
-
-def test_a_bridge_out_of_balance_is_zeroed_before_its_formula():
-    strain = np.where(TIME < 0.1, 0.0, 2e-3 * np.sin(9 * TIME))
-    x = 2.1 * strain
-    r = 1e3 * x / (4 + 2 * x)
-    settings = ChannelSettings("mV/V", bridge=Bridge("quarter", 2.1), zero=(0.0, 0.099))
-    assert settings.quantity == "strain"
-    values, notes = calibrated(0.8 + r, settings, "mV/V")
-    np.testing.assert_allclose(values, strain, atol=1e-16)
-    assert "a: mV/V became strain, quarter bridge, gauge factor 2.1" in notes
-
-
-def test_a_bridge_wired_the_other_way_round_is_turned_before_its_formula():
-    x = 2.1 * 2e-3
-    r = 1e3 * x / (4 + 2 * x)
-    values, notes = calibrated(np.full(1000, -r), ChannelSettings("mV/V", bridge=Bridge("quarter", 2.1), sign=-1))
-    np.testing.assert_allclose(values, 2e-3, rtol=1e-13)
-    assert "a: its sign was turned" in notes
 
 
 def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
@@ -154,10 +124,7 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
         ({"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
         ({"unit": "um/m", "sign": 0}, "sign"),
         ({"unit": "um/m", "scale": -1.0}, "scale"),
-        ({"unit": "um/m", "offset": float("nan")}, "offset"),
-        ({"unit": "um/m", "drift": float("inf")}, "drift"),
         ({"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
-        ({"unit": "um/m", "zero": (float("nan"), 0.0)}, "window"),
     ],
 )
 def test_settings_that_cannot_be(wrong, said):
@@ -224,15 +191,6 @@ def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
         uniform_clock(stamps(time))
 
 
-def test_many_gaps_are_reported_briefly():
-    kept = np.flatnonzero(np.random.default_rng(3).random(100_000) > 0.1)
-    kept = kept - kept[0]
-    clock = uniform_clock(stamps(kept * 1e-3))
-    np.testing.assert_array_equal(clock.row, kept)
-    assert len(clock.notes) == 11
-    assert "other gaps" in clock.notes[-1]
-
-
 def jump(at, size, count=1000, step=1e-3):
     time = np.arange(count) * step
     time[at:] += size
@@ -243,16 +201,12 @@ def jump(at, size, count=1000, step=1e-3):
     ("time", "said", "line"),
     [
         (jump(400, 0.0104), r"jumps by 0.0114 s from 0.399 to 0.4104 s: 11.4 steps of 0.001 s", 402),
-        (jump(400, -0.0005), r"jumps by 0.0005 s", 402),
         (jump(400, -0.0105), r"steps back by 0.0095 s, from 0.399 to 0.3895 s", 402),
         (jump(400, -0.001), r"0.399 s stands twice", 402),
         (jump(999, 1e6), r"would have 1e\+09 with its gaps filled", 1001),
-        (jump(999, 1e12), r"3000 years off", 1001),
         (np.cumsum(np.r_[np.full(500, 1e-3), np.full(499, 1.3e-3)]), r"and so in many places", 502),
         (np.arange(1000)[::-1] * 1e-3, r"steps back.*the first of 999 places", 3),
-        (np.zeros(1000), r"stands twice, the first of 999", 3),
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"is 7.99 % of a step off", 702),
-        (np.geomspace(1e-300, 1e10, 1000), r"jumps|would have", None),
     ],
 )
 def test_faults_are_refused_at_their_place(time, said, line):
@@ -261,11 +215,6 @@ def test_faults_are_refused_at_their_place(time, said, line):
     if line:
         assert caught.value.where == f"test.csv:{line}"
     assert caught.value.remedy
-
-
-def test_more_jitter_is_taken_where_it_is_allowed():
-    time = np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700)
-    assert uniform_clock(stamps(time), jitter=0.1).count == 1000
 
 
 def test_a_finer_step_leaves_rows_between_and_a_coarser_one_takes_every_kth():

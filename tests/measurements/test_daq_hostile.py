@@ -89,7 +89,7 @@ def test_a_channel_that_is_missing_through_the_process(tmp_path):
 HANGS = "import time; time.sleep(60)"
 
 
-@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS, f"print('ready', flush=True); {HANGS}", "print('{')"])
+@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
     monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-c", does])
     for limit in ("START_LIMIT", "TIME_LIMIT"):

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace as Namespace
-
 import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements import mdf as mdf_channels
 from strainsight.measurements.assemble import assemble
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.daq_file import read_daq
 from strainsight.measurements.reader import read_recording
 
 from ..refusals import expect_refusal
-from .written import COUNT, STEP, A, B, T, mdf, signal
+from .written import COUNT, A, B, T, mdf, signal
 
 # Channels of MDF files as asammdf writes them come back in physical units, on the clock of their master channel.
 pytest.importorskip("asammdf")
@@ -53,37 +50,6 @@ def test_a_file_goes_by_its_ending_and_through_a_process_of_its_own(tmp_path):
     np.testing.assert_array_equal(found.channels["µ"], 2 * A)
 
 
-def test_a_master_in_another_group(tmp_path):
-    """MDF 4.2 may keep every channel in a group of its own, with the time in another one."""
-    file = Namespace(
-        version="4.20",
-        groups=[group(["time"], [2]), group(["G1"], [0], master=0), group(["G2"], [0], master=0)],
-        masters_db={0: 0},
-        get_master=lambda number: T if number == 0 else None,
-    )
-    time, unit = mdf_channels._master_clock(file, {(0, 0): None}, {"G1": (1, 0), "G2": (2, 0)}, tmp_path)
-    np.testing.assert_array_equal(time, T)
-    assert unit == "s"
-
-
-def group(names, kinds, master=None):
-    channels = [
-        Namespace(name=name, channel_type=kind, sync_type=1, unit="s", conversion_addr=0)
-        for name, kind in zip(names, kinds, strict=True)
-    ]
-    return Namespace(channels=channels, channel_group=Namespace(acq_name="", cycles_nr=COUNT, cg_master_index=master))
-
-
-def test_a_table_of_values_is_a_conversion_too(tmp_path):
-    """A linear interpolation between raw 0, 10, 20 → 0, 1, 4."""
-    raw = np.arange(COUNT, dtype="u2") % 21
-    table = {
-        "raw_0": 0.0, "phys_0": 0.0, "raw_1": 10.0, "phys_1": 1.0, "raw_2": 20.0, "phys_2": 4.0, "interpolation": True,
-    }
-    path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", raw, conversion=table)]))
-    np.testing.assert_allclose(read(path, ["G1"]).channels["G1"], np.interp(raw, [0, 10, 20], [0, 1, 4]), rtol=1e-14)
-
-
 def test_invalidation_bits_are_missing_samples(tmp_path):
     bad = np.isin(np.arange(COUNT), [0, 7, 8, COUNT - 1])
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", invalidation_bits=bad), signal("G2")]))
@@ -103,14 +69,6 @@ def test_a_name_in_several_groups_wants_its_group(tmp_path):
     np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], A[::10])
 
 
-def test_groups_of_one_name_go_by_their_number(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("", [signal("G1")]), ("", [signal("G1", 2 * A)]))
-    with pytest.raises(UserError) as caught:
-        read(path, ["G1"])
-    assert caught.value.remedy == "name the group too: '0/G1' or '1/G1'"
-    np.testing.assert_array_equal(read(path, ["1/G1"]).channels["1/G1"], 2 * A)
-
-
 def test_groups_of_one_clock_go_together(tmp_path):
     path = mdf(tmp_path / "a.mf4", ("one", [signal("G1")]), ("two", [signal("F", 2 * A, unit="N")]))
     np.testing.assert_array_equal(read(path, ["G1", "F"]).channels["F"], 2 * A)
@@ -122,37 +80,6 @@ def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
     assert caught.value.what == "the channels have 2 sampling rates: 1000 Hz ('fast/G1', 'G2'), 100 Hz ('F')"
     assert "resampled to one" in caught.value.remedy
     assert caught.value.exit_code == 2
-
-
-def test_one_rate_and_two_starts_are_refused(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("one", [signal("G1")]), ("two", [signal("F", time=T + 0.1)]))
-    with pytest.raises(
-        UserError, match=r"'G1' has 400 samples from 0 to 0\.399 s, 'F' has 400 samples from 0\.1 to 0\.499 s"
-    ):
-        read(path, ["G1", "F"])
-
-
-def test_jitter_goes_through_the_check_of_the_clock(tmp_path):
-    rng = np.random.default_rng(1)
-    for share, passes in ((0.02, True), (0.3, False)):
-        path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", time=T + share * STEP * rng.uniform(-1, 1, COUNT))]))
-        recording = read(path, ["G1"])
-        if passes:
-            time = assemble(recording, {"G1": ChannelSettings("um/m")}).time
-            np.testing.assert_allclose(time, T, atol=share * STEP)
-        else:
-            with pytest.raises(UserError, match="the clock jumps"):
-                assemble(recording, {"G1": ChannelSettings("um/m")})
-
-
-def test_a_channel_that_is_missing_is_named_with_what_is_like_it(tmp_path):
-    path = two_groups(tmp_path / "a.mf4")
-    with pytest.raises(UserError, match="no channel 'G3'") as caught:
-        read(path, ["G3"])
-    assert caught.value.remedy.startswith("did you mean G")
-    with pytest.raises(UserError) as caught:
-        read(path, ["temperature"])
-    assert caught.value.remedy == "it has 'G1', 'G2', 'F'"
 
 
 def test_text_is_refused(tmp_path):
@@ -182,12 +109,6 @@ def test_another_time_of_the_same_group(tmp_path):
         read(path, ["F"], time="t2")
     with pytest.raises(UserError, match="the time is stated in s, the file has it in ms"):
         read(path, ["G1"], time="t2", time_unit="s")
-
-
-def test_a_unit_that_contradicts_the_settings(tmp_path):
-    path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", unit="N")]))
-    with pytest.raises(UserError, match="stated in um/m, the file has it in N"):
-        assemble(read(path, ["G1"]), {"G1": ChannelSettings("um/m")})
 
 
 # Conversion rules of MDF channels give the physical values of the standard, or are refused; raw values never pass for them.

@@ -87,11 +87,10 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
-    for sandboxed in (False, True)[: 1 + (make is zipped)]:
-        recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=sandboxed)
-        np.testing.assert_allclose(recording.time, T, atol=1e-12)
-        np.testing.assert_array_equal(recording.channels["G1"], A)
-        np.testing.assert_array_equal(recording.channels["G2"], B if make is unsorted else 0.5 * B + 3)
+    recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=False)
+    np.testing.assert_allclose(recording.time, T, atol=1e-12)
+    np.testing.assert_array_equal(recording.channels["G1"], A)
+    np.testing.assert_array_equal(recording.channels["G2"], B if make is unsorted else 0.5 * B + 3)
     assert os.listdir(temporary) == []
     assert sorted(os.listdir(tmp_path)) == there
     assert path.read_bytes() == content
@@ -103,7 +102,6 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
         (lambda path: zipped(path, bytes(20_000_000)), r"bytes unpacks to 20000000, more than 100 times as many"),
         (lambda path: zipped(path, bytes(1000)), "cannot be read as MDF: .*not a valid ASAM MDF file"),
         (lambda path: zipped(path, name="a.exe"), r"the archive holds no file \.mf4 or \.mdf or \.dat"),
-        (lambda path: zipped(path, name="../../out.mf4.txt"), "the archive holds no file"),
         (lambda path: path.write_bytes(zipped(path).read_bytes()[:900]) and path, "cannot be read as MDF: .*zip"),
     ],
 )

@@ -101,32 +101,14 @@ HOSTILE = [
     "f\"{{open('{marker}','w')}}\"",
     "sum(X1)",
     "X1;X1",
-    "X1//2",
-    "X1%2",
-    "X1<2",
-    "X1&3",
-    "X1>>1",
-    "~X1",
-    "X2*2",
     "Y",
     "foo(X1)",
-    "sin X1",
     "sin",
-    "sin()",
     "sin(X1",
-    "sin(X1,X1)",
     "pow(X1)",
-    "pow(X1,2,3)",
     "2X1",
-    "X1 X1",
-    "X1(2)",
-    "1.2.3*X1",
     "0x10",
-    "1_000*X1",
     "X1 * 1,5",
-    "X1*1e-6;",
-    "X1*",
-    "*X1",
     "()",
     "",
     "1e999*X1",
@@ -186,9 +168,21 @@ def read_apart(jobs):
     return json.loads(done.stdout)
 
 
-def test_two_hundred_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
-    """150 random formulas and more than 50 hostile ones, which an audit hook in the reader's process watches."""
-    expected = formulas(150)
+def of_clock(folder, name, text):
+    """A file whose clock has the conversion formula."""
+    from asammdf import MDF
+    from asammdf.blocks.conversion_utils import from_dict
+
+    with MDF(written(folder / "plain", {"G1": "X1"}, "4.10")) as file:
+        (group,) = file.groups
+        group.channels[file.masters_db[0]].conversion = from_dict({"formula": text})
+        file.save(folder / name, overwrite=True)
+    return str(folder / name)
+
+
+def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
+    """60 random formulas and more than 30 hostile ones, which an audit hook in the reader's process watches."""
+    expected = formulas(60)
     channels = {f"G{i}": text for i, text in enumerate(expected)}
     jobs = [(written(tmp_path / f"a{version[0]}", channels, version), list(channels)) for version in ("4.10", "3.30")]
     marker = tmp_path / "taken"
@@ -196,34 +190,19 @@ def test_two_hundred_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_
         version = "3.30" if i % 3 == 0 and text.isascii() else "4.10"
         path = written(tmp_path / f"{i}", {"G1": text.replace("{marker}", str(marker))}, version)
         jobs.append((path, ["G1"]))
-    (first, second, *refusals), events, symbolic = read_apart(jobs)
+    for i, text in enumerate(("X1*2+1", f"open('{marker}','w')")):
+        jobs.append((of_clock(tmp_path, f"clock{i}.mf4", text), ["G1"]))
+    (first, second, *refusals, clock, refused_clock), events, symbolic = read_apart(jobs)
     for values in (first, second):
         for (text, right), value in zip(expected.items(), values[1:], strict=True):
             np.testing.assert_allclose(value, right, rtol=1e-12, err_msg=text)
     for text, (what, remedy) in zip(HOSTILE, refusals, strict=True):
         assert re.match(r"'G1' has (the conversion formula '|no physical value at sample 1: its conversion ')", what), text
         assert remedy
+    np.testing.assert_allclose(clock[0], 2e-3 * np.arange(len(X)) + 1, rtol=1e-15)
+    assert refused_clock[0].startswith("'time' has the conversion formula 'open(")
     assert events == []
     assert symbolic == []
-    assert not marker.exists()
-
-
-def test_the_formula_of_a_clock_is_not_executed(tmp_path):
-    """It is evaluated, or refused, as that of any channel."""
-    from asammdf import MDF
-    from asammdf.blocks.conversion_utils import from_dict
-
-    jobs, marker = [], tmp_path / "taken"
-    for i, text in enumerate(("X1*2+1", f"open('{marker}','w')")):
-        with MDF(written(tmp_path / "plain", {"G1": "X1"}, "4.10")) as file:
-            (group,) = file.groups
-            group.channels[file.masters_db[0]].conversion = from_dict({"formula": text})
-            file.save(tmp_path / f"{i}.mf4", overwrite=True)
-        jobs.append((str(tmp_path / f"{i}.mf4"), ["G1"]))
-    (signals, refusal), events, _ = read_apart(jobs)
-    np.testing.assert_allclose(signals[0], 2e-3 * np.arange(len(X)) + 1, rtol=1e-15)
-    assert refusal[0].startswith("'time' has the conversion formula 'open(")
-    assert events == []
     assert not marker.exists()
 
 
@@ -249,9 +228,6 @@ def test_powers_signs_and_logarithms_are_those_of_mathematics():
     [
         ("X1+foo", "'foo' is neither X1 nor a function with its arguments: abs, acos"),
         ("X1*1,5", "',' is not expected there"),
-        ("(X1", "a parenthesis is not closed"),
-        ("", "it ends too early"),
-        ("X1;", "';' is no part of an arithmetic formula"),
         ("pow(X1)", "pow takes 2 arguments"),
         ("1e400", "the number 1e400 is too large"),
         ("X" * (LONGEST + 1), f"it has {LONGEST + 1} characters, at most {LONGEST} are read"),

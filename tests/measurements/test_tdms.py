@@ -10,7 +10,7 @@ from strainsight.measurements.daq_file import read_daq
 from strainsight.measurements.reader import read_recording
 
 from ..refusals import expect_refusal
-from .written import STEP, A, B, T, tdms, waveform
+from .written import A, B, T, tdms, waveform
 
 pytest.importorskip("nptdms")
 START = np.datetime64("2025-01-06T10:00:00.000000")
@@ -67,14 +67,6 @@ def test_a_scale_that_is_not_known_is_refused(tmp_path, holder):
             read(tmp_path / "a.tdms", ["G1"])
 
 
-def test_a_name_in_several_groups_wants_its_group(tmp_path):
-    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "old/G1": waveform(2 * A)})
-    with pytest.raises(UserError, match="2 channels are called 'G1'") as caught:
-        read(path, ["G1"])
-    assert caught.value.remedy == "name the group too: 'old/G1' or 'rig/G1'"
-    np.testing.assert_array_equal(read(path, ["old/G1"]).channels["old/G1"], 2 * A)
-
-
 def test_channels_with_slashes_and_quotes_in_their_names(tmp_path):
     from nptdms import ChannelObject, TdmsWriter
 
@@ -82,16 +74,6 @@ def test_channels_with_slashes_and_quotes_in_their_names(tmp_path):
         file.write_segment([ChannelObject("cDAQ1Mod1/ai", "ai0/it's", *waveform())])
     for name in ("ai0/it's", "cDAQ1Mod1/ai/ai0/it's"):
         np.testing.assert_array_equal(read(tmp_path / "a.tdms", [name]).channels[name], A)
-
-
-def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
-    path = tdms(
-        tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform(), "slow/F": waveform(A[::10], "N", 10 * STEP)}
-    )
-    with pytest.raises(UserError) as caught:
-        read(path, ["G1", "F", "G2"])
-    assert caught.value.what == "the channels have 2 sampling rates: 1000 Hz ('G1', 'G2'), 100 Hz ('F')"
-    assert caught.value.exit_code == 2
 
 
 @pytest.mark.parametrize("later", [{"wf_start_time": START + np.timedelta64(100, "ms")}, {"wf_start_offset": 0.1}])
@@ -177,7 +159,3 @@ def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
         read(path, ["G1"])
 
 
-def test_a_time_that_is_asked_for_where_the_waveform_has_its_own(tmp_path):
-    with pytest.raises(UserError, match="no channel 'time'") as caught:
-        read(tdms(tmp_path / "a.tdms", {"rig/G1": waveform()}), ["G1"], time="time", time_unit="s")
-    assert caught.value.remedy.startswith("leave estimate.time.channel out, or null")

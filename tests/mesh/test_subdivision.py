@@ -21,7 +21,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import CellBlock
 from strainsight.mesh.projection import nearest
 from strainsight.mesh.subdivision import refined
 from strainsight.mesh.surface_ties import with_surface_tie
@@ -290,75 +290,6 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
         assert mesh.n_cells == m
 
 
-def test_equal_steps_stay_apart_on_the_time_axis():
-    grid = unstructured_grid(np.zeros((1, 3)), [], steps=[5.0, 5.0, 5.0])
-    assert np.all(np.diff(grid.datasets["Steps/Values"]) > 0)
-    np.testing.assert_allclose(grid.datasets["Steps/Values"], 5.0, rtol=1e-14)
-
-
-def test_points_alone_are_a_grid(tmp_path):
-    write(tmp_path / "points.vtkhdf", unstructured_grid(np.eye(3), [], {"a": np.arange(3)}))
-    assert pyvista.read(tmp_path / "points.vtkhdf").n_points == 3
-
-
-@pytest.mark.parametrize("data", [np.zeros(4), np.zeros((2, 4)), np.float64(1.0)])
-def test_data_of_another_length_is_refused(data):
-    with pytest.raises(ValueError, match="PointData a"):
-        unstructured_grid(np.eye(3), [], {"a": data}, steps=[0.0, 1.0])
-
-
-@pytest.mark.parametrize("suffix", [".vtkhdf", ".h5"])
-def test_a_surface_with_many_arrays_plays_in_time(tmp_path, suffix):
-    """A hexahedron beside a wedge: scalars, vectors and tensors, single and double, on facets and on points."""
-    position = np.array(
-        [[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)] + [[2, 0, 0], [2, 0, 1]], dtype=float
-    )
-    hexahedron = CellBlock("hex8", np.array([7]), np.array([[0, 1, 3, 2, 4, 5, 7, 6]]), np.array([1]))
-    wedge = CellBlock("wedge6", np.array([3]), np.array([[1, 8, 3, 5, 9, 7]]), np.array([2]))
-    inside = np.array([[9.0, 9.0, 9.0]])
-    mesh = Mesh(
-        np.arange(1, 12),
-        np.vstack([inside, position]),
-        tuple(CellBlock(b.kind, b.ids, b.nodes + 1, b.region) for b in (hexahedron, wedge)),
-        {},
-        {},
-        np.zeros((0, 2), dtype=np.int64),
-    )
-    facets = exterior_facets(mesh)
-    used, cells, order = facet_cells(facets)
-    np.testing.assert_array_equal(used, np.arange(1, 11))
-    assert [block.kind for block in cells] == ["tri3", "quad4"]
-    rng, T, f = np.random.default_rng(2), 5, len(facets.kind)
-    time = np.linspace(0, 1e-3, T)
-    tensor, mises = rng.random((T, f, 6)), rng.random((T, f)).astype(np.float32)
-    moved, nodal = rng.random((T, 10, 3)), rng.random((T, 10))
-    path = tmp_path / f"surface{suffix}"
-    write(
-        path,
-        unstructured_grid(
-            mesh.position[used],
-            cells,
-            {"displacement": moved, "von_mises": nodal},
-            {"stress": tensor[:, order], "von_mises": mises[:, order], "element": facets.element_id[order]},
-            steps=time,
-        ),
-    )
-    reader, times = time_reader(path)
-    np.testing.assert_array_equal(times, time)
-    for i in (3, 0, 4, 4, 1, 2):
-        reader.UpdateTimeStep(time[i])
-        grid = pyvista.wrap(reader.GetOutputDataObject(0))
-        np.testing.assert_array_equal(grid.point_data["displacement"], moved[i])
-        np.testing.assert_array_equal(grid.point_data["von_mises"], nodal[i])
-        assert grid.cell_data["von_mises"].dtype == np.float32
-        for cell, facet in enumerate(order):
-            nodes = facets.nodes[facet][facets.nodes[facet] >= 0]
-            np.testing.assert_array_equal(grid.get_cell(cell).points, mesh.position[nodes])
-            np.testing.assert_array_equal(grid.cell_data["stress"][cell], tensor[i, facet])
-            assert grid.cell_data["von_mises"][cell] == mises[i, facet]
-            assert grid.cell_data["element"][cell] == facets.element_id[facet]
-
-
 def test_points_of_a_surface_may_have_numbers_of_their_own():
     """Two triangles that meet in an edge but have points of their own there, as where two materials meet."""
     nodes = np.full((2, 8), -1)
@@ -371,3 +302,15 @@ def test_points_of_a_surface_may_have_numbers_of_their_own():
     np.testing.assert_array_equal(used, [10, 11, 12, 20, 21, 22])
     np.testing.assert_array_equal(block.nodes, [[0, 1, 2], [3, 5, 4]])
     np.testing.assert_array_equal(order, [0, 1])
+
+
+def test_a_surface_of_two_kinds_is_two_blocks_on_the_nodes_it_has():
+    """A quadrangle on nodes 5, 2, 9, 7, and a triangle beside it."""
+    nodes = np.full((2, 8), -1)
+    nodes[0, :4], nodes[1, :3] = [5, 2, 9, 7], [2, 8, 9]
+    codes = [[kind.name for kind in FACETS].index(name) for name in ("quad4", "tri3")]
+    facets = Facets(element_id=np.array([4, 3]), facet=np.ones(2, int), kind=np.array(codes), nodes=nodes, region=np.ones(2, int))
+    used, cells, order = facet_cells(facets)
+    np.testing.assert_array_equal(used, [2, 5, 7, 8, 9])
+    assert [(block.kind, block.nodes.tolist()) for block in cells] == [("tri3", [[0, 3, 4]]), ("quad4", [[1, 0, 4, 2]])]
+    np.testing.assert_array_equal(order, [1, 0])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.advance import advance, sensitivities, slopes
+from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.controlled import simulate_controlled
@@ -16,9 +16,8 @@ from strainsight.multibody.equations import balance, input_slopes
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, state
-from strainsight.multibody.joints import prismatic, revolute, spherical
+from strainsight.multibody.joints import prismatic
 from strainsight.multibody.laws.linear import bushing
-from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.relations import place
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step
@@ -82,20 +81,6 @@ def test_force_that_is_not_finite_is_named_with_its_body():
     assert "0.01 s" in str(refused.value)
 
 
-def test_step_without_solution_says_what():
-    """A stone held at two points 1 m apart on it by joints 2 m apart: no state satisfies both."""
-    joints = [
-        spherical("left", Frame("hook"), Frame("end", "stone")),
-        revolute("right", Frame("eye", None, np.array([2.0, 0, 0])), Frame("nose", "stone", np.array([1.0, 0, 0]))),
-    ]
-    system = assemble([STONE], joints, [Gravity()])
-    q, v = state(system, {})
-    with pytest.raises(NumericalError, match=r"the step of 0.01 s was not solved") as refused:
-        step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
-    assert "left: " in str(refused.value) or "right: " in str(refused.value)
-    assert "take a smaller time step" in str(refused.value)
-
-
 def test_trial_state_where_a_force_does_not_exist_is_approached_by_half():
     """A force F = a/(1 − ρ) that ends at ρ = 1, where the first trial state of a long step overshoots."""
 
@@ -120,12 +105,6 @@ def test_run_says_when_it_fails():
     system = assemble([STONE], [], [RelativeElement("brittle", HEIGHT, brittle), Gravity()])
     with pytest.raises(NumericalError, match=r"at t = 0\.4[3-5]\d* s: .* force brittle is not finite"):
         simulate(system, *state(system, {}), np.zeros((101, 0)), 0.01, np.zeros(0))
-
-
-def test_points_of_a_spring_that_coincide_are_refused():
-    system = assemble([STONE], [], [spring("spring", Frame("wall"), Frame("end", "stone"), 100.0)])
-    with pytest.raises(NumericalError, match="spring: its end points 'wall' and 'end' are 0 m apart"):
-        step(system, *state(system, {}), np.zeros(0), 0.01, np.zeros(0))
 
 
 EXACT = np.array([0.98629175, -0.16501085])
@@ -171,7 +150,7 @@ def test_a_load_between_the_steps_is_seen():
         return np.where((time > 0.02) & (time < 0.04), 1e2 * np.sin(np.pi * (time - 0.02) / 0.02), 0.0)[:, None]
 
     found = simulate_controlled(system, q, v, loads, 0.5, 1, np.zeros(0), "second_order", 1e-5)
-    time = np.linspace(0, 0.5, 20001)
+    time = np.linspace(0, 0.5, 2001)
     fine = simulate(system, q, v, loads(time), time[1], np.zeros(0))
     assert abs(found.run.q[-1, 2]) > 0.05 * 1.27 / np.sqrt(K * M)
     assert found.run.q[-1, 2] == pytest.approx(fine.q[-1, 2], abs=3e-5)
@@ -195,32 +174,8 @@ def differences(function, x, size):
     return np.stack(columns, axis=1)
 
 
-@pytest.mark.parametrize("h", [1e-3, 0.05])
-def test_sensitivities_of_a_step_are_its_differences(everything, h):
-    e = everything
-    n = e.system.size
-    w = np.random.default_rng(3).normal(size=n)
-
-    def after(x, u, theta, w):
-        new = step(e.system, x[:n], x[n:], u, h, theta, w=w)
-        return np.concatenate([new.q, new.v])
-
-    x = np.concatenate([e.q, e.v])
-    found = sensitivities(e.system, step(e.system, e.q, e.v, e.u, h, e.theta, w=w))
-    for exact, difference in (
-        (found.A[:, :n], differences(lambda z: after(np.concatenate([z, e.v]), e.u, e.theta, w), e.q, 1e-4)),
-        (found.A[:, n:], differences(lambda z: after(np.concatenate([e.q, z]), e.u, e.theta, w), e.v, 1e-3)),
-        (found.B_u, differences(lambda z: after(x, z, e.theta, w), e.u, 1e-1)),
-        (found.B_theta, differences(lambda z: after(x, e.u, z, w), e.theta, 1e-3)),
-        (found.B_w, differences(lambda z: after(x, e.u, e.theta, z), w, 1e-1)),
-    ):
-        for half in (slice(0, n), slice(n, None)):
-            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * np.abs(exact[half]).max())
-
-
-@pytest.mark.parametrize("method", ["second_order", "thesis"])
-@pytest.mark.parametrize("h", [1e-3, 0.05])
-def test_slopes_of_an_advance_are_its_differences(everything, h, method):
+@pytest.mark.parametrize(("method", "h"), [("second_order", 0.05), ("thesis", 0.05), ("thesis", 1e-3)])
+def test_slopes_of_an_advance_are_its_differences(everything, method, h):
     """By the state, the loads at both ends, the parameters and a force, through all stages."""
     e, rng = everything, np.random.default_rng(3)
     n, w, u = e.system.size, rng.normal(size=e.system.size), (e.u, e.u + rng.normal(size=len(e.u)))
@@ -239,21 +194,6 @@ def test_slopes_of_an_advance_are_its_differences(everything, h, method):
             # of a load before the step Euler knows nothing
             scale = max(np.abs(exact[half]).max(), 1e-3 * np.abs(found.B_end[half]).max())
             np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * scale)
-
-
-def test_names_of_inputs_and_parameters_are_in_the_order_of_the_columns(everything):
-    assert everything.system.inputs == ("Fx", "Fy", "Fh", "Mx", "My", "Mz", "Mh")
-    assert everything.system.parameters == ("E", "s", "d")
-
-
-def test_the_new_state_satisfies_the_constraints_whatever_the_old_one(everything):
-    e = everything
-    m = e.system.constrained
-    new = step(e.system, e.q + 0.01 * e.rng.normal(size=len(e.q)), e.v, e.u, 0.01, e.theta)
-    phi, B = constraints_at(e.system, new.q)
-    assert len(phi) == m
-    assert np.abs(phi).max() < 1e-14
-    assert np.abs(B @ new.v).max() < 1e-12 * np.abs(new.v).max()
 
 
 MASS, HZ = 2.0, 3.0

@@ -211,30 +211,6 @@ def apart(found: Opened, host: Locator, tag: str) -> tuple[float, float]:
     return box["x"] + x, box["y"] + y
 
 
-def comes_into_view(found: Opened, near: str, far: str) -> None:
-    """Zoomed in on one gauge until another is out of the frame, the chip of the other brings that one into the frame."""
-    page, host = found.page, view(found)
-    tag = f'#space-view .tag[data-gauge="{far}"]'
-    page.locator(f'button.chip[data-gauge="{near}"]').click()
-    page.evaluate(STILL)
-    host.focus()
-    x, y = page.locator(f'#space-view .tag[data-gauge="{near}"]').evaluate_all(PLACES)[0]
-    box = host.bounding_box()
-    page.mouse.move(box["x"] + x, box["y"] + y)
-    for _ in range(8):
-        page.mouse.wheel(0, -400)
-    page.evaluate(STILL)
-    assert not within(page.locator(tag).evaluate_all(PLACES)[0], box)
-    page.locator(f'button.chip[data-gauge="{far}"]').click()
-    page.evaluate(STILL)
-    assert within(page.locator(tag).evaluate_all(PLACES)[0], box)
-
-
-def within(place: list[float], box: dict[str, float]) -> bool:
-    """Whether a place [px] is in a frame of that size."""
-    return 0 <= place[0] <= box["width"] and 0 <= place[1] <= box["height"]
-
-
 def moves_in_its_shapes(found: Opened) -> None:
     """Each shape of the list, its first mode at least, draws the structure in another form; at rest it is as before."""
     page, _ = found.page, view(found)
@@ -269,30 +245,3 @@ def shows_strain(found: Opened) -> None:
         assert re.search(r"from (≤\xa0)?\S+ to (≥\xa0)?\S+ (µm/m|MPa)$", shown.locator(".scale").get_attribute("aria-label"))
     choice.select_option("-1")
     assert changed(plain, picture(found)) == 0
-
-
-def has_labels_that_stand_apart(found: Opened) -> None:
-    """No label of a gauge lies on another, wherever one looks from."""
-    page, _ = found.page, view(found)
-    for eye in ("home", "x", "y", "z"):
-        page.locator(f'#space button[data-eye="{eye}"]').click()
-        page.evaluate(STILL)
-        boxes = page.locator("#space-view .tag:visible").evaluate_all(
-            "all => all.map(e => e.getBoundingClientRect()).map(r => [r.left, r.top, r.right, r.bottom])"
-        )
-        assert boxes
-        for i, (left, top, right, bottom) in enumerate(boxes):
-            others = [box for box in boxes[:i] if box[0] < right and left < box[2] and box[1] < bottom and top < box[3]]
-            assert others == [], f"from {eye}"
-
-
-def shows_gauges_to_scale(found: Opened) -> None:
-    """At a press gauges are drawn as large as they are, and at a second one as before."""
-    page, _ = found.page, view(found)
-    button, first = page.locator("#space-true"), picture(found)
-    button.click()
-    assert button.get_attribute("aria-pressed") == "true"
-    assert changed(first, picture(found)) > 0
-    button.click()
-    assert button.get_attribute("aria-pressed") == "false"
-    assert changed(first, picture(found)) == 0

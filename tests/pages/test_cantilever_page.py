@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-import h5py
-import numpy as np
 import pytest
 
 from ..shared import ROOT, SHORT
 from . import answers, checks, space, tables
-from .every import (  # noqa: F401  every page has to pass these
-    test_every_picture_has_words,
-    test_it_fits_a_phone,
-    test_it_is_photographed_and_printed,
-    test_it_opens_without_a_word_and_asks_for_nothing,
-    test_its_markup_and_styles_are_valid,
-    test_there_is_no_barrier_in_light_or_in_dark,
-)
+from .every import *  # noqa: F403  every page has to pass these
 from .runs import shared_page
 
 pytestmark = pytest.mark.slow
@@ -43,21 +34,6 @@ def test_its_tables_sort_copy_and_save_with_all_digits(look, report):
     assert {"gauges", "with and without"} <= set(names)
 
 
-def test_the_gauges_are_sorted_by_their_exact_numbers(look, report):
-    """By σ without each gauge, whose shown digits are the same where the exact numbers are not."""
-    page = look(report).page
-    table = tables.table_named(page, "with and without")
-    head = table.locator("thead th", has_text="σ(E)")
-    head.locator("button.sort").click()
-    assert head.get_attribute("aria-sort") == "ascending"
-    with h5py.File(report.parent / "place.h5") as place:
-        without = place["without/E"][()]
-    shown = [int(group[0][0].text.removeprefix("G")) - 1 for group in tables.groups(table)]
-    assert sorted(shown) == list(range(len(without)))
-    assert np.all(np.diff(without[shown]) >= -1e-12 * without[0])
-    assert np.ptp(without) > 1e-6 * without[0]
-
-
 def test_the_structure_turns_zooms_and_obeys_the_keyboard(look, report):
     found = look(report)
     space.shows_a_structure(found)
@@ -66,19 +42,16 @@ def test_the_structure_turns_zooms_and_obeys_the_keyboard(look, report):
     space.obeys_the_keyboard(found)
 
 
-def test_strain_modes_and_the_size_of_gauges_can_be_chosen(look, report):
+def test_strain_and_modes_can_be_chosen(look, report):
     found = look(report, still=True)
     space.shows_strain(found)
     checks.accessible(found)
-    space.has_labels_that_stand_apart(found)
-    space.shows_gauges_to_scale(found)
     space.moves_in_its_shapes(found)
 
 
 def test_a_picked_gauge_tells_its_id_position_and_direction(look, report, gauges):
     found = look(report)
     space.picks_gauges(found, gauges)
-    space.comes_into_view(found, "G1", "G4")
 
 
 def test_a_phone_picks_by_touch(look, report, gauges):

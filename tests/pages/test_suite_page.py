@@ -7,14 +7,7 @@ import numpy as np
 import pytest
 
 from . import answers, checks, hostile, tables
-from .every import (  # noqa: F401  every page has to pass these
-    test_every_picture_has_words,
-    test_it_fits_a_phone,
-    test_it_is_photographed_and_printed,
-    test_it_opens_without_a_word_and_asks_for_nothing,
-    test_its_markup_and_styles_are_valid,
-    test_there_is_no_barrier_in_light_or_in_dark,
-)
+from .every import *  # noqa: F403  every page has to pass these
 from .runs import page_of
 
 pytestmark = pytest.mark.slow
@@ -45,6 +38,17 @@ def test_its_first_table_has_the_numbers_of_the_runs(look, report):
     wanted = [float(value) for value in wanted if value == value]
     assert len(wanted) > 8
     assert [value for value in wanted if value not in shown] == []
+
+
+def test_links_within_the_page_lead_somewhere(look, report):
+    """Each, when it is clicked, brings its place into the window."""
+    page = look(report).page
+    links = page.locator('a[href^="#"]')
+    assert links.count() > 3
+    for i in range(links.count()):
+        links.nth(i).click()
+        target = links.nth(i).get_attribute("href")
+        assert page.evaluate("id => document.getElementById(id).getBoundingClientRect().top < innerHeight", target[1:])
 
 
 def test_its_tables_sort_copy_and_save_with_all_digits(look, report):

@@ -41,18 +41,6 @@ def test_efi_passes_over_modes_that_show_nothing_new():
         effective_independence(np.zeros((5, 2)), 3)
 
 
-def test_qr_takes_the_row_that_is_least_explained():
-    rows = np.random.default_rng(2).normal(size=(25, 6))
-    rest, taken = rows.copy(), []
-    for _ in range(4):
-        best = int(np.argmax(np.linalg.norm(rest, axis=1)))
-        taken.append(best)
-        unit = rest[best] / np.linalg.norm(rest[best])
-        rest = rest - np.outer(rest @ unit, unit)
-    assert qr_pivoting(rows, 4).tolist() == sorted(taken)
-    assert len(set(qr_pivoting(rows, 9).tolist())) == 9
-
-
 def test_qr_takes_the_pivots_of_lapack_and_then_those_of_the_gauges_left():
     rows = np.random.default_rng(4).normal(size=(40, 6))
     first = qr(rows.T, mode="r", pivoting=True)[1][:6]
@@ -60,22 +48,6 @@ def test_qr_takes_the_pivots_of_lapack_and_then_those_of_the_gauges_left():
     second = left[qr(rows[left].T, mode="r", pivoting=True)[1][:6]]
     for keep in (3, 6, 9, 12):
         assert qr_pivoting(rows, keep).tolist() == sorted([*first, *second][:keep])
-
-
-def test_d_optimal_raises_the_determinant_most_at_every_step():
-    rng = np.random.default_rng(3)
-    rows, variance = rng.normal(size=(18, 5)), rng.uniform(0.5, 2, 18)
-    root = rng.normal(size=(5, 5))
-    prior = root @ root.T + 0.1 * np.eye(5)
-    information, taken = np.linalg.inv(prior), []
-    for _ in range(6):
-        gain = [
-            -np.inf if g in taken else np.linalg.slogdet(information + np.outer(rows[g], rows[g]) / variance[g])[1]
-            for g in range(18)
-        ]
-        taken.append(int(np.argmax(gain)))
-        information += np.outer(rows[taken[-1]], rows[taken[-1]]) / variance[taken[-1]]
-    assert d_optimal(rows, variance, prior, 6).tolist() == sorted(taken)
 
 
 def test_only_allowed_sets_are_drawn_and_fewer_where_they_are_rare():

@@ -18,7 +18,7 @@ from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.increment import addition, gauge_gradients, removal, sharper_bound, slopes
 from strainsight.placement.remaining import Remaining, twin_groups
-from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, solve_pool, subset_covariance
+from strainsight.placement.scenario import fewest_gauges, loop_of, solve_pool, subset_covariance
 from strainsight.placement.score import score
 
 
@@ -234,9 +234,3 @@ def test_the_sum_follows_blocks_that_leave(blocks):
     factor = np.random.default_rng(0).normal(size=(len(pool.P), 2))
     seen = np.isin(left.index, there)
     np.testing.assert_allclose(left.product(0, factor)[seen], pool.rows[left.index[seen]] @ factor)
-
-
-def test_no_damping_and_no_process_noise_are_refused_for_blocks(blocks):
-    undamped = Scenario(np.diag([0.0, -1.0]), np.diag([0.0, 1.0]), np.ones((3, 2, 2)), np.ones((3, 2)), np.ones(2))
-    with pytest.raises(InfeasibleError, match="reached by no process noise"):
-        eliminate([undamped], 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, count, cycle
+from itertools import count
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +13,12 @@ from strainsight.placement import branch_and_bound as module
 from strainsight.placement import nodes as room
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
-from strainsight.placement.cuts import Cut, cut_at, lowest
+from strainsight.placement.cuts import cut_at
 from strainsight.placement.elimination import eliminate
-from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
-CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",)), (("Fz",), ("rho",))]
+CASES = [((), ("E",), 13, 3), (("Fz",), ("rho",), 10, 4)]
 
 
 def agrees(found, costs):
@@ -35,9 +34,7 @@ def agrees(found, costs):
     assert found.lower_bound >= found.cost * (1 - 1.001e-6)
 
 
-@pytest.mark.parametrize(
-    ("inputs", "parameters", "size", "keep"), [(*case, *size) for case, size in zip(CASES, cycle([(10, 4), (13, 3)]))]
-)
+@pytest.mark.parametrize(("inputs", "parameters", "size", "keep"), CASES)
 def test_it_finds_what_exhaustive_search_finds(every_set, beam_of, scenarios_of, inputs, parameters, size, keep):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(size, 2, seed=size + keep), inputs, parameters)]
     costs = every_set(pools, keep, "mean")
@@ -48,45 +45,25 @@ def test_it_finds_what_exhaustive_search_finds(every_set, beam_of, scenarios_of,
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize(("inputs", "parameters"), CASES[1:3])
-def test_several_scenarios_are_searched_at_once(every_set, beam_of, scenarios_of, inputs, parameters, aggregate):
-    scenarios = scenarios_of(beam_of(10, 2, seed=5), inputs, parameters, instants=(55, 260))
-    pools = [solve_pool(s) for s in scenarios]
-    costs = every_set(pools, 4, aggregate)
-    found = branch_and_bound(pools, 4, aggregate)
-    agrees(found, costs)
-    certificate = certify(pools, found.gauges, found.cost, aggregate)
-    assert certificate.lower_bound <= min(costs.values()) * (1 + 1e-9)
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_a_bad_start_is_left_for_the_optimum(every_set, beam_of, scenarios_of, aggregate):
-    scenarios = scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
+def test_a_bad_start_is_left_for_the_optimum_and_out_of_time_there_is_a_set_and_a_bound(
+    every_set, beam_of, scenarios_of, aggregate
+):
+    scenarios = scenarios_of(beam_of(11, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 3, aggregate)
     worst = max(costs, key=costs.get)
     found = branch_and_bound(pools, 3, aggregate, start=worst)
     agrees(found, costs)
+    hasty, best = branch_and_bound(pools, 3, aggregate, time_limit=0.0), min(costs.values())
+    assert hasty.nodes == 1 < found.nodes
+    assert not hasty.proven
+    assert 0.5 * best < hasty.lower_bound <= best * (1 + 1e-9)
+    assert found.lower_bound > hasty.lower_bound
+    np.testing.assert_allclose(hasty.cost, costs[tuple(hasty.gauges.tolist())], rtol=1e-7)
     with pytest.raises(ValueError, match="3 different gauges"):
         branch_and_bound(pools, 3, start=[1, 2, 2])
     with pytest.raises(ValueError, match="the fixed ones among them"):
-        branch_and_bound(pools, 3, start=worst, fixed=[next(g for g in range(13) if g not in worst)])
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_out_of_time_it_still_has_a_set_and_a_bound(every_set, beam_of, scenarios_of, aggregate):
-    scenarios = scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
-    pools = [solve_pool(s) for s in scenarios]
-    costs = every_set(pools, 3, aggregate)
-    best = min(costs.values())
-    found = branch_and_bound(pools, 3, aggregate, time_limit=0.0)
-    assert found.nodes == 1
-    assert not found.proven
-    assert 0.5 * best < found.lower_bound <= best * (1 + 1e-9)
-    np.testing.assert_allclose(found.cost, costs[tuple(found.gauges.tolist())], rtol=1e-7)
-    longer = branch_and_bound(pools, 3, aggregate)
-    assert longer.lower_bound > found.lower_bound
-    assert longer.nodes > 1
+        branch_and_bound(pools, 3, start=worst, fixed=[next(g for g in range(11) if g not in worst)])
 
 
 def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
@@ -111,7 +88,7 @@ def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
 
 
 def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_of, scenarios_of, monkeypatch):
-    pools = [solve_pool(s) for s in scenarios_of(beam_of(13, 3, seed=1), ("Fz", "Fy"), ("E",))]
+    pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 2, seed=2), ("Fz",), ("E",))]
     costs = every_set(pools, 3, "mean")
     best, second = sorted(costs, key=costs.get)[:2]
 
@@ -139,9 +116,9 @@ def test_fixed_gauges_stay_and_the_rest_is_optimal(every_set, beam_of, scenarios
 
 
 def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(14, 4), ("Fz", "Fy"), ("E",))
+    (scenario,) = scenarios_of(beam_of(10, 3), ("Fz", "Fy"), ("E",))
     rng = np.random.default_rng(3)
-    shuffle = rng.permutation(14)
+    shuffle = rng.permutation(10)
     moved = Scenario(scenario.F, scenario.Q, scenario.H[shuffle] * 1e6, scenario.r[shuffle] * 1e12, scenario.weight)
     here = branch_and_bound([solve_pool(scenario)], 4)
     there = branch_and_bound([solve_pool(moved.scaled(10.0 ** rng.uniform(-4, 4, len(scenario.F))))], 4)
@@ -187,8 +164,6 @@ def test_the_only_gauge_that_sees_an_unknown_is_found(oracle, beam_of, scenarios
     assert found.proven
     with pytest.raises(InfeasibleError, match="no set of 1 gauges of the pool detects every unknown"):
         branch_and_bound([pool], 1)
-    with pytest.raises(InfeasibleError, match="no set of 2 gauges of the pool detects every unknown"):
-        branch_and_bound([solve_pool(s) for s in scenarios_of(beam, ("Fz", "Fy"), ("E",))], 2)
 
 
 def test_impossible_requests_are_refused(beam_of, scenarios_of):
@@ -202,7 +177,7 @@ def test_impossible_requests_are_refused(beam_of, scenarios_of):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     """Three states and rows of small integers, from the worst set of all: what it finds, it finds itself."""
     rng = np.random.default_rng(seed)
@@ -219,67 +194,6 @@ def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     assert stopped.nodes == min(2, found.nodes)
     assert stopped.lower_bound <= min(costs.values()) * (1 + 1e-9)
     assert stopped.cost >= min(costs.values()) * (1 - 1e-9)
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_no_half_loses_a_set_or_claims_more_than_its_best(every_set, beam_of, scenarios_of, aggregate, monkeypatch):
-    scenarios = scenarios_of(beam_of(9, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
-    pools = [solve_pool(s) for s in scenarios]
-    costs = every_set(pools, 4, aggregate)
-    search = room.Search(pools, limits_of(9, 4), aggregate, 1e-6)
-    monkeypatch.setattr(search, "offer", lambda gauges, bound=0.0: None)
-    search.best = np.array(max(costs, key=costs.get))
-    search.cost = float(np.quantile(list(costs.values()), 0.5))
-
-    members, cost = np.array([np.isin(np.arange(9), gauges) for gauges in costs]), np.array(list(costs.values()))
-    better = cost < search.target * (1 - 1e-9)
-
-    def sets_of(node):
-        return ~(node.inside & ~members).any(axis=1) & ~(node.outside & members).any(axis=1)
-
-    nodes, claims = [(-np.inf, search.root(np.zeros(9, dtype=bool)))], 0
-    for bound, node in nodes:
-        halves = search.children(node, bound)
-        for half_bound, half in halves:
-            assert half_bound >= bound
-            assert half_bound <= cost[sets_of(half)].min(initial=np.inf) * (1 + 1e-9)
-            claims += half_bound > 0
-        if halves:
-            kept = np.any([sets_of(half) for _, half in halves], axis=0)
-            assert not (sets_of(node) & ~kept & better).any()
-            nodes += halves
-        else:
-            # a single set is left, or none that costs less
-            assert (sets_of(node) & better).sum() <= 1
-    assert claims > 20
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("seed", range(4))
-def test_the_bound_of_several_planes_is_their_linear_program(aggregate, seed):
-    rng = np.random.default_rng(seed)
-    cuts = [Cut(rng.uniform(0, 1, 2), rng.uniform(-1, 0, (2, 7)), np.zeros(2), ()) for _ in range(3)]
-    inside, free = np.arange(7) == 2, ~np.isin(np.arange(7), [2, 5])
-    low = lowest(cuts, inside, free, 4, aggregate)
-    combine = {"mean": np.mean, "worst": np.max}[aggregate]
-
-    def model(v):
-        return combine(np.max([c.offset + c.slope @ v for c in cuts], axis=0))
-
-    sets = [np.isin(np.arange(7), [2, *rest]) for rest in combinations([0, 1, 3, 4, 6], 3)]
-    np.testing.assert_allclose(low.weights[[2, 5]], [1, 0])
-    np.testing.assert_allclose(low.weights.sum(), 4)
-    np.testing.assert_allclose(model(low.weights), low.value, atol=1e-7)
-    mixtures = rng.dirichlet(np.full(len(sets), 0.3), 500) @ np.array(sets)
-    assert low.value <= min(model(v) for v in [*mixtures, *sets]) + 1e-12
-    assert low.taken.sum() == 3
-    for gauge in np.flatnonzero(free):
-        others = [v for v in sets if v[gauge] == (not low.taken[gauge])]
-        assert low.value + low.reduced[gauge] <= min(model(v) for v in others) + 1e-12
-        assert low.reduced[gauge] >= 0
-    # what is not active may be forgotten
-    fewer = lowest([c for c, active in zip(cuts, low.active, strict=True) if active], inside, free, 4, aggregate)
-    np.testing.assert_allclose(fewer.value, low.value, atol=1e-12)
 
 
 def test_a_cut_touches_the_cost_and_stays_below_it(beam_of, scenarios_of):

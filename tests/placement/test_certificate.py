@@ -19,7 +19,7 @@ from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
-CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
+CASES = [((), ("E",)), (("Fz", "Fy"), ("E",))]
 
 
 @pytest.mark.parametrize(("inputs", "parameters"), CASES)
@@ -58,7 +58,7 @@ def test_the_bound_on_the_worst_scenario_is_valid_and_close(every_set, beam_of, 
     assert best * (1 - 1e-7) <= swapped.cost[-1]
     assert certificate.relaxed - certificate.lower_bound < 5e-3 * certificate.relaxed
     # also where the budget ends amid the search along a line
-    for budget in range(1, 13):
+    for budget in (1, 2, 4, 7, 11):
         stopped = certify(greedy.pools, swapped.gauges, swapped.cost[-1], "worst", budget=budget)
         assert stopped.iterations == max(budget, 3)  # one at each of three temperatures at least
         assert stopped.lower_bound <= best * (1 + 1e-7)
@@ -110,8 +110,7 @@ BOUNDED = {
 }
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize(("aggregate", "unit"), [("mean", 1e6), ("worst", 1e-6)])
 @pytest.mark.parametrize("case", BOUNDED)
 def test_the_relaxation_of_walks_is_that_of_a_general_solver(case, aggregate, unit):
     combine = {"mean": np.mean, "worst": np.max}[aggregate]

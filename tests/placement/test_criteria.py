@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
+from itertools import combinations, repeat
 
 import numpy as np
 import pytest
@@ -72,25 +72,25 @@ def in_pairs(scenario):
 
 
 @EVERY
-@pytest.mark.parametrize(("aggregate", "over"), [("mean", UNKNOWNS), ("worst", ("Fz", "E")), ("mean", ("E",))])
+@pytest.mark.parametrize(("aggregate", "over"), [("mean", UNKNOWNS), ("worst", ("Fz", "E"))])
 def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggregate, over):
-    _, pools, cost = case_of(criterion, over, size=9, aggregate=aggregate)
-    every = {gauges: cost(gauges) for gauges in combinations(range(9), 4)}
+    _, pools, cost = case_of(criterion, over, size=8, aggregate=aggregate)
+    every = {gauges: cost(gauges) for gauges in combinations(range(8), 3)}
     best = min(every.values())
-    swapped = exchange(pools, [0, 1, 2, 3], aggregate)
+    swapped = exchange(pools, [0, 1, 2], aggregate)
     chosen = tuple(swapped.gauges.tolist())
     assert swapped.complete
     assert swapped.cost[-1] == pytest.approx(every[chosen], rel=1e-8)
     for out in chosen:
         rest = [g for g in chosen if g != out]
-        assert all(every[tuple(sorted([*rest, g]))] >= every[chosen] * (1 - 1e-8) for g in range(9) if g not in chosen)
+        assert all(every[tuple(sorted([*rest, g]))] >= every[chosen] * (1 - 1e-8) for g in range(8) if g not in chosen)
     certificate = certify(pools, chosen, swapped.cost[-1], aggregate)
     assert certificate.lower_bound <= best * (1 + 1e-8)
     assert certificate.relaxed - certificate.lower_bound <= 2e-3 * certificate.relaxed
     # also where it is stopped on the way
     for budget in (1, 5, 9):
         assert certify(pools, chosen, swapped.cost[-1], aggregate, budget=budget).lower_bound <= best * (1 + 1e-8)
-    proof = branch_and_bound(pools, 4, aggregate, start=[0, 1, 2, 3])
+    proof = branch_and_bound(pools, 3, aggregate, start=[0, 1, 2])
     assert proof.proven
     assert proof.cost == pytest.approx(best, rel=1e-6)
     assert proof.lower_bound <= best * (1 + 1e-8)
@@ -99,7 +99,7 @@ def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggreg
 @EVERY
 @pytest.mark.parametrize(
     ("aggregate", "over", "rosettes"),
-    [("mean", UNKNOWNS, True), ("worst", UNKNOWNS, False), ("mean", ("Fz", "E"), False), ("worst", ("Fz", "E"), True)],
+    [("mean", ("Fz", "E"), True), ("mean", UNKNOWNS, False), ("worst", UNKNOWNS, False)],
 )
 def test_every_removal_is_the_least_rise_of_all(case_of, criterion, aggregate, over, rosettes):
     scenarios, _, cost = case_of(criterion, over, size=12, rosettes=rosettes, aggregate=aggregate)
@@ -134,11 +134,10 @@ def test_its_slope_in_the_weight_of_a_gauge_is_that_of_differences_and_no_rise_i
 
 
 @EVERY
-@pytest.mark.parametrize("seed", range(2))
-def test_between_two_weightings_the_metric_lies_below_the_chord(case_of, criterion, seed):
+def test_between_two_weightings_the_metric_lies_below_the_chord(case_of, criterion):
     """Convexity, from which every bound comes; and 1/c is concave, which is more."""
     (scenario,), _, _ = case_of(criterion, instants=(63,))
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     ends = 10.0 ** rng.uniform(-3, 0, (2, 10))
 
     def cost(w):
@@ -152,8 +151,7 @@ def test_between_two_weightings_the_metric_lies_below_the_chord(case_of, criteri
         assert 1 / between >= (share / one + (1 - share) / two) * (1 - 1e-9)
 
 
-@EVERY
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize(("criterion", "aggregate"), [*zip(NAMES, repeat("worst"), strict=False), ("trace", "mean")])
 def test_what_a_failure_costs_and_what_is_added_is_by_the_same_metric(case_of, criterion, aggregate):
     _, pools, cost = case_of(criterion, aggregate=aggregate)
     found = robust_set(pools, 5, aggregate)
@@ -175,9 +173,9 @@ def test_what_a_failure_costs_and_what_is_added_is_by_the_same_metric(case_of, c
 
 @pytest.mark.parametrize("over", ["Fz", "E"])
 def test_of_one_unknown_all_criteria_choose_the_same(case_of, over):
-    found = [eliminate(case_of(name, (over,), size=20)[0], 4).removed.tolist() for name in NAMES]
+    found = [eliminate(case_of(name, (over,), size=14)[0], 4).removed.tolist() for name in NAMES]
     assert all(other == found[0] for other in found)
-    swapped = [exchange(case_of(name, (over,), size=20)[1], [0, 1, 2, 3]).swaps for name in NAMES]
+    swapped = [exchange(case_of(name, (over,), size=14)[1], [0, 1, 2, 3]).swaps for name in NAMES]
     assert all(other == swapped[0] for other in swapped)
 
 

@@ -44,10 +44,10 @@ def stepped(A, H, N, *steps):
         return found
 
 
-@pytest.mark.parametrize(("noise", "damping"), [(1e-5, 0.3), (1.0, 0.02)])
-def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping):
+@pytest.mark.parametrize(("noise", "damping", "enough"), [(1e-5, 0.3, 100), (1.0, 0.02, 300)])
+def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping, enough):
     A, H, N = system(1, damping, noise)
-    before, after = stepped(A, H, N, 300, 340)
+    before, after = stepped(A, H, N, enough, enough + 20)
     P = covariance(A, H, N)
     np.testing.assert_allclose(after, before, rtol=1e-12)  # it has come there
     std = np.sqrt(np.diag(after))

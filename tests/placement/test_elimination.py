@@ -1,4 +1,4 @@
-"""The lazy elimination is algorithm 2, gauge by gauge, also in fifty digits for all seven cases of tables 6.1 and 6.2."""
+"""The lazy elimination is algorithm 2, gauge by gauge, in fifty digits for all seven cases of tables 6.1 and 6.2."""
 
 from __future__ import annotations
 
@@ -12,61 +12,13 @@ from scipy.linalg import matrix_balance, solve_continuous_lyapunov
 
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.noise import process_intensity
-from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.errors import InfeasibleError
 from strainsight.placement import choice, elimination
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.criteria.worst_eigenvalue import WorstEigenvalue
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
 from strainsight.placement.increment import removal
 from strainsight.placement.scenario import thesis_weight
-
-CASES = [((), ("E",)), (("Fz",), ()), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
-
-
-def brute_force(oracle, scenarios, keep, aggregate, order):
-    """Algorithm 2, every candidate at every step, along `order`: what the best and the chosen candidate cost."""
-    combine = {"mean": np.mean, "worst": np.max}[aggregate]
-
-    def cost(gauges):
-        return combine([s.weight @ np.diag(oracle(s, gauges)) for s in scenarios])
-
-    left = list(range(len(scenarios[0].H)))
-    best, chosen, runner_up = [], [], []
-    for out in order:
-        costs = {g: cost([other for other in left if other != g]) for g in left}
-        chosen.append(costs.pop(out))
-        runner_up.append(min(costs.values()))
-        best.append(min(chosen[-1], runner_up[-1]))
-        left.remove(out)
-    return cost(list(range(len(scenarios[0].H)))), np.array(best), np.array(chosen), np.array(runner_up)
-
-
-def compare(oracle, found, aggregate):
-    scenarios = [p.scenario for p in found.pools]
-    start, best, chosen, runner_up = brute_force(oracle, scenarios, len(found.kept), aggregate, found.removed.tolist())
-    # the oracle takes differences of traces: it decides wherever the runner-up lies beyond its rounding
-    decided = np.abs(runner_up - chosen) > 1e-9 * chosen
-    assert np.all(chosen[decided] == best[decided])
-    assert decided.mean() > 0.9
-    np.testing.assert_allclose(chosen, best, rtol=1e-9)
-    np.testing.assert_allclose(found.cost, [start, *chosen], rtol=1e-7)
-    np.testing.assert_allclose(found.blocks.sum(axis=1), found.cost, rtol=1e-12)
-    np.testing.assert_allclose(np.diff(found.cost), found.rise, rtol=1e-5, atol=1e-12)
-    assert found.residual < 1e-10
-
-
-@pytest.mark.parametrize("noise", [1e-8, 1e-5])
-@pytest.mark.parametrize(("inputs", "parameters"), CASES)
-def test_one_scenario_is_brute_force(oracle, beam_of, scenarios_of, inputs, parameters, noise):
-    found = eliminate(scenarios_of(beam_of(14, 4), inputs, parameters, noise=noise), 4)
-    compare(oracle, found, "mean")
-    np.testing.assert_allclose(found.cost[0], len(inputs) + len(parameters), rtol=1e-9)
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_several_scenarios_are_brute_force(oracle, beam_of, scenarios_of, aggregate):
-    scenarios = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), instants=(55, 260, 871))
-    compare(oracle, eliminate(scenarios, 4, aggregate), aggregate)
 
 
 def test_it_is_lazy(beam_of, scenarios_of, monkeypatch):
@@ -110,38 +62,6 @@ def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of)
     np.testing.assert_allclose(again.cost, found.cost, rtol=1e-8)
 
 
-def test_twins_tie_and_the_lower_index_leaves(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
-    twice = np.concatenate([np.arange(10), np.arange(10)])
-    H, r = scenario.H[twice], scenario.r[twice]
-    found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 6)
-    first = int(found.removed[0])
-    assert first < 10
-    assert found.ties[0] == (first + 10,)
-    assert np.all(found.removed[~np.isin(found.removed, found.removed + 10)] < 20)
-
-
-def test_a_gauge_that_sees_nothing_leaves_first_and_costs_nothing(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(12), ("Fz",), ("E",))
-    H = scenario.H.copy()
-    H[[4, 9]] = 0.0
-    found = eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 5)
-    assert found.removed[:2].tolist() == [4, 9]
-    assert found.rise[:2].tolist() == [0.0, 0.0]
-    assert found.ties[0] == (9,)
-
-
-def test_the_only_gauge_that_sees_an_unknown_stays(beam_of, scenarios_of):
-    beam = beam_of(20)
-    (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
-    H = scenario.H.copy()
-    # coordinates that Fy moves, seen by gauge 7 alone
-    sideways = np.flatnonzero(np.abs(beam.model.input_shape[:, 1]) > 1e-6 * np.abs(beam.model.input_shape).max())
-    H[np.ix_(np.delete(np.arange(20), 7), sideways)] = 0.0
-    found = eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 2)
-    assert 7 in found.kept
-
-
 def test_bonded_gauges_stay(beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(25), (), ("E",))
     free = eliminate(scenarios, 4)
@@ -151,12 +71,8 @@ def test_bonded_gauges_stay(beam_of, scenarios_of):
     assert found.cost[-1] >= free.cost[-1]
 
 
-def test_impossible_requests_are_refused(beam_of, scenarios_of):
+def test_as_many_gauges_as_unknowns_are_kept_and_of_all_gauges_none_is_removed(beam_of, scenarios_of):
     scenarios = scenarios_of(beam_of(12), ("Fz", "Fy"), ("E",))
-    with pytest.raises(InfeasibleError, match="2 gauges cannot observe 3 unknowns"):
-        eliminate(scenarios, 2, names=("Fz", "Fy", "E"))
-    with pytest.raises(ConfigError, match="13 gauges are to be kept of a pool of 12"):
-        eliminate(scenarios, 13)
     assert eliminate(scenarios, 3).kept.shape == (3,)
     whole = eliminate(scenarios, 12)
     assert whole.removed.shape == (0,)
@@ -285,11 +201,11 @@ def algorithm_2(cost, count, keep):
 
 @pytest.mark.parametrize(("inputs", "parameters"), SEVEN)
 def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_of, inputs, parameters):
-    (scenario,) = scenarios_of(beam_of(8, 2, foundation=FOUNDATION), inputs, parameters)
+    (scenario,) = scenarios_of(beam_of(7, 2, foundation=FOUNDATION), inputs, parameters)
     found = eliminate([scenario], 3)
     with mpmath.workdps(55):
         order, trace, margin = algorithm_2(
-            lambda gauges: cost_in_fifty_digits(scenario, gauges, oracle(scenario, gauges)), 8, 3
+            lambda gauges: cost_in_fifty_digits(scenario, gauges, oracle(scenario, gauges)), 7, 3
         )
         rise = [float(after - before) for before, after in pairwise(trace)]
     # the order is decided, and not by the last digits
@@ -297,4 +213,6 @@ def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_o
     assert found.removed.tolist() == order
     np.testing.assert_allclose(found.cost, [float(t) for t in trace], rtol=1e-9)
     np.testing.assert_allclose(found.rise, rise, rtol=1e-7)
+    np.testing.assert_allclose(found.blocks.sum(axis=1), found.cost, rtol=1e-12)
+    np.testing.assert_allclose(found.cost[0], len(inputs) + len(parameters), rtol=1e-9)
     assert found.residual < 1e-10

@@ -21,23 +21,6 @@ from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
 
-@pytest.mark.parametrize(("aggregate", "instants"), [("mean", (63,)), ("mean", (55, 871)), ("worst", (55, 871))])
-def test_no_single_swap_helps_any_more(beam_of, scenarios_of, aggregate, instants):
-    scenarios = scenarios_of(beam_of(16, 5), ("Fz",), ("E",), instants=instants)
-    pools = eliminate(scenarios, 4, aggregate).pools
-    start = random_sets(16, 4, 1, seed=8)[0]
-    found = exchange(pools, start, aggregate)
-    assert found.complete
-    assert len(found.swaps) == len(found.cost) - 1 > 0
-    assert all(b < a for a, b in zip(found.cost, found.cost[1:], strict=False))
-    present = score(pools, found.gauges, aggregate)
-    assert abs(present - found.cost[-1]) < 1e-8 * present
-    for out in found.gauges:
-        for into in set(range(16)) - set(found.gauges.tolist()):
-            other = sorted({*found.gauges.tolist(), into} - {int(out)})
-            assert score(pools, other, aggregate) >= present * (1 - 2e-9)
-
-
 def test_bonded_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of):
     pools = eliminate(scenarios_of(beam_of(30), ("Fz",), ("E",)), 4).pools
     start = random_sets(30, 4, 1, seed=3)[0]
@@ -199,7 +182,7 @@ KEEP, ROUNDING = 4, 1e-13
 @pytest.fixture(scope="module")
 def mirrored(beam_of, scenarios_of):
     """Scenario and strain rows of 5 places with 4 gauges each: bending about y and about z, each with both signs."""
-    beam = beam_of(5, 5, seed=3)
+    beam = beam_of(5, 3, seed=1)
     vertical = (np.abs(beam.model.input_shape[:, 0]) > np.abs(beam.model.input_shape[:, 1]))[None]
     rows = [np.where(vertical, one * beam.rows, two * beam.rows) for one in (1, -1) for two in (1, -1)]
     beam = replace(beam, rows=np.stack(rows, axis=1).reshape(-1, beam.rows.shape[1]))

@@ -16,7 +16,7 @@ from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 
-CASES = [((), ("E",)), (("Fz",), ("E",)), (("Fz", "Fy"), ("E",))]
+from ..shared import slowly
 
 
 @pytest.fixture(scope="module")
@@ -52,18 +52,6 @@ def one_sees_sideways(beam_of, scenarios_of):
     return solve_pool(Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight))
 
 
-@pytest.mark.parametrize(("aggregate", "instants"), [("mean", (63,)), ("mean", (55, 260)), ("worst", (55, 260))])
-def test_losses_are_the_costs_without_each_gauge(oracle, beam_of, scenarios_of, aggregate, instants):
-    pools = [solve_pool(s) for s in scenarios_of(beam_of(12, 3), ("Fz",), ("E",), instants=instants)]
-    gauges = [9, 2, 5, 11]
-    combine = {"mean": np.mean, "worst": np.max}[aggregate]
-    expected = [
-        combine([p.scenario.weight @ np.diag(oracle(p.scenario, [g for g in gauges if g != out])) for p in pools])
-        for out in gauges
-    ]
-    np.testing.assert_allclose(loss_if_one_fails(pools, gauges, aggregate), expected, rtol=1e-7)
-
-
 def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways, beam_of, scenarios_of):
     loss = loss_if_one_fails([one_sees_sideways], [3, 7, 9])
     assert np.isinf(loss).tolist() == [False, True, False]
@@ -72,7 +60,7 @@ def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways, beam_
     assert np.all(np.isinf(loss_if_one_fails(pools, [0, 4, 8])))
 
 
-@pytest.mark.parametrize(("inputs", "parameters", "seed"), [(*CASES[0], 0), (*CASES[1], 1), (*CASES[2], 0), (*CASES[2], 2)])
+@pytest.mark.parametrize(("inputs", "parameters", "seed"), [((), ("E",), 0), (("Fz", "Fy"), ("E",), 2)])
 def test_no_single_swap_lowers_the_worst_loss(worst_losses, beam_of, scenarios_of, inputs, parameters, seed):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(11, 2, seed=seed), inputs, parameters)]
     worst = worst_losses(pools, 4, "mean")
@@ -92,21 +80,11 @@ def test_no_single_swap_lowers_the_worst_loss(worst_losses, beam_of, scenarios_o
 
 def test_mostly_it_is_the_best_of_all_sets(worst_losses, beam_of, scenarios_of):
     excess = []
-    for seed in range(6):
+    for seed in range(3):
         pools = [solve_pool(s) for s in scenarios_of(beam_of(11, 2, seed=seed), ("Fz", "Fy"), ("E",))]
         excess.append(robust_set(pools, 4).worst / min(worst_losses(pools, 4, "mean").values()) - 1)
-    assert sum(e < 1e-7 for e in excess) >= 4
+    assert sum(e < 1e-7 for e in excess) >= 2
     assert max(excess) < 0.1
-
-
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_several_scenarios_lose_together(worst_losses, beam_of, scenarios_of, aggregate):
-    pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 2, seed=4), ("Fz",), ("E",), instants=(55, 260))]
-    worst = worst_losses(pools, 4, aggregate)
-    found = robust_set(pools, 4, aggregate, start=max(worst, key=worst.get))
-    mine = worst[tuple(found.gauges.tolist())]
-    np.testing.assert_allclose(found.worst, mine, rtol=1e-7)
-    assert min(worst[other] for other in one_swap_away(found.gauges.tolist(), 10)) >= mine * (1 - 1e-7)
 
 
 def test_it_is_worth_it(beam_of, scenarios_of):
@@ -194,7 +172,7 @@ def wandering(seed, pool, unknowns):
     return solve_pool(Scenario(np.zeros((unknowns, unknowns)), np.eye(unknowns), H, np.ones(pool), np.ones(unknowns)))
 
 
-@pytest.mark.parametrize("seed", [10, 19, 28, 36])
+@pytest.mark.parametrize("seed", [10, 19, *slowly(28, 36)])
 def test_of_the_two_starts_the_better_end_counts(seed):
     """The swaps after an elimination to twice as many gauges end lower with two of these pools, those after the usual one
     with the others."""
@@ -215,7 +193,7 @@ def test_a_search_is_complete_only_where_no_swap_is_left_to_try():
     whole = robust_set([pool], 6, start=start)
     assert whole.complete
     assert whole.swaps
-    ends = {limit: robust_set([pool], 6, start=start, limit=limit) for limit in range(10, whole.solves, 3)}
+    ends = {limit: robust_set([pool], 6, start=start, limit=limit) for limit in range(10, whole.solves, 7)}
     assert any(found.gauges.tolist() != whole.gauges.tolist() for found in ends.values())
     # also where the last solve is the limit itself
     assert any(found.solves == limit for limit, found in ends.items())

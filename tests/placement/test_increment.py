@@ -41,11 +41,10 @@ def kleinman_in_fifty_digits(F, Q, rows, start):
         return P
 
 
-@pytest.mark.parametrize("dulled", [1.0, 1e9])
-def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_of, scenarios_of, dulled):
+def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(7, 2), ("Fz",), ("E",))
     r = scenario.r.copy()
-    r[3] *= dulled
+    r[3] *= 1e9
     pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
     s, gauges = pool.scenario, np.arange(7)
     loop = loop_of(pool, gauges, pool.P)
@@ -58,7 +57,7 @@ def test_a_removal_keeps_its_digits_where_a_difference_of_traces_has_none(beam_o
 
 
 @pytest.mark.parametrize(("inputs", "parameters"), [((), ("E",)), (("Fz",), ()), (("Fz", "Fy"), ("E",))])
-@pytest.mark.parametrize("size", [40, 6, 4])
+@pytest.mark.parametrize("size", [40, 4])
 def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, scenarios_of, inputs, parameters, size):
     (scenario,) = scenarios_of(beam_of(40), inputs, parameters)
     pool = solve_pool(scenario)
@@ -78,22 +77,6 @@ def test_bounds_never_exceed_the_exact_rise_and_touch_it_in_the_limit(beam_of, s
         if rise < 1e-5:
             np.testing.assert_allclose(bounds[g], rise, rtol=1e-2)
             np.testing.assert_allclose(sharper, rise, rtol=1e-4)
-
-
-def test_gradients_are_those_of_the_trace_in_the_gauge_weights(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
-    pool = solve_pool(scenario)
-    gradient = gauge_gradients(loop_of(pool, np.arange(10), pool.P), pool.rows, np.diag(pool.scenario.weight))
-
-    def trace(g, weight):
-        r = scenario.r.copy()
-        r[g] /= weight
-        other = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
-        return other.scenario.weight @ np.diag(other.P)
-
-    for g in range(10):
-        slope = (trace(g, 1 + 1e-4) - trace(g, 1 - 1e-4)) / 2e-4
-        np.testing.assert_allclose(gradient[g], -slope, rtol=1e-4, atol=1e-9)
 
 
 def test_the_least_increments_are_slopes_of_the_covariance_and_no_direction_gets_less(beam_of, scenarios_of):
@@ -118,7 +101,7 @@ def test_the_least_increments_are_slopes_of_the_covariance_and_no_direction_gets
     assert doubt.max() < 1e-6 * np.abs(found).max()
 
 
-@pytest.mark.parametrize("size", [3, 4, 12, 39])
+@pytest.mark.parametrize("size", [3, 39])
 def test_an_addition_is_undone_by_its_removal(beam_of, scenarios_of, size):
     (scenario,) = scenarios_of(beam_of(40), ("Fz",), ("E",))
     pool = solve_pool(scenario)

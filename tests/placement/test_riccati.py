@@ -59,7 +59,6 @@ def with_accelerometers(scenario, modes, precision, count=2):
 
 
 PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
-    (("Fz",), ("E",), 1e-4, 1e-6),
     (("Fz", "Fy"), ("E",), 1e-6, 1e-6),
     (("Fz",), ("E", "rho"), 1e-4, 1e-4),
     (("Fz",), ("E",), 1e-6, 1e-8),
@@ -68,7 +67,7 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 
 @pytest.mark.parametrize(
     ("inputs", "parameters", "noise"),
-    [((), ("E",), 1e-7), (("Fz",), ("E",), 1e-9), (("Fz",), ("E",), 1e-4), (("Fz", "Fy"), ("rho",), 1e-9)],
+    [((), ("E",), 1e-7), (("Fz",), ("E",), 1e-4), (("Fz", "Fy"), ("rho",), 1e-9)],
 )
 def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, inputs, parameters):
     (scenario,) = scenarios_of(beam_of(8, 2), inputs, parameters, noise=noise)
@@ -82,8 +81,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
     beam_of, scenarios_of, inputs, parameters, noise, precision
 ):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
-    (strain,) = scenarios_of(beam_of(12, 3), inputs, parameters, noise=noise)
-    pool = solve_pool(with_accelerometers(strain, 3, precision))
+    (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
+    pool = solve_pool(with_accelerometers(strain, 2, precision))
     assert pool.residual < 2e-11
     assert residual(pool.scenario, pool.P) < 2e-11
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
@@ -91,8 +90,8 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
 
 
 def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, scenarios_of):
-    (strain,) = scenarios_of(beam_of(12, 3), ("Fz",), ("E",), noise=1e-4)
-    pool = solve_pool(with_accelerometers(strain, 3, 1e-4))
+    (strain,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
+    pool = solve_pool(with_accelerometers(strain, 2, 1e-4))
     gauges = [1, 5, 8, 12]
     P = subset_covariance(pool, gauges)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[gauges, 0])

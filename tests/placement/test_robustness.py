@@ -14,6 +14,8 @@ from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.elimination import Scenario, eliminate, whole_pool_weight
 from strainsight.placement.scenario import solve_pool
 
+from ..shared import slowly
+
 
 def five_unknowns(beam_of, noise, *, modes, foundation, gauges=30):
     """Two tip loads, a patch actuator along the first gauge, modulus and density; the foundation is the known stiffness."""
@@ -38,7 +40,7 @@ def residual(scenario, gauges, P):
     return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
 
 
-@pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
+@pytest.mark.parametrize("noise", [1e-9, *slowly(1e-4)])
 def test_forty_modes_and_five_unknowns_are_solved_at_every_noise(beam_of, noise):
     found = eliminate([five_unknowns(beam_of, noise, modes=40, foundation=1e5, gauges=12)], 6)
     (pool,) = found.pools
@@ -133,13 +135,14 @@ def test_a_pool_of_duplicates_is_brute_force_and_evaluates_one_of_each(oracle, b
 
 def test_many_gauges_of_no_sensitivity_leave_first_at_no_cost(beam_of, scenarios_of):
     (scenario,) = scenarios_of(beam_of(10), ("Fz",), ("E",))
-    H, r = np.vstack([np.zeros((290, len(scenario.F))), scenario.H]), np.tile(scenario.r, 30)
+    H, r = np.vstack([np.zeros((60, len(scenario.F))), scenario.H]), np.tile(scenario.r, 7)
     found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)
     alone = eliminate([scenario], 4)
-    assert found.removed[:290].tolist() == list(range(290))
-    assert np.all(found.rise[:290] == 0)
-    assert (found.removed[290:] - 290).tolist() == alone.removed.tolist()
-    np.testing.assert_allclose(found.rise[290:], alone.rise, rtol=1e-8)
+    assert found.removed[:60].tolist() == list(range(60))
+    assert np.all(found.rise[:60] == 0)
+    assert found.ties[0] == tuple(range(1, 60))
+    assert (found.removed[60:] - 60).tolist() == alone.removed.tolist()
+    np.testing.assert_allclose(found.rise[60:], alone.rise, rtol=1e-8)
 
 
 def test_a_load_in_a_clamped_direction_is_refused_by_name(beam_of):

@@ -140,41 +140,14 @@ def report(**changes):
     load = 1e4 * np.sin(2 * np.pi * 20 * time)
     strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
     spread, narrow, wide = np.linspace(-0.004, 0.004, 401), norm(-4e-4, 8e-4), norm(-0.1, 0.1)
+    load_claims = tuple(Claim(kind, 1, ratio, ONE, "consistent") for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
         unknowns=(
-            Unknown(
-                "tip",
-                "N",
-                "input",
-                1e4,
-                7071.0,
-                7050.0,
-                0.177,
-                0.159,
-                0.042,
-                0.163,
-                False,
-                0.04,
-                (
-                    Claim("test", 1, 0.177 / 0.159, ONE, "consistent"),
-                    Claim("smoothed", 1, 0.042 / 0.04, ONE, "consistent"),
-                ),
-            ),
-            Unknown(
-                "E",
-                "Pa",
-                "parameter",
-                1.89e11,
-                2.1e11,
-                2.0989e11,
-                0.000523,
-                0.000814,
-                None,
-                0.000787,
-                claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD),
-            ),
+            Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04, load_claims),
+            Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
+                    claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD)),
         ),
         layout=layout(),
         trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, METRICS[0], 2.6187, 2.62 / 2.6187 - 1),
@@ -182,18 +155,14 @@ def report(**changes):
             History("tip", "N", time, load, 0.95 * load, np.full(1001, 1.6e3), load + 100.0, np.full(1001, 400.0)),
             History("E", "Pa", time, np.full(1001, 2.1e11), mean, np.full(1001, 1.7e8)),
         ),
-        posteriors=(
-            Posterior("E", "Pa", 2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread), 2.1e11),
-        ),
+        posteriors=(Posterior("E", "Pa", 2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread), 2.1e11),),
         gauge_signals=tuple(
             GaugeSignal(f"G{i}", time, strain + draw.normal(size=1001) * 1e-6, strain, strain, np.full(1001, 1.5e-7))
             for i in range(1, 5)
         ),
         random_sets=(
             RandomSets("E", "all candidates", np.linspace(0.0011, 0.02, 10), np.tile(mean, (10, 1)), 0.000523),
-            RandomSets(
-                "E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523
-            ),
+            RandomSets("E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523),
             RandomSets("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
         ),
         noise=(
@@ -228,7 +197,7 @@ def report(**changes):
         not_tested=("Temperature.",),
         facts={"mesh": "3 214 nodes"},
         provenance={"seed": "1"},
-    )
+    )  # fmt: skip
     return replace(full, **changes)
 
 

@@ -1,10 +1,13 @@
-"""The small beam, what an undisturbed run makes of it, and processes that can be killed."""
+"""The small beam, what undisturbed runs make of it, and processes that can be killed."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
+
+from strainsight_cli.main import app
 
 from ..shared import once
 from .processes import Launcher
@@ -13,6 +16,7 @@ from .small import write_project
 
 @pytest.fixture(scope="session")
 def launcher(tmp_path_factory):
+    """Starts commands quickly, for tests whose subject is the process; `--times` counts them at the end of the session."""
     with Launcher(tmp_path_factory.mktemp("scratch")) as started:
         yield started
 
@@ -25,14 +29,30 @@ def project(tmp_path_factory) -> Path:
     return folder
 
 
+def of_project(project: Path) -> str:
+    """The content of its files, as a key of what is made of them."""
+    names = ("beam.yaml", "bench.yaml", "beam.bdf", "measured.csv")
+    return "".join((project / name).read_text(encoding="utf-8") for name in names)
+
+
+@pytest.fixture(scope="session")
+def placed(project) -> Path:
+    """Results of the beam as far as its placement, the same for all workers. Not to be written to."""
+
+    def make(results: Path) -> None:
+        done = CliRunner().invoke(app, ["place", str(project / "beam.yaml"), "--results", str(results)])
+        assert done.exit_code == 0, done.output
+
+    return once("placed", of_project(project), make)
+
+
 @pytest.fixture(scope="session")
 def undisturbed(project, launcher) -> Path:
-    """Results of both that nobody disturbed, the same for all workers. Not to be written to."""
+    """Results of both by processes that nobody disturbed, the same for all workers. Not to be written to."""
 
     def make(results: Path) -> None:
         for name in ("beam", "bench"):
             launcher.start(["run", str(project / f"{name}.yaml"), "--results", str(results)], project / "says")
             assert launcher.end() == 0, (project / "says").read_text()
 
-    texts = [path.read_text(encoding="utf-8") for path in sorted(project.iterdir()) if path.suffix in (".yaml", ".bdf", ".csv")]
-    return once("undisturbed", "".join(texts), make)
+    return once("undisturbed", of_project(project), make)

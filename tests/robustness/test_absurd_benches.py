@@ -28,11 +28,6 @@ def two(first, second, other="pin"):
     return f"{{a: {{type: {first}, frames: [pin, eye]}}, b: {{type: {second}, frames: [{other}, eye]}}}}"
 
 
-def pinned(axes):
-    """The frames, with these axes of the pin."""
-    return f"{{pin: {{body: ground, pose: {{{axes}}}}}, eye: {{body: bob}}}}"
-
-
 PARTS = {
     "bodies": bob(),
     "frames": "{pin: {body: ground}, side: {body: ground, pose: {origin: [1, 0, 0]}}, "
@@ -120,31 +115,23 @@ FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
 WEAK = "{coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 1.0}}"
 SHORT = "s: {type: spring, frames: [pin, eye], stiffness: 1}"
 STIFF = "s: {type: spring, frames: [side, tip], stiffness: 1.0e+300}"
-ABSENT = "{type: csv, file: none.csv, time_column: t, value_column: F}"
 HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+30]}}"
 UNFELT = "estimate.inputs.F: no sensor feels it"
 REFUSED = {
-    "a step longer than the run": (2, "simulate.time_step", {"simulate": "{duration: 0.1, time_step: 10}"}),
     "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
-    "a run of ten steps and a half": (2, "take 0.0105 s", {"simulate": "{duration: 0.105, time_step: 0.01}"}),
     "a tolerance beyond rounding": (1, "a larger simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
     "nothing holds it, gravity": (1, "simulate.start: no static equilibrium", {"joints": "{}"}),
     "nothing holds it": (2, "nothing holds body bob", {"joints": "{}", "forces": "{}"}),
     "a joint twice": (2, "5 of 16 constraints are redundant", {"joints": two("revolute", "revolute")}),
     "joints that contradict": (2, "cannot all be satisfied", {"joints": two("spherical", "spherical", "side")}),
-    "a joint within a body": (2, "joints.a.frames", {"joints": "{a: {type: spherical, frames: [eye, tip]}}"}),
     "a start far from the joints": (2, "bodies.bob.pose", {"bodies": bob(pose="{origin: [0, 0, 5]}")}),
-    "a place beyond the moon": (2, "pose.origin: 1e+12 m", {"bodies": bob(pose="{origin: [1.0e+12, 0, -1]}")}),
     "a spin against the joint": (2, "bodies.bob.velocity", {"bodies": moving(0, 600), "simulate": GIVEN}),
     "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
-    "a mass that is no number": (2, "bodies.bob.mass", {"bodies": bob(mass=".nan")}),
     "a rod free about itself": (
         2,
         "without moving any mass",
         {"bodies": bob(about_z="1.0e-300"), "joints": "{a: {type: spherical, frames: [pin, eye]}}"},
     ),
-    "axes without length": (2, "frames.pin.pose.x_axis", {"frames": pinned("x_axis: [0, 0, 0]")}),
-    "axes that are one": (2, "frames.pin.pose.y_axis", {"frames": pinned("y_axis: [2, 0, 0]")}),
     "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
     "a torsion spring past half a turn": (
@@ -154,14 +141,10 @@ REFUSED = {
     ),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
     "a gravity of 1e30 m/s²": (1, "simulate", {"forces": HEAVY}),
-    "a load without direction": (2, "forces.F.direction", {"forces": forces(load(direction="[0, 0, 0]"))}),
-    "a load from no file": (2, "forces.F.signal.file", {"forces": forces(load(signal=ABSENT))}),
     "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
     "an unknown load through the hinge": (2, UNFELT, sought(load=load(direction="[0, 0, 1]"))),
     "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
     "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),
-    "an unknown that is no load": (2, "estimate.inputs.weight", sought("{weight: {std: 10, increment: 1}}")),
-    "an estimate of nothing": (2, "estimate: nothing is unknown", sought("{}")),
     "an angle that jumps": (2, "joints.drive.drive", driven(HINGE, signal="{type: ramp, end: 6, duration: 1.0e-3}")),
     "an angle that the pose has not": (2, "bodies.bob.pose", driven(HINGE, signal=constant(1.0))),
     "an angle half a turn on": (2, "half a turn", driven(HINGE, signal=constant(np.pi))),
@@ -187,7 +170,6 @@ REFUSED = {
     "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
     "an unknown torque about a driven axis": (2, "the sensors cannot tell F, at none of 5 instants", {**sought(), **PUSHED}),
     "gravity that spins": (2, "forces.weight.turns: it turns by", turning(1.0e20)),
-    "an estimate in steps longer than the run": (2, "estimate.time_step", sought(more=", time_step: 5.0")),
 }
 
 
@@ -209,6 +191,7 @@ def test_it_is_refused_at_its_place_with_a_remedy(tmp_path, code, says, parts):
     assert "internal error" not in said
 
 
+@pytest.mark.slow
 def test_a_load_that_no_step_follows_is_reported_and_its_page_is_written(tmp_path):
     """45 Hz in steps of 10 ms, where constraints hold to 1e-110 at some instants and to rounding at others."""
     parts = sought(load=load(signal="{type: sine, frequency: 45.0, amplitude: 10.0}"))
@@ -242,7 +225,6 @@ def test_a_spring_beyond_measure_holds_as_a_bar_does(tmp_path):
 def test_a_load_that_is_not_felt_at_the_start_is_sought_where_the_bench_moves_on(tmp_path):
     """Along the line from the hinge at rest; gravity turns and the bob swings out of it."""
     parts = sought(load=load(direction="[0, 0, 1]"))
-    assert UNFELT in simulated(tmp_path, **parts)[1]
     turns = "weight: {type: gravity, turns: {axis: [0, 1, 0], signal: {type: ramp, end: 0.5, duration: 0.05}}}"
     moved = parts["forces"].replace("weight: {type: gravity}", turns)
     code, said = simulated(tmp_path, **{**parts, "forces": moved})

@@ -137,6 +137,7 @@ factorise_complex(sparse.csr_array(sparse.diags_array([2.0 + 1j] * 50)))(np.ones
 """
 
 
+@pytest.mark.slow
 def test_a_complex_factor_before_it_leaves_the_solver_its_bits(tmp_path):
     """MKL takes its branch before its first computation, whichever solver makes that."""
     pytest.importorskip("pypardiso")

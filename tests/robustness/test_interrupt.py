@@ -56,19 +56,6 @@ def task(folder, point):
 processes.WORTH = 0.0
 processes.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
 """
-READ = """
-import tempfile
-from pathlib import Path
-from strainsight.measurements.reader import read_recording
-from strainsight_cli.failures import reported
-
-with tempfile.TemporaryDirectory() as folder:
-    path = Path(folder) / "long.csv"
-    path.write_bytes(b"time,a,b\\n" + b"0.001,1.5,-2.25\\n" * 4_000_000)
-    with reported():
-        print("starts", flush=True)
-        read_recording(path, ["a", "b"], time="time", time_unit="s")
-"""
 APART = """
 import sys
 from strainsight.measurements import daq_file
@@ -137,21 +124,7 @@ def test_in_every_stage(project, undisturbed, results, launcher):
     print("longest", *max((seconds, at) for at, seconds in spent.items()))
 
 
-@pytest.mark.parametrize(
-    ("number", "everybody"), [(signal.SIGINT, False), (signal.SIGINT, True), (signal.SIGTERM, False)]
-)
-def test_while_the_picture_is_drawn(project, results, launcher, number, everybody):
-    words = ["report", str(project / "beam.yaml"), "--results", str(results), "--force"]
-    launcher.start(words, project / "says")
-    assert until(
-        lambda: (
-            launcher.has_ended() or any("report.picture.scene" in said for said in of_session(launcher.pid).values())
-        )
-    )
-    ended(launcher, number, everybody)
-    assert "Traceback" not in (project / "says").read_text()
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_while_other_processes_sweep(project, results, launcher, number):
     words = ["validate", str(project / "beam.yaml"), "--results", str(results), "--jobs", "2", "--set", SWEEPS]
@@ -178,9 +151,9 @@ def test_whoever_works_for_a_killed_process_ends_with_it(tmp_path):
     assert until(lambda: not of_session(process.pid), AT_ONCE), of_session(process.pid)
 
 
-@pytest.mark.parametrize("code", [LONG, READ, APART, LOCKED])
+@pytest.mark.parametrize("code", [LONG, APART, LOCKED])
 def test_inside_a_library(code):
-    """A factorisation, in C, where Python has no turn for seconds; a table of 64 MB; a reader that does not answer; a lock
+    """A factorisation, in C, where Python has no turn for seconds; a reader that does not answer; a lock
     that whoever collects garbage waits for."""
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "starts\n"

@@ -19,7 +19,6 @@ import pytest
 from strainsight.workflow.artefact import header_of
 from strainsight.writing import TEMPORARY
 
-from ..shared import slowly
 from .processes import PATIENCE, Launcher, of_session, until
 from .small import PLACEMENT, command
 from .whole import LOG, compared, names
@@ -88,7 +87,8 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
     assert set(compared(results / "beam", undisturbed / "beam")) == names(results / "beam") == SCREENED
 
 
-@pytest.mark.parametrize("killed", [True, *slowly(False)])
+@pytest.mark.slow
+@pytest.mark.parametrize("killed", [True, False])
 def test_runs_that_share_stages_wait_for_each_other(project, undisturbed, results, launcher, killed):
     """What one is at, the other does not begin; where the one is killed, the other does it."""
     with held(launcher, project, results, "rom") as pid:

@@ -15,7 +15,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.joins import RigidElement
 from strainsight.rom.craig_bampton import craig_bampton, floating_basis, rigid_motions
 
-from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, gauge_rows, inertia_of, pick, rigid
+from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, inertia_of, pick, rigid
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_modes_are_those_with_the_interface_held(clamped):
     assert body.cut == pytest.approx(exact[6], rel=1e-9)
 
 
-@pytest.mark.parametrize("count", [0, 4, 8, 16, 32])
+@pytest.mark.parametrize("count", [0, 8, 32])
 def test_frequencies_are_too_high_by_at_most_half_the_square_of_their_share_of_the_cut(clamped, count):
     """δ² ≤ λ/λ_cut is the energy of a mode that the kept shapes miss, and (1 − δ²)/(1 − 2δ²) bounds the growth of λ."""
     exact = frequencies(dense(clamped.stiffness.constant), dense(clamped.mass.constant))
@@ -93,7 +93,7 @@ def test_frequencies_are_too_high_by_at_most_half_the_square_of_their_share_of_t
     assert np.all(found[low] <= exact[low] * np.sqrt((1 - missed) / (1 - 2 * missed)))
 
 
-@pytest.mark.parametrize("kept", [1, 11, 12, 13, 30])
+@pytest.mark.parametrize("kept", [1, 12, 13, 30])
 def test_a_cut_off_keeps_every_mode_up_to_it(clamped, kept):
     """However many there are beside the first guess."""
     by_count = craig_bampton(clamped, [TIP], modes=kept)
@@ -237,15 +237,6 @@ def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
 
 
 # gauges
-
-
-def test_gauges_read_the_reduced_body(clamped):
-    """The static strain of a load on the interface is that of the full model; a rigid motion has none."""
-    body = craig_bampton(clamped, [TIP, SIDE], modes=3)
-    full = np.linalg.solve(dense(clamped.stiffness.constant), pick(clamped, TIP, SIDE).T)
-    rows, exact = gauge_rows(clamped, body.basis), gauge_rows(clamped, full)
-    found = rows @ np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :12])
-    assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
 
 
 # what cannot be reduced

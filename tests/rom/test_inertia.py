@@ -19,7 +19,8 @@ from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_s
 from strainsight.rom.model import Damping, damping_derivative, damping_matrix
 from strainsight.rom.steady import steady_start
 
-from .test_modal_step import system, two_materials, with_force_states
+from .models import system, two_materials
+from .test_modal_step import with_force_states
 
 SIZE, START = np.array([1.0, 0.6, 0.4]), np.array([0.3, -0.8, 0.5])
 CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])

@@ -13,28 +13,9 @@ from strainsight.fem.affine import AffineOperator, Coefficient, Newton
 from strainsight.rom.modal_step import modal_step, parameter_slopes, simulate
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
-DAMPINGS = [Damping(), Damping("modal", ratio=0.02), Damping("rayleigh", alpha=0.5, beta=1e-4)]
+from .models import DAMPINGS, IDS, positive, scales, shape, system, two_materials
+
 NAMES = ("E", "rho")
-IDS = ["none", "modal", "rayleigh"]
-
-
-def positive(rng: np.random.Generator, n: int) -> np.ndarray:
-    X = rng.standard_normal((n, n))
-    return X @ X.T / n + 0.2 * np.eye(n)
-
-
-def two_materials(seed: int, damping: Damping, n: int = 4, omega: float = 100.0, on_mass: bool = False) -> ReducedModel:
-    """Both operators have a constant part and a part that follows a parameter: nothing commutes. on_mass: loads follow too."""
-    rng = np.random.default_rng(seed)
-    stiffness = AffineOperator(omega**2 * positive(rng, n), {"E": 0.5 * omega**2 * positive(rng, n)})
-    mass = AffineOperator(positive(rng, n), {"rho": 0.5 * positive(rng, n)})
-    S = rng.standard_normal((n, 2))
-    slope = {"rho": rng.standard_normal((n, 2))} if on_mass else {}
-    return ReducedModel(mass, stiffness, S, ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping, slope)
-
-
-def shape(model: ReducedModel, theta) -> np.ndarray:
-    return sum((slope * (theta[name] - 1.0) for name, slope in model.input_slope.items()), model.input_shape)
 
 
 def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
@@ -43,16 +24,6 @@ def one_material(lam: np.ndarray, damping: Damping) -> ReducedModel:
     stiffness, mass = AffineOperator(zero, {"E": np.diag(lam)}), AffineOperator(zero, {"rho": np.eye(n)})
     S = np.random.default_rng(0).standard_normal((n, 2))
     return ReducedModel(mass, stiffness, S, ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
-
-
-def system(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray]:
-    """First-order form ẋ = A x + B u with the damping by a matrix root: no modes anywhere."""
-    K, M, S = model.stiffness.at(theta), model.mass.at(theta), shape(model, theta)
-    n = model.size
-    X = np.linalg.solve(M, K)
-    d = model.damping
-    c = 2 * d.ratio * sqrtm(X).real if d.kind == "modal" else d.alpha * np.eye(n) + d.beta * X
-    return np.block([[np.zeros((n, n)), np.eye(n)], [-X, -c]]), np.vstack([np.zeros_like(S), np.linalg.solve(M, S)])
 
 
 def system_slope(model: ReducedModel, theta, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -78,12 +49,6 @@ def with_force_states(A: np.ndarray, B: np.ndarray, h: float) -> np.ndarray:
     G[:n, :n], G[:n, n : n + n_u] = A * h, B * h
     G[n : n + 2 * n_u, n + n_u :] = np.eye(2 * n_u)
     return G
-
-
-def scales(model: ReducedModel, theta, n_u: int = 2) -> np.ndarray:
-    """Displacement and velocity made alike (by a typical ω), so that one tolerance serves both."""
-    omega = np.sqrt(np.trace(np.linalg.solve(model.mass.at(theta), model.stiffness.at(theta))) / model.size)
-    return np.concatenate([np.full(model.size, omega), np.ones(model.size)])
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
@@ -136,54 +101,6 @@ def test_repeated_and_nearly_repeated_frequencies(damping, split):
     mass = AffineOperator(np.eye(4), {"rho": positive(rng, 4)})
     model = ReducedModel(mass, stiffness, rng.standard_normal((4, 2)), ("Fx", "Fz"), {"E": 0.0, "rho": 0.0}, damping)
     assert_slopes_are_frechet(model, {"E": 0.0, "rho": 0.0}, 5e-3, 1e-8)
-
-
-@pytest.mark.parametrize("damping", DAMPINGS[:2], ids=IDS[:2])
-def test_one_material_scaled_as_a_whole_only_stretches_time(damping):
-    """K = E Λ, M = ρ I with modal damping: free motion at (E, ρ) over h is that at (1, 1) over h √(E/ρ)."""
-    model = one_material(np.array([1e4, 1e4, 4e5, 9e8]), damping)
-    E, rho, h = 2.0, 0.5, 1e-3
-    scaled, plain = modal_step(model, {"E": E, "rho": rho}, h), modal_step(model, model.reference, h * np.sqrt(E / rho))
-    n, stretch = model.size, np.sqrt(E / rho)
-    clock = np.concatenate([np.ones(n), np.full(n, stretch)])
-    np.testing.assert_allclose(scaled.transition, clock[:, None] * plain.transition / clock, rtol=1e-9, atol=1e-9)
-    # A static force bends by 1/E of it.
-    np.testing.assert_allclose(
-        E * scaled.input, clock[:, None, None] * plain.input, rtol=1e-9, atol=1e-9 * np.abs(plain.input).max()
-    )
-
-
-def test_one_material_scaled_as_a_whole_has_euler_homogeneous_slopes():
-    """E, ρ and the force scaled together change nothing:  E ∂x⁺/∂E + ρ ∂x⁺/∂ρ + (∂x⁺/∂u) u = 0."""
-    for damping in DAMPINGS[:2]:
-        model = one_material(np.array([1e4, 1e4, 4e5]), damping)
-        theta = {"E": 2.0, "rho": 0.5}
-        step = modal_step(model, theta, 1e-3)
-        rng = np.random.default_rng(2)
-        x, u = rng.standard_normal(6), 1e5 * rng.standard_normal((3, 2))
-        slopes = parameter_slopes(model, step, theta, x, u, NAMES)
-        forced = np.einsum("aju,ju->a", step.input, u)
-        total = slopes @ np.array([2.0, 0.5]) + forced
-        assert np.max(np.abs(total)) < 1e-10 * np.max(np.abs(slopes))
-
-
-@pytest.mark.parametrize("on_mass", [False, True])
-@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
-def test_slopes_agree_with_central_differences_of_the_step(damping, on_mass):
-    model = two_materials(11, damping, on_mass=on_mass)
-    theta, h = {"E": 1.1, "rho": 1.3}, 7e-3
-    rng = np.random.default_rng(3)
-    x, u = rng.standard_normal(8), rng.standard_normal((3, 2))
-
-    def after(values):
-        step = modal_step(model, values, h)
-        return step.transition @ x + np.einsum("aju,ju->a", step.input, u)
-
-    slopes = parameter_slopes(model, modal_step(model, theta, h), theta, x, u, NAMES)
-    for i, name in enumerate(NAMES):
-        d = 1e-5
-        difference = (after({**theta, name: theta[name] + d}) - after({**theta, name: theta[name] - d})) / (2 * d)
-        np.testing.assert_allclose(slopes[:, i], difference, atol=1e-7 * np.abs(difference).max())
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
@@ -259,12 +176,6 @@ def test_no_parameter_gives_no_slope():
     model = two_materials(6, DAMPINGS[1])
     step = modal_step(model, model.reference, 1e-3)
     assert parameter_slopes(model, step, model.reference, np.ones(8), np.ones((3, 2)), ()).shape == (8, 0)
-
-
-def test_two_half_steps_are_one_step():
-    model, theta = two_materials(9, DAMPINGS[1]), {"E": 1.0, "rho": 1.0}
-    half, full = modal_step(model, theta, 2.5e-3).transition, modal_step(model, theta, 5e-3).transition
-    np.testing.assert_allclose(half @ half, full, atol=1e-10 * np.abs(full).max())
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)

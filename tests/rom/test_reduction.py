@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import weakref
 from dataclasses import replace
 
@@ -136,18 +135,12 @@ def test_held_out_errors_are_small_and_shrink_with_samples_of_the_box(two):
     full, S = two
     points = held_out_samples(TWO_REFERENCE, TWO_RANGES, 3)
     errors = {k: held_out_errors(full, S, reduce_two(two, samples=k), points) for k in (1, 3, 6)}
+    assert min(e.frequency.min() for e in errors.values()) > -1e-9  # Rayleigh-Ritz: a subspace can only stiffen
     worst = {k: (np.abs(e.frequency).max(), e.static.max()) for k, e in errors.items()}
     assert worst[6][0] < 1e-7
     assert worst[6][1] < 1e-7
     for i in range(2):
         assert worst[1][i] > worst[3][i] > worst[6][i]
-
-
-def test_reduced_frequencies_lie_above_the_full_ones(two):
-    """Rayleigh-Ritz: a subspace can only stiffen."""
-    full, S = two
-    errors = held_out_errors(full, S, reduce_two(two, samples=1), held_out_samples(TWO_REFERENCE, TWO_RANGES, 2))
-    assert errors.frequency.min() > -1e-9
 
 
 def test_held_out_errors_are_what_dense_algebra_says(two):
@@ -347,7 +340,6 @@ def test_one_stiffness_stands_beside_the_factor(one, monkeypatch):
         return X
 
     def counted(K):
-        gc.collect()
         beside.append(sum(reference() is not None for reference in made))
         return full.factorise(K)
 

@@ -32,7 +32,7 @@ def free():
     return build_model(bar(side=True), supported=False)
 
 
-@pytest.mark.parametrize("count", [0, 1, 4, 12, 40])
+@pytest.mark.parametrize("count", [0, 1, 40])
 def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, count):
     body = craig_bampton(clamped, [TIP, SIDE], modes=count)
     f = inertia_of(clamped, rigid(clamped.mesh.position)[:, :3])
@@ -44,7 +44,7 @@ def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, c
     assert np.allclose(gauge_rows(clamped, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
 
 
-@pytest.mark.parametrize("count", [0, 5, 40])
+@pytest.mark.parametrize("count", [0, 40])
 def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its_frame(free, clamped, count):
     """Three of its origin, three of its axes; the full one is held where the frame is."""
     body = floating_basis(craig_bampton(free, [ROOT, TIP], modes=count), ROOT)
@@ -58,7 +58,7 @@ def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its
     assert np.allclose(gauge_rows(free, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
 
 
-@pytest.mark.parametrize("count", [0, 4, 40])
+@pytest.mark.parametrize("count", [0, 40])
 def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, free, count):
     for model, vectors in ((clamped, 3), (free, 6)):
         body = craig_bampton(model, [TIP, SIDE] if vectors == 3 else [ROOT, TIP], modes=count)

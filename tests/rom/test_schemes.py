@@ -5,37 +5,16 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from scipy.linalg import sqrtm
 
 from strainsight.errors import NumericalError
-from strainsight.fem.affine import AffineOperator
 from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes
-from strainsight.rom.model import Damping, ReducedModel
+from strainsight.rom.model import Damping
 from strainsight.rom.oscillator import HOLD, oscillator_step, phi_functions
 from strainsight.rom.schemes import scheme_bias, scheme_step
 
-DAMPINGS = [Damping(), Damping("modal", ratio=0.02), Damping("rayleigh", alpha=0.5, beta=1e-4)]
+from .models import DAMPINGS, system, two_materials
+
 THETA = {"E": 1.2, "rho": 0.9}
-
-
-def positive(rng: np.random.Generator, n: int) -> np.ndarray:
-    X = rng.standard_normal((n, n))
-    return X @ X.T / n + 0.2 * np.eye(n)
-
-
-def two_materials(damping: Damping, n: int = 4) -> ReducedModel:
-    rng = np.random.default_rng(3)
-    stiffness = AffineOperator(1e4 * positive(rng, n), {"E": 5e3 * positive(rng, n)})
-    mass = AffineOperator(positive(rng, n), {"rho": 0.5 * positive(rng, n)})
-    return ReducedModel(mass, stiffness, rng.standard_normal((n, 2)), ("Fx", "Fz"), {"E": 1.0, "rho": 1.0}, damping)
-
-
-def dense(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """M, C, K with the damping by a matrix root."""
-    M, K, d = model.mass.at(theta), model.stiffness.at(theta), model.damping
-    if d.kind == "modal":
-        return M, 2 * d.ratio * M @ sqrtm(np.linalg.solve(M, K)).real, K
-    return M, d.alpha * M + d.beta * K, K
 
 
 @pytest.mark.parametrize("damping", DAMPINGS)
@@ -43,11 +22,9 @@ def dense(model: ReducedModel, theta) -> tuple[np.ndarray, np.ndarray, np.ndarra
 @pytest.mark.parametrize("scheme", ["trapezoidal", "implicit_euler"])
 def test_a_scheme_by_modes_is_that_of_the_first_order_system(damping, h, scheme):
     """(I − s A) x⁺ = (I + (h − s) A) x + h b with s = h/2 or h, b of the mean force or of that at the end."""
-    model = two_materials(damping)
-    M, C, K = dense(model, THETA)
+    model = two_materials(3, damping)
+    A, B = system(model, THETA)
     n = model.size
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-    B = np.vstack([np.zeros((n, 2)), np.linalg.solve(M, model.input_shape)])
     rng = np.random.default_rng(0)
     x, u = rng.standard_normal(2 * n), 100 * rng.standard_normal((3, 2))
     start, end = u[0], u.sum(axis=0)
@@ -60,19 +37,19 @@ def test_a_scheme_by_modes_is_that_of_the_first_order_system(damping, h, scheme)
 
 @pytest.mark.parametrize("damping", DAMPINGS)
 def test_the_acceleration_solves_the_equation_of_motion(damping):
-    model = two_materials(damping)
-    M, C, K = dense(model, THETA)
+    model = two_materials(3, damping)
+    A, B = system(model, THETA)
     rng = np.random.default_rng(1)
     x, u = rng.standard_normal(8), 100 * rng.standard_normal(2)
     found = acceleration_map(model, THETA)
     a = found.transition @ x + found.input[:, 0] @ u
-    np.testing.assert_allclose(a, np.linalg.solve(M, model.input_shape @ u - C @ x[4:] - K @ x[:4]), rtol=1e-10)
+    np.testing.assert_allclose(a, (A @ x + B @ u)[4:], rtol=1e-10)
 
 
 @pytest.mark.parametrize("damping", DAMPINGS)
 @pytest.mark.parametrize("kind", ["trapezoidal", "implicit_euler", "acceleration"])
 def test_slopes_agree_with_central_differences(damping, kind):
-    model, rng = two_materials(damping), np.random.default_rng(2)
+    model, rng = two_materials(3, damping), np.random.default_rng(2)
     inputs = 1 if kind == "acceleration" else 3
     x, u = rng.standard_normal(8), rng.standard_normal((inputs, 2))
 
@@ -155,7 +132,7 @@ KINDS = [
 
 
 @pytest.mark.parametrize("damping", KINDS, ids=["none", "modal", "overdamped", "rayleigh"])
-@pytest.mark.parametrize("omega", [1.0, 100.0, 1e4, 3e5])
+@pytest.mark.parametrize("omega", [1e-2, 1.0, 100.0, 1e4, 3e5])
 def test_the_step_and_its_slope_agree_with_sixty_digits(damping, omega):
     h, lam = 5e-4, omega**2
     T, dT = oscillator_step(np.array([lam]), damping, h)
@@ -180,24 +157,6 @@ def test_nothing_overflows_at_huge_frequencies():
         assert np.isfinite(dT).all()
         # Displacement under a constant force tends to g/λ within twice the static value.
         assert np.all(np.abs(T[0, 2]) <= 2.000001 / np.array([1e16, 1e20]))
-
-
-def test_tiny_steps_move_by_newton():
-    lam, h = np.array([1e4]), 1e-7
-    T, _ = oscillator_step(lam, Damping("modal", ratio=0.01), h)
-    np.testing.assert_allclose(T[0, :, 0], [1.0, h, h**2 / 2, h**2 / 6, h**2 / 12], rtol=1e-6)
-    np.testing.assert_allclose(T[1, 2:, 0], [h, h / 2, h / 3], rtol=1e-6)
-
-
-def test_undamped_motion_keeps_its_energy_and_its_area():
-    lam = np.geomspace(1e2, 1e12, 40)
-    T, _ = oscillator_step(lam, Damping(), 1e-3)
-    A = np.moveaxis(T[:, :2], -1, 0)
-    np.testing.assert_allclose(np.linalg.det(A), 1.0, atol=1e-9)
-    energy = np.stack([np.diag([w, 1.0]) for w in lam])
-    scaled = np.swapaxes(A, -1, -2) @ energy @ A
-    np.testing.assert_allclose(scaled[:, 0, 0] / lam, 1.0, atol=1e-9)
-    np.testing.assert_allclose(scaled[:, 1, 1], 1.0, atol=1e-9)
 
 
 def test_critical_damping_is_refused_with_a_remedy():

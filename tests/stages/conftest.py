@@ -12,12 +12,15 @@ from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
 
 from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made, without_hot_spots  # noqa: F401  for the tests beside
+from .column import on_column
 
 LOADS = ROOT / "configs" / "bench" / "loads.yaml"
 DIAMETER = ROOT / "configs" / "bench" / "diameter.yaml"
 MODULUS = ROOT / "configs" / "bench" / "modulus.yaml"
 SMALL = ROOT / "configs" / "bench" / "small.yaml"
 """Benches of one hub, each with an estimate of its own."""
+HUBS = "hubs"
+"""Runs of benches on their hub, which take it over from each other."""
 BANK = "estimate.method.parameters=bank"
 
 
@@ -54,16 +57,37 @@ def results(artefacts, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def bench():
-    """stage → Artefact of one second of bench-full."""
-    return made(ROOT / "configs" / "bench-full.yaml", "simulate.duration=1.0", "name=bench-full", beside=BENCHES)
+def bench_config() -> Path:
+    return on_column(ROOT / "configs" / "bench-full.yaml")
+
+
+@pytest.fixture(scope="session")
+def bench(bench_config):
+    """stage → Artefact of 0.3 s of bench-full on the column."""
+    return made(bench_config, "simulate.duration=0.3", "name=bench-full", beside=BENCHES)
 
 
 @pytest.fixture(scope="session")
 def estimate():
+    """overrides → the artefact of an estimate on the column, which is reduced once for all."""
+
+    def of(config, *overrides, stage="estimate"):
+        return made(on_column(config), "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def hub_estimate():
     """overrides → the artefact of an estimate, its hub reduced once for all."""
 
     def of(config, *overrides, stage="estimate"):
-        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
+        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=HUBS)[stage]
 
     return of
+
+
+@pytest.fixture(scope="session")
+def hub_bench(hub_estimate):
+    """simulate.h5 of one second of bench-full."""
+    return hub_estimate(ROOT / "configs" / "bench-full.yaml", stage="simulate")

@@ -64,6 +64,7 @@ def test_the_points_lie_away_from_the_gauges():
     assert len(np.unique(point.round(3), axis=0)) == 20
 
 
+@pytest.mark.slow
 def test_the_load_is_within_two_sigma_where_the_model_holds(right):
     assert 0.90 < right.share < 0.98
     tip = loads()["tip"][1:]
@@ -74,6 +75,7 @@ def test_the_load_is_within_two_sigma_where_the_model_holds(right):
     assert abs(right.error[peak]) < 0.02 * tip[peak]
 
 
+@pytest.mark.slow
 def test_the_field_away_from_the_gauges_is_the_true_one(right):
     within = (right.field < 0.05) | (right.field_share > 0.9)
     assert within.all()

@@ -7,7 +7,7 @@ import csv
 import inspect
 import json
 import shutil
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass
 from io import StringIO
 from types import SimpleNamespace
 
@@ -26,16 +26,12 @@ from strainsight.cases.layout.gauge_lines import gauge_lines
 from strainsight.cases.layout.gauge_list import BridgeArms, GaugeList
 from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.given_gauges import read_given
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import ArtefactError, ConfigError, DeckError, InfeasibleError, UserError
 from strainsight.gauges.edge_dimensions import no_edges
 from strainsight.gauges.given import without
 from strainsight.gauges.zones import Box, NearEdges
-from strainsight.stages.pages.sheets import sheet_files, sheets_of
-from strainsight.stages.pages.workshop import exported
 from strainsight_cli.main import app
 
-from ..robustness.small import write_project
 from .conftest import LOADS, ROOT, SHORT
 
 LINES = 12
@@ -132,12 +128,6 @@ def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     np.testing.assert_array_equal(theirs.cell_data["strain"], by_vtk.cell_data["strain"])
     np.testing.assert_array_equal(theirs.point_data["displacement"], by_vtk.point_data["displacement"])
     np.testing.assert_array_equal(theirs.cell_centers().points, by_vtk.cell_centers().points)
-
-
-def test_an_estimate_without_a_file_says_which_key(run_there):
-    case, mesh, reduced, training, screened = before_placing(SHORT)
-    with pytest.raises(ConfigError, match="no measurements of a test"):
-        api.estimate(case, mesh, reduced, training, screened, run_there.placed.final.number)
 
 
 def before_placing(overrides, config=ROOT / "configs" / "cantilever-youngs-modulus.yaml"):
@@ -267,11 +257,6 @@ def test_a_bridge_is_read_as_a_voltage_ratio_with_the_slope_of_the_sum_of_its_ar
     assert {row["Nominal gauge resistance [ohm]"] for row in found} == {""}
 
 
-def test_what_is_not_known_is_left_blank():
-    for row in rows(catman_table(listed(), Wiring())):
-        assert row["Gauge factor"] == row["Resistance [ohm]"] == row["um/m per mV/V"] == ""
-
-
 def shop(facet):
     """The layout without a mesh, whose edges nobody asks for."""
     given = listed(facet)
@@ -282,50 +267,6 @@ def test_a_bridge_has_the_elements_of_all_its_arms():
     assert elements_of(shop(1)) == {
         "G1": [1], "G2": [2], "root": [5, 6], "G4": [5, 6], "G5": [5, 6, 7, 8], "A1": [6],
     }  # fmt: skip
-
-
-def test_sets_of_gauges_that_lie_on_no_element_are_refused_with_key_and_remedy():
-    given = shop(0)
-    alone = Workshop(given.listed, given.lines[:4], given.edges, given.frame)
-    report = SimpleNamespace(exports=("catman", "abaqus"), gauge_factor=None, resistance=None)
-    with pytest.raises(ConfigError) as error:
-        exported(SimpleNamespace(config=SimpleNamespace(report=report)), alone)
-    assert error.value.key == "report.exports"
-    assert "leave out abaqus" in error.value.remedy
-
-
-def test_every_arm_of_a_bridge_has_a_sheet_and_all_grids_of_a_rosette_share_one(tmp_path):
-    write_project(tmp_path)
-    mesh = read_mesh(tmp_path / "beam.bdf")
-    sheets = sheets_of(context(None), shop(1), mesh)
-    arms = [f"{name} arm {k}" for name, count in (("root", 2), ("G4", 2), ("G5", 4)) for k in range(1, count + 1)]
-    assert [sheet.name for sheet in sheets] == ["G1", "G2", *arms, "A1"]
-    assert [len(sheet.directions) for sheet in sheets] == [1, 3, *[1] * 8, 3]
-    assert [sheet.element for sheet in sheets[2:4]] == [5, 6]
-    files = sheet_files(sheets)
-    assert list(files)[:3] == ["sheet-G1.svg", "sheet-G2.svg", "sheet-root_arm_1.svg"]
-    assert len(files) == len(sheets)
-    assert sheets_of(context(None), shop(0), mesh)[0].name == "root arm 1"
-
-
-def context(kind):
-    config = SimpleNamespace(
-        name="run", mesh=SimpleNamespace(file="decks/beam.bdf"), gauges=SimpleNamespace(type=kind, types={})
-    )
-    return SimpleNamespace(config=config, upstream={"place": SimpleNamespace(digest="0123456789abcdef")})
-
-
-def test_a_sheet_has_the_foil_of_the_type_but_for_what_is_bonded_and_what_is_no_strain(tmp_path):
-    """3/350: a carrier of 10.7 × 6.9 mm, a grid 4.57 mm wide; of a gauge without a grid length the assumed one of 8 × 4.5 mm."""
-    write_project(tmp_path)
-    own = shop(1)
-    own = replace(own, listed=replace(own.listed, bonded=np.array([0, 0, 1, 0, 0, 0], dtype=bool)))
-    sheets = sheets_of(context("3/350"), own, read_mesh(tmp_path / "beam.bdf"))
-    for sheet in sheets:
-        typed = not sheet.name.startswith(("root", "A1"))
-        assert sheet.carrier_of == ("3/350" if typed else "assumed")
-        sizes = [10.7, 6.9, 4.57] if typed else [8.0, 4.5, 0.0]
-        np.testing.assert_allclose([*sheet.carrier, sheet.grid_width], sheet.frame.length(1e-3 * np.array(sizes)))
 
 
 HEAD = "gauge,x,y,z,dx,dy,dz\n"
@@ -363,11 +304,8 @@ def test_zones_take_rows_and_table_alike(files):
 @pytest.mark.parametrize(
     ("table", "said", "line"),
     [
-        ("x,y,z\n1,2,3\n", "first line", 1),
         (HEAD + "1,2,3\n", "3 cells", 2),
         (HEAD + "1,0,0,0,,,\nG2,0,0,0,,,\n", "no number", 3),
-        (HEAD + "1,0,,0,,,\n", "no number", 2),
-        (HEAD + "1,0,nan,0,,,\n", "not finite", 2),
         (HEAD + "1,0,0,0,,,\n2,0,0,0,,,\n1,0,0,0,,,\n", "gauge 1 is there twice", 4),
         (HEAD, "no gauge", None),
     ],

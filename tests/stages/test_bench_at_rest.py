@@ -104,24 +104,17 @@ cases: {thrust: {force: [1.0e+6, 0, 0]}}
     assert done.code == 0
     assert "pitch under thrust reaches" in done.output
     assert "beyond 1000 MPa" in done.output
-    assert "pressed in" not in ended("bearing", text.replace("LIMIT", "4.2e+9")).output
 
 
 def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there():
     """The small bench, linear: the state space answers a constant load with what statics reads of it, of the same gauges."""
     text = BENCH.replace("type: sine, frequency: 2.0, amplitude: 100.0", "type: constant, value: 10.0")
     text = text.replace("name: bench", "name: own")
-    read = found("statics", text)["/sensors/gauges"]
-    state = found("modes", text)
+    quick = ("place.random=0", "place.certificate=false", "place.pool=4", "place.keep=2")
+    read = found("statics", text, *quick)["/sensors/gauges"]
+    state = found("modes", text, *quick)
     A, B, C = (state[f"/system/{name}"] for name in "ABC")
     np.testing.assert_allclose(-C @ np.linalg.solve(A, B[:, 0]) * 10.0, read, rtol=1e-6)
-
-
-def test_rounding_is_no_number_of_a_table():
-    done = ended("statics", ARM.replace("POSE", DOWN))
-    assert done.code == 0, done.output
-    assert "e-" not in done.output
-    assert ["pivot", "0", "0", "19.62", "N"] in [line.split() for line in done.output.splitlines()]
 
 
 def test_statics_holds_a_drive_that_moves_at_the_start():

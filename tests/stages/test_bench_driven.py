@@ -9,7 +9,6 @@ from .test_bench_connections import run, simulated
 
 MASS, ARM, CENTRAL, G = 2.0, 0.5, 0.3, 9.81
 UP = np.array([0, 0, G])
-PAIR = "frames: [wall, end], axis: y"
 TURN = -7.0
 """[rad] about y, in two seconds: more than a whole turn."""
 PENDULUM = """
@@ -58,64 +57,17 @@ def test_an_arm_turned_by_its_motor_is_where_it_is_turned_to_and_costs_the_torqu
     np.testing.assert_allclose(found["/sensors/hold"], np.hstack([held, 0 * held]), atol=1e-8)
 
 
-def test_the_motor_does_the_work_that_lifts_and_speeds_up_the_arm():
-    found = simulated(PENDULUM)
-    time, p, rate = found["/time"], found["/drives/motor/position"], found["/drives/motor/rate"]
-    power = found["/drives/motor/force"] * rate
-    work = np.concatenate([[0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(time))])
-    energy = 0.5 * (CENTRAL + MASS * ARM**2) * rate**2 - MASS * G * ARM * np.sin(p)
-    np.testing.assert_allclose(work, energy - energy[0], atol=2e-3 * np.abs(power).max())
-
-
-@pytest.mark.parametrize("unit", ["rad", "deg"])
-def test_an_angle_from_a_file_is_followed_through_its_samples(unit):
+def test_an_angle_from_a_file_is_followed_through_its_samples():
     time = np.linspace(0, 2, 41)
-    angle = 0.4 * np.sin(3 * time) / (np.pi / 180 if unit == "deg" else 1.0)
-    lines = [f"time,p [{unit}]", *(f"{t!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist(), strict=True))]
+    angle = 0.4 * np.sin(3 * time) / (np.pi / 180)
+    lines = ["time,p [deg]", *(f"{t!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist(), strict=True))]
     signal = "{type: csv, file: p.csv, time_column: time, value_column: p}"
     found = simulated(PENDULUM.replace("{type: ramp, end: -7.0, duration: 2.0}", signal), **{"p.csv": "\n".join(lines)})
     p = 0.4 * np.sin(3 * found["/time"])
     np.testing.assert_allclose(found["/sensors/tip"][:, [0, 2]], np.column_stack([np.cos(p), -np.sin(p)]), atol=1e-5)
 
 
-def test_a_speed_is_an_angle_that_grows():
-    drive = "drive: {of: rate, start: 0.25, signal: {type: constant, value: 3.0}}"
-    text = PENDULUM.replace("drive: {signal: {type: ramp, end: -7.0, duration: 2.0}}", drive)
-    pose = "pose: {x_axis: [0.96891242171, 0, -0.24740395925]}"
-    found = simulated(text.replace("zz: 0.3}}", f"zz: 0.3}}, {pose}}}"))
-    p = 0.25 + 3 * found["/time"]
-    np.testing.assert_allclose(found["/sensors/tip"], np.column_stack([np.cos(p), 0 * p, -np.sin(p)]), atol=1e-8)
-    assert np.abs(found["/sensors/moved"]).max() == pytest.approx(9.0, rel=1e-3)
-
-
-ALONG = "type: driven_displacement, frames: [floor, table], axis:"
 BLOCK = "bodies: {block: {type: rigid, mass: 3.0, inertia: {xx: 1, yy: 1, zz: 1}}}"
-
-
-def test_a_table_that_shakes_carries_what_stands_on_it():
-    """A base moved along x and z and held otherwise; a mass on a spring in it answers as one shaken at its foot does."""
-    found = simulated(
-        f"""
-{BLOCK.replace("}}}", "}}")}, bob: {{type: rigid, mass: 2.0, inertia: {{xx: 1, yy: 1, zz: 1}}}}}}
-frames: {{floor: {{body: ground}}, table: {{body: block}}, at: {{body: bob}}}}
-joints:
-  held: {{type: generic, frames: [floor, table], held: [y, about_x, about_y, about_z]}}
-  shaken: {{{ALONG} x, drive: {{signal: {{type: sine, frequency: 1.0, amplitude: 0.1}}}}}}
-  lifted: {{{ALONG} z, drive: {{signal: {{type: ramp, end: 0.5, duration: 1.0}}}}}}
-  rail: {{type: prismatic, frames: [table, at], axis: x}}
-forces: {{spring: {{type: bushing, frames: [table, at], stiffness: [200, 0, 0, 0, 0, 0]}}}}
-sensors: {{table: {{type: motion, frame: table}}, bob: {{type: relative, frames: [table, at]}}}}
-simulate: {{duration: 2.0, time_step: 0.005, start: as_given}}
-""",
-    )
-    time = found["/time"]
-    np.testing.assert_allclose(found["/sensors/table"][:, 0], 0.1 * np.sin(2 * np.pi * time), atol=1e-12)
-    # ẍ + ω²x = A Ω² sin Ωt from x = 0 and ẋ = −AΩ: the bob is at rest while the table starts off
-    w, W, A = np.sqrt(200 / 2.0), 2 * np.pi, 0.1
-    forced = A * W**2 / (w**2 - W**2)
-    start = found["/v"][0, 12] - A * W
-    exact = forced * np.sin(W * time) + (start - forced * W) / w * np.sin(w * time)
-    np.testing.assert_allclose(found["/sensors/bob"][:, 0], exact, atol=2e-3 * np.abs(exact).max())
 
 
 def test_a_cylinder_lifts_a_flap_to_the_angle_of_its_triangle():
@@ -164,7 +116,7 @@ simulate: {duration: 1.0, time_step: 0.005}
     np.testing.assert_allclose(found["/frequency"], [np.sqrt(G / 0.5) / (2 * np.pi)], rtol=1e-9)
 
 
-@pytest.mark.parametrize("free", ["about_x", "about_y", "about_z"])
+@pytest.mark.parametrize("free", ["about_x", "about_z"])
 def test_what_a_generic_joint_leaves_free_is_free_and_the_rest_is_held(free):
     held = [own for own in ("x", "y", "z", "about_x", "about_y", "about_z") if own != free]
     axis = [float(free.endswith(own)) for own in "xyz"]
@@ -189,11 +141,8 @@ simulate: {{duration: 1.0, time_step: 0.005, start: as_given}}
     ("change", "key", "says"),
     [
         (("end: -7.0, duration: 2.0", "end: -700.0, duration: 2.0"), "joints.motor.drive", "turns by 13.1 rad in a step"),
-        (("{type: ramp, end: -7.0,", "{type: ramp, start: 3.14159265, end: -7.0,"), "joints.motor", "half a turn"),
         (("drive: {signal", "drive: {start: 1.0, signal"), "joints.motor.drive.start", "says where it starts"),
-        ((f"driven_angle, {PAIR}", "driven_distance, frames: [wall, tip]"), "joints.motor", "length"),
         (("frames: [wall, end], axis: y, drive", "frames: [wall, end], axis: x, drive"), "joints", "motor"),
-        (("joint: pivot", "joint: pivots"), "sensors.hold.joint", "did you mean pivot?"),
     ],
 )
 def test_drives_that_cannot_be_are_refused_with_their_place(change, key, says):
@@ -210,28 +159,6 @@ frames: {wall: {body: ground}, hub: {body: wheel}, rim: {body: wheel, pose: {ori
 joints: {axle: {type: revolute, frames: [wall, hub]}}
 simulate: {duration: 1.0, time_step: 0.005, start: as_given}
 """
-ON = "signal: {type: constant, value: 6.0}"
-
-
-@pytest.mark.parametrize(
-    ("forces", "torque"),
-    [
-        (f"drive: {{type: torque, frames: [wall, hub], {ON}}}", 6.0),
-        (f"drive: {{type: force, frame: rim, axes: frame, direction: [0, 0, 1], {ON}}}", 3.0),
-        (f"drive: {{type: moment, frame: rim, axes: frame, direction: [1, 0, 0], {ON}}}", 6.0),
-    ],
-)
-def test_a_wheel_is_driven_by_what_turns_with_it(forces, torque):
-    """ω = Tt/I, at any angle; with viscous friction (T/c)(1 − exp(−ct/I))."""
-    found = simulated(f"{WHEEL}forces:\n  {forces}\n")
-    assert found["/v"][-1, 3:12] @ found["/v"][-1, 3:12] / 2 == pytest.approx((torque / 0.7) ** 2, rel=1e-3)
-    assert set(found.children("/inputs")) == {"drive"}
-    rubbed = "  rub: {type: friction, frames: [wall, hub], coulomb: 0.0, viscous: 0.9}\n"
-    found = simulated(f"{WHEEL}forces:\n  {forces}\n{rubbed}")
-    spin = torque / 0.9 * (1 - np.exp(-0.9 / 0.7))
-    assert found["/v"][-1, 3:12] @ found["/v"][-1, 3:12] / 2 == pytest.approx(spin**2, rel=1e-3)
-
-
 def test_an_accelerometer_on_what_stands_still_sees_gravity_turn():
     """−g turns about x from upwards to sideways, by a quarter of a turn."""
     gravity = "weight: {type: gravity, turns: {axis: [2, 0, 0], signal: {type: ramp, end: 1.5707963267948966, duration: 1.0}}}"
@@ -241,13 +168,6 @@ def test_an_accelerometer_on_what_stands_still_sees_gravity_turn():
     np.testing.assert_allclose(found["/sensors/felt"][[0, -1]], [[0, 0, G], [0, -G, 0]], atol=1e-10)
     np.testing.assert_allclose(found["/sensors/held"][:, :3], 2.0 * found["/sensors/felt"], atol=1e-9)
     np.testing.assert_allclose(found["/inputs/weight"][-1], np.pi / 2)
-
-
-def test_a_turn_of_gravity_that_is_no_angle_is_named_at_its_key():
-    gravity = "weight: {type: gravity, turns: {axis: [1, 0, 0], signal: {type: constant, value: 1.0e+60}}}"
-    done = run(WHEEL + f"forces: {{{gravity}}}\n")
-    assert done.code == 2
-    assert "forces.weight.turns.signal: 1e+60 N, N m or rad, more than 1e+50" in done.output
 
 
 def test_a_pitch_bearing_is_turned_against_the_friction_of_its_load():

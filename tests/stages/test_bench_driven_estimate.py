@@ -18,7 +18,7 @@ CONFIG = f"""
 kind: bench
 name: arm
 bodies:
-  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
+  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever-coarse.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
   arm:
     type: rigid
     mass: 20.0
@@ -76,13 +76,16 @@ def test_the_error_of_a_step_is_not_made_up_for_beside_a_drive():
     assert "estimate.method.step_error: what a step leaves out is not estimated beside driven joints" in done.stderr
 
 
+QUICK = ("place.random=0", "place.certificate=false", "place.pool=4", "place.keep=2")
+
+
 def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive():
     """A motor that stands still on the small beam: placement and filter both take the step for true."""
     text = BENCH.replace("frames:", "  arm: {type: rigid, mass: 0.1, inertia: {xx: 1.0e-3, yy: 1.0e-3, zz: 1.0e-3}, "
                          "pose: {origin: [1.0, 0.05, 0.04]}}\nframes:\n  eye: {body: arm}")  # fmt: skip
     drive = "{type: driven_angle, frames: [tip, eye], drive: {signal: {type: constant, value: 0.0}}}"
     text = text.replace("forces:", f"joints: {{hinge: {{type: revolute, frames: [tip, eye], axis: x}}, motor: {drive}}}\nforces:")
-    end = ended("estimate", text.replace("duration: 0.2", "duration: 1.0").replace("name: bench", "name: arm"))
+    end = ended("estimate", text.replace("duration: 0.2", "duration: 0.6").replace("name: bench", "name: arm"), *QUICK)
     place, estimate = (end.artefact(stage) for stage in ("place", "estimate"))
     claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
     np.testing.assert_allclose(claimed, place["/layouts/place/std"], rtol=1e-5)

@@ -11,6 +11,7 @@ from strainsight.cases.bench.inverse.numbers import ratio_numbers
 from strainsight.errors import ConfigError
 
 from ..models import ended
+from ..shared import slowly
 from .conftest import BANK, DIAMETER, LOADS, ROOT, SMALL, job_of
 from .test_artefacts import UNITS_OF
 
@@ -20,7 +21,6 @@ from .test_artefacts import UNITS_OF
     [
         (LOADS, "sensors.gauges.gauges=[{position: [0.918, 0.94, -1.372], direction: [0, 0, 1]}]", "estimate.sensors",
          "1 channels for 3 unknown loads"),
-        (LOADS, "estimate.sensors.gauge={noise: 1.0e-7}", "estimate.sensors.gauge", "did you mean gauges"),
         (LOADS, "estimate.inputs.weight={std: 1.0, increment: 1.0}", "estimate.inputs.weight", "no force or moment"),
         (LOADS, "estimate.sensors.gauges.noise=[1.0e-7, 1.0e-7]", "estimate.sensors.gauges.noise", "2 noises for 4"),
         (LOADS, "estimate.time_step=0.07", "estimate.time_step", "does not divide"),
@@ -28,11 +28,8 @@ from .test_artefacts import UNITS_OF
         (LOADS, "estimate.parameters.Fx={bearing: pitch-bearing, property: preload, std: 1.0e-6}", "estimate.parameters.Fx",
          "a load of the estimate has the same name"),
         (SMALL, "estimate.truth.model=own", "estimate.truth.model", "beside measurements"),
-        (LOADS, "estimate.truth={model: other, step: 0.03}", "estimate.truth.step", "do not divide the filter's step"),
         (LOADS, "estimate.truth={model: other, duration: 1.0}", "estimate.truth.duration", "it ends after 1 s"),
-        (LOADS, "estimate.truth={model: other, histories: 3}", "estimate.truth.histories", "all of them are the same"),
         (LOADS, "estimate.truth.histories=3", "estimate.truth.histories", "a truth 'fine' has none"),
-        (DIAMETER, "estimate.parameters.diameter.starts=[0.066]", "estimate.parameters.diameter.starts", "would not pass"),
         (DIAMETER, "estimate.parameters.diameter={guess: 0.0606, std: 1.0e-4}", "estimate.parameters.diameter", "no modulus"),
         (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),
         (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "a form of the extended"),
@@ -60,7 +57,7 @@ def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
     found = [
         estimate(DIAMETER, "estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
         estimate(DIAMETER, "estimate.duration=0.3", BANK),
-        estimate(SMALL, "estimate.duration=0.5", f"estimate.measured.from={bench['simulate'].path}", "estimate.hold_out=each"),
+        estimate(SMALL, "estimate.duration=0.3", f"estimate.measured.from={bench['simulate'].path}", "estimate.hold_out=each"),
     ]
     seen = set()
     for artefact in found:
@@ -87,24 +84,27 @@ def from_scratch() -> str:
 @pytest.mark.parametrize(
     ("more", "last"),
     [
-        ((), "estimate"),
-        (("estimate.parameters={E: {guess: 2.3e+11, std: 2.0e+10}}",), "estimate"),
-        ((*PLACED, "place={body: beam, noise: 1.0e-7, keep: 2}"), "estimate"),
-        ((*PLACED, "place={body: beam, noise: 1.0e-7, keep: 3}"), "place"),
+        (("simulate.duration=1.0",), "estimate"),
+        *slowly(
+            ((), "estimate"),
+            (("estimate.parameters={E: {guess: 2.3e+11, std: 2.0e+10}}",), "estimate"),
+            ((*PLACED, "place={body: beam, noise: 1.0e-7, keep: 2}"), "estimate"),
+            ((*PLACED, "place={body: beam, noise: 1.0e-7, keep: 3}"), "place"),
+        ),
     ],
 )
 def test_the_bench_of_the_manual_runs_as_it_says(more, last):
-    mesh = (ROOT / "meshes" / "cantilever.bdf").read_text(encoding="utf-8")
+    mesh = (ROOT / "meshes" / "cantilever-coarse.bdf").read_text(encoding="utf-8")
     end = ended(last, from_scratch(), *more, files={"cantilever.bdf": mesh})
     found = end.artefact(last).summary
     assert found["error.F"] < 0.1 if last == "estimate" else found["selected"] == 3
 
 
 @pytest.mark.slow
-def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(estimate, bench):
-    large = ("estimate.duration=1.0", f"estimate.measured.from={bench['simulate'].path}")
-    three = estimate(SMALL, *large)
-    five = estimate(
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(hub_estimate, hub_bench):
+    large = ("estimate.duration=1.0", f"estimate.measured.from={hub_bench.path}")
+    three = hub_estimate(SMALL, *large)
+    five = hub_estimate(
         SMALL,
         *large,
         "estimate.sensors.relative.noise=1.0e-9",
@@ -117,13 +117,13 @@ def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_wi
 
 
 @pytest.mark.slow
-def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(estimate):
+def test_a_bench_of_half_the_size_with_everything_scaled_needs_a_quarter_of_the_loads(hub_estimate):
     """Displacements, preload × s, g/s, static loads: all strains are those of the large bench, forces go with s²."""
     static = tuple(
         f"forces.F{k}.signal={{type: constant, value: {v}}}" for k, v in zip("xyz", (3e4, 2e4, 4e4), strict=True)
     )
-    large = estimate(ROOT / "configs" / "bench-full.yaml", *static, stage="simulate")
-    found = estimate(
+    large = hub_estimate(ROOT / "configs" / "bench-full.yaml", *static, stage="simulate")
+    found = hub_estimate(
         SMALL, "estimate.duration=1.0", f"estimate.measured={{from: {large.path}, scale: 0.5}}",
         "estimate.sensors.relative.noise=1.0e-9",
         "bearings.pitch-bearing.preload=5.0e-6", "forces.weight.acceleration=[0.0, 0.0, -19.62]",
@@ -145,11 +145,11 @@ def test_rms_over_rms_is_that_of_the_second_half():
 
 
 @pytest.mark.slow
-def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its_area(estimate):
+def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its_area(hub_estimate):
     """Figures 4.2 and 4.4 without weight: lateral loads of 0.7 on a hub of half the size strain it by 0.7/0.5² as much."""
     weightless = "forces.weight.acceleration=[0.0, 0.0, 0.0]"
-    large = estimate(ROOT / "configs" / "bench-full.yaml", weightless, "simulate.duration=1.0", stage="simulate")
-    found = estimate(
+    large = hub_estimate(ROOT / "configs" / "bench-full.yaml", weightless, "simulate.duration=1.0", stage="simulate")
+    found = hub_estimate(
         SMALL, weightless, "estimate.duration=1.0", f"estimate.measured.from={large.path}",
         "estimate.sensors.relative.noise=[1.0e-9, 1.0e-9, 1.0e-9, 1.0, 1.0]",
     )  # fmt: skip
@@ -168,7 +168,6 @@ def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its
             "estimate.measured.sensors={relative: tip}",
             "'relative' has 5 channels in m or rad, sensors/tip there 3 in m",
         ),
-        ("estimate.measured.sensors={relative: relativ}", "did you mean relative"),
         ("estimate.measured.inputs={Fx: My}", "no input 'My'"),
         ("estimate.time_step=0.025", "does not divide the filter's step"),
     ],
@@ -176,16 +175,16 @@ def test_three_forces_give_three_displacements_and_the_strain_of_a_load_over_its
 def test_another_bench_that_cannot_be_imported_is_refused(estimate, bench, change, what):
     with pytest.raises(ConfigError, match=re.escape(what)) as refused:
         estimate(
-            LOADS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=1.0",
+            LOADS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=0.3",
             f"estimate.measured.from={bench['simulate'].path}", change,
         )  # fmt: skip
     assert refused.value.key.startswith("estimate.measured")
 
 
 @pytest.mark.slow
-def test_a_bench_without_weight_and_loads_stays_at_rest(estimate):
+def test_a_bench_without_weight_and_loads_stays_at_rest(hub_estimate):
     """Nothing deforms the hub: its coordinates are rounding, which no iteration can settle to twelve digits."""
-    found = estimate(
+    found = hub_estimate(
         SMALL,
         "forces.weight.acceleration=[0.0, 0.0, 0.0]",
         "simulate.duration=0.1",

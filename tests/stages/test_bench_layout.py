@@ -16,13 +16,13 @@ from .test_bench_place import PLACED, run
 INCREMENT = np.array([20.0, 10.0])
 """Of the two loads of that beam [N]."""
 BONDED = "place.fixed=[{position: [0.3, 0.0, 0.095], direction: [1, 0, 0]}]"
-SPREAD = ("place.pool=14", "place.spacing=0.4")
+SPREAD = ("place.pool=10", "place.spacing=0.4")
 CLAMPED = "place.at_most=[{zone: {box: [[-1, -1, -1], [0.35, 1, 1]]}, count: 1}]"
 
 
 def place(*changes, last="place"):
-    """place.h5 of the beam with ten candidates in the pool."""
-    return run("place.random=1", *changes, only=(*PLACED, last))[last]
+    """place.h5 of the beam with seven candidates in the pool."""
+    return run("place.random=1", "place.pool=7", *changes, only=(*PLACED, last))[last]
 
 
 @cache
@@ -79,28 +79,27 @@ def proven(place, criterion, sizes, allowed=lambda gauges: True):
     assert place.summary["lower_bound"] <= least * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("criterion", ["trace", "log_determinant", "worst_eigenvalue"])
+@pytest.mark.parametrize("criterion", ["trace", "log_determinant"])
 def test_the_layout_is_proven_best_by_every_criterion(criterion):
-    """The loads in their increments by the last two; each criterion chooses by its own number, and lists all of them."""
-    found = place("place.prove=60", f"place.criterion={criterion}")
-    proven(found, criterion, [3])
+    """The loads in their increments by the second; each criterion chooses by its own number, and lists all of them. By the
+    trace over one load the other is left to itself."""
+    found = place("place.prove=60", f"place.criterion={criterion}", *["place.metric_over=[down]"] * (criterion == "trace"))
+    proven(found, "down" if criterion == "trace" else criterion, [3])
+    if criterion == "trace":
+        return
     names, final = found["/criteria/name"].tolist(), found["/criteria/gauges"][0]
     assert names[0] == criterion
     expected = [value(name, found, final) for name in names]
     np.testing.assert_allclose(found["/criteria/value"][0], expected, rtol=1e-6)
 
 
-def test_a_criterion_over_one_load_leaves_the_other_to_itself():
-    proven(place("place.prove=60", "place.metric_over=[down]"), "down", [3])
-
-
 def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them():
-    found = place("place.prove=60", *SPREAD, "place.minimum_spacing=0.4", CLAMPED)
+    found = place("place.prove=60", *SPREAD, "place.minimum_spacing=0.45", CLAMPED)
     x = found["/candidates/position"][found["/pool/candidate"]]
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)
 
     def allowed(gauges):
-        return sum(x[g, 0] <= 0.35 for g in gauges) <= 1 and all(apart[a, b] >= 0.4 for a, b in combinations(gauges, 2))
+        return sum(x[g, 0] <= 0.35 for g in gauges) <= 1 and all(apart[a, b] >= 0.45 for a, b in combinations(gauges, 2))
 
     proven(found, "trace", [3], allowed)
     free = place("place.prove=60", *SPREAD)
@@ -130,24 +129,20 @@ def test_a_sensor_reads_the_bonded_gauge_over_its_grid():
     np.testing.assert_allclose(simulated["/sensors/gauges"][0], expected, rtol=1e-6)
 
 
-def test_what_each_failure_costs_is_what_the_rest_of_the_gauges_reach():
-    found = place("place.certificate=false")
-    final = found["/selected/final/gauge"].tolist()
-    expected = [value("trace", found, [g for g in final if g != out]) for out in final]
-    np.testing.assert_allclose(found["/failure/loss"], expected, rtol=1e-6)
-    assert found.summary["worst_failure"] == pytest.approx(max(expected), rel=1e-6)
-    assert not any(name.startswith("/certificate") for name in found.paths())
-
-
 def test_the_robust_layout_loses_least_in_its_worst_failure():
     """Among all sets of three; a pool row is one gauge."""
 
     def worst(gauges):
         return max(value("trace", found, [g for g in gauges if g != out]) for out in gauges)
 
-    found = place("place.optimise=worst_failure")
-    least = min(worst(gauges) for gauges in combinations(range(10), 3))
-    assert worst(found["/selected/final/gauge"].tolist()) == pytest.approx(least, rel=1e-6)
+    found = place("place.optimise=worst_failure", "place.certificate=false")
+    final = found["/selected/final/gauge"].tolist()
+    least = min(worst(gauges) for gauges in combinations(range(len(found["/pool/candidate"])), 3))
+    assert worst(final) == pytest.approx(least, rel=1e-6)
+    expected = [value("trace", found, [g for g in final if g != out]) for out in final]
+    np.testing.assert_allclose(found["/failure/loss"], expected, rtol=1e-6)
+    assert found.summary["worst_failure"] == pytest.approx(max(expected), rel=1e-6)
+    assert not any(name.startswith("/certificate") for name in found.paths())
 
 
 @pytest.mark.parametrize(
@@ -181,7 +176,7 @@ def test_of_a_gauge_beside_the_surface_the_key_and_the_remedy_are_those_of_the_b
     assert "snap_tolerance" in refused.value.remedy
 
 
-NARROW = ("place.include=[{box: [[0.0, 0.03, 0.09], [0.25, 0.13, 0.1]]}]", "place.spacing=0.15", "place.pool=3", "place.keep=3")
+NARROW = ("place.include=[{box: [[0.0, 0.03, 0.09], [0.65, 0.13, 0.1]]}]", "place.spacing=0.15", "place.pool=3", "place.keep=3")
 """A strip on top of the beam, aside of its middle: few enough candidates for all triples of them."""
 
 

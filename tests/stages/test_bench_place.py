@@ -25,7 +25,7 @@ BEAM = f"""
 kind: bench
 name: beam
 bodies:
-  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
+  beam: {{type: flexible, mesh: {{file: {ROOT}/meshes/cantilever-coarse.bdf}}, modes: 4, damping: {{type: modal, ratio: 0.01}}}}
 frames:
   tip: {{body: beam, node: 2}}
 forces:
@@ -44,7 +44,7 @@ place:
   body: beam
   keep: 3
   noise: {NOISE}
-  pool: 10
+  pool: 8
   search: pool
   spacing: 0.05
   random: 3
@@ -149,36 +149,25 @@ def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
         )
 
 
-def test_statics_reads_the_gauges_that_a_layout_has_placed(beam):
-    read = ended("statics", BEAM, beside=BESIDE).artefact("statics")["/sensors/gauges"]
-    own = beam["place"]["/layouts/place/candidate"]
-    np.testing.assert_allclose(
-        read, beam["place"]["/candidates/response"][own] @ [1000.0, 500.0], rtol=1e-6, atol=1e-12
-    )
-
-
-@pytest.mark.parametrize(("sensor", "layout"), [("gauges", "place"), ("others", "random-1")])
-def test_a_filter_comes_to_claim_what_was_expected(beam, sensor, layout):
+def test_filter_reaches_the_expected_sigma_of_a_random_layout(beam):
     """The σ that the bench's own filter, with its constraints and its step, ends with."""
-    text = {"sensors: {gauges:": f"sensors: {{{sensor}:", "duration: 0.05": "duration: 1.0"}
+    text = {"sensors: {gauges:": "sensors: {others:", "duration: 0.05": "duration: 0.5"}
     estimate, place = run("field=null", only=ESTIMATED, **text)["estimate"], beam["place"]
-    for i, name in enumerate(place["/inputs"]):
-        claimed = estimate[f"/inputs/{name}/std"][-1]
-        assert claimed == pytest.approx(place[f"/layouts/{layout}/std"][i], rel=1e-5)
+    claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
+    np.testing.assert_allclose(claimed, place["/layouts/random-1/std"], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
     "how",
     [
         "estimate.tolerances={position: 0.004, angle: 2.0, gain: 0.03, transverse: 0.01}",
-        "estimate.tolerances={position: 0.0, angle: 0.0, gain: 0.03, transverse: 0.0}",
         "estimate.method.noise=as_printed",
     ],
 )
 def test_tolerances_and_noise_as_printed_are_in_what_was_expected(beam, how):
     """Under loads that stay, which it knows without noise, the filter's σ ends where the placement says, and that is not where
     exact gauges end."""
-    done = run("simulate.duration=1.0", "field=null", "estimate.truth.noise=false", how, only=ESTIMATED)
+    done = run("simulate.duration=0.5", "field=null", "estimate.truth.noise=false", how, only=ESTIMATED)
     estimate, place = done["estimate"], done["place"]
     expected = place["/layouts/place/std"]
     found = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
@@ -214,7 +203,7 @@ def test_one_gauge_less_is_what_the_file_says_of_it(beam):
     listed = [float(line.split(",")[head.index("std_side_without")]) for line in lines[1:]]
     np.testing.assert_allclose(listed, without[:, 0], rtol=1e-6)
     assert (place.path.parent / "gauges.unv").stat().st_size > 0
-    nodes = read_mesh(ROOT / "meshes" / "cantilever.bdf").position
+    nodes = read_mesh(ROOT / "meshes" / "cantilever-coarse.bdf").position
     for line in lines[1:]:
         row = dict(zip(head, line.split(","), strict=True))
         x = np.array([float(row[f"position_{axis}"]) for axis in "xyz"])
@@ -266,6 +255,7 @@ SWINGING = {
 """An arm on a coil at the beam's tip, which the side load turns by 0.7 rad at 0.05 s."""
 
 
+@pytest.mark.slow
 def test_the_poses_of_a_run_are_served_together():
     """σ of layouts drawn at random is the largest of those that each pose by itself gives, and poses differ."""
 
@@ -283,37 +273,19 @@ def test_the_poses_of_a_run_are_served_together():
     assert max(apart) > 0.05
 
 
-def test_beside_a_drive_a_filter_comes_to_claim_what_was_expected():
-    """There a filter takes its step for true; to a part in a thousand, for the loads turn the bench a little."""
-    motor = (
-        "  motor: {type: driven_angle, frames: [tip, eye], axis: x, drive: {signal: {type: constant, value: 0.0}}}\n"
-    )
-    held = {key: text.replace("axis: x}\nframes", f"axis: x}}\n{motor}frames") for key, text in SWINGING.items()}
-    settings = ("simulate.duration=0.5", "field=null", "estimate.allow_unfollowed=true")
-    done = run(*settings, only=ESTIMATED, **held)
-    estimate, place = done["estimate"], done["place"]
-    for name, expected in zip(place["/inputs"], place["/layouts/place/std"], strict=True):
-        assert estimate[f"/inputs/{name}/std"][-1] == pytest.approx(expected, rel=1e-3)
-
-
-INPUTS = "  inputs:\n    side: {std: 1.0e+3, increment: 20.0}\n    down: {std: 1.0e+3, increment: 10.0}\n"
 GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
 
 
 @pytest.mark.parametrize(
     ("change", "key", "says"),
     [
-        ({INPUTS: "  parameters: {E: {std: 1.0e+9}}\n"}, "place", "no input is unknown"),
         ({"body: beam\n  keep": "body: bean\n  keep"}, "place.body", "did you mean beam?"),
-        ({"keep: 3": "keep: 30"}, "place.pool", "10 candidates for 30"),
+        ({"keep: 3": "keep: 30"}, "place.pool", "8 candidates for 30"),
         ({"random: 3": "random: 3\n  poses: [0, 9]"}, "place.poses", "9 s is beyond the run of 0.05 s"),
-        ({"random: 3": "random: 3\n  poses: [0.04, 0]"}, "place.poses", "not in ascending order"),
         ({"random: 3": "random: 0"}, "sensors.others.layout", "at random"),
-        ({"body: beam, layout: place": "body: beam"}, "sensors.gauges", "neither is given"),
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),
         ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "nothing is placed"),
         ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),
-        ({"field: {body: beam": "field: {body: bean"}, "field.body", "did you mean beam?"),
     ],
 )
 def test_what_contradicts_itself_is_refused_with_its_place(change, key, says):
@@ -339,6 +311,7 @@ def test_what_cannot_be_placed_is_refused_with_its_place(change, key, says):
     assert caught.value.key == key
 
 
+@pytest.mark.slow
 def test_a_pool_that_is_widened_to_every_candidate_has_no_candidates_left(tmp_path):
     """With noise far below what an increment makes gauges read, every one could be in a better layout."""
     changes = {"place.pool": 5, "place.keep": 4, "place.noise": 1e-10, "estimate.sensors.gauges.noise": 1e-10}

@@ -29,6 +29,7 @@ RIG = (
     .replace("{type: strain, body: beam, layout: place}", f"{{type: strain, body: beam, gauges: {GAUGES}}}")
     .replace("simulate:", "  tip: {type: motion, frame: tip}\nsimulate:")
 )
+BESIDE = "bench-records"
 CHANNELS = {
     "gauges": [{"channel": "upper", "unit": "um/m"}, {"channel": "side", "unit": "m/m"}],
     "tip": [None, {"channel": "y", "unit": "mm"}, {"channel": "z", "unit": "mm"}],
@@ -43,7 +44,7 @@ def measured(sensors=("gauges",), **changes):
 
 @pytest.fixture(scope="module")
 def simulated():
-    return ended("simulate", RIG).artefact("simulate")
+    return ended("simulate", RIG, beside=BESIDE).artefact("simulate")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def table(simulated):
 def run(table):
     def of(*changes, rows=table):
         lines = ["t,upper [um/m],side,y,z", *(",".join(f"{x:.15g}" for x in row) for row in rows)]
-        return ended("estimate", RIG, *changes, files={"test.csv": "\n".join(lines) + "\n"})
+        return ended("estimate", RIG, *changes, files={"test.csv": "\n".join(lines) + "\n"}, beside=BESIDE)
 
     return of
 
@@ -110,14 +111,10 @@ def test_a_load_that_only_a_component_feels_that_nobody_measured_is_refused_by_n
     ("settings", "says"),
     [
         ([measured(channels={"gauges": CHANNELS["gauges"][:1]})], "1 channels for 2 components"),
-        ([measured(channels={"gauges": [None, None]})], "no component is measured"),
         ([measured(channels={"gauges": [CHANNELS["gauges"][0], None]})], "1 channels for 2 unknown loads"),
-        ([measured(channels={"tip": CHANNELS["tip"]})], "tip"),
         ([measured(channels={"gauges": [CHANNELS["tip"][1], CHANNELS["gauges"][1]]})], "is of the kind strain"),
-        ([measured(channels={"gauges": [{"channel": "uper", "unit": "um/m"}, CHANNELS["gauges"][1]]})], "upper"),
         ([measured(), "estimate.duration=0.3", "simulate.duration=0.3"], "the file ends after 0.2 s"),
         ([measured(), "estimate.runs=3"], "a test is one run"),
-        ([measured(**{"from": "rig"})], "give exactly one of 'from', 'file'"),
         ([measured(), "estimate.time_step=0.004"], "estimate.measured"),
     ],
 )

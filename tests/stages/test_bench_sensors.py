@@ -38,10 +38,8 @@ def test_two_loads_on_one_line_of_action_are_refused_by_name_and_may_be_allowed(
     assert "what is given of each rests on its first σ alone" in end.text
 
 
-@pytest.mark.parametrize("model", ["matern", "oscillator", "integrated_random_walk"])
-def test_a_model_of_one_of_them_does_not_separate_them(model):
-    inputs = f"{{side: {{std: 100.0, model: {model}}}, again: {{std: 100.0, increment: 20.0}}}}"
-    end = run(f"estimate.inputs={inputs}")
+def test_a_model_of_one_of_them_does_not_separate_them():
+    end = run("estimate.inputs={side: {std: 100.0, model: matern}, again: {std: 100.0, increment: 20.0}}")
     assert end.code == 2
     assert "side and again together" in end.text
 
@@ -56,33 +54,25 @@ def test_a_step_of_implicit_euler_that_its_loads_outrun_is_refused_unless_allowe
     assert end.code == 0
     assert "σ does not allow for that" in end.text
     assert run(*thesis, "estimate.method.step_error=estimated").code == 0
-    assert run(*thesis, "estimate.truth.model=own").code == 0
 
 
 def test_input_models_of_a_structure_serve_a_bench():
-    """Sines, from their own frequency and amplitude: smooth models follow them better than the walk that has none of that."""
+    """Sines, from their own frequency and amplitude: a smooth model follows them better than the walk that has none of that."""
     walk = "{side: {std: 100.0, increment: 60.0}, down: {std: 100.0, increment: 40.0}}"
     smooth = "{side: {std: 100.0, model: MODEL}, down: {std: 100.0, model: MODEL}}"
     errors = {}
-    for model in ("random_walk", "integrated_random_walk", "matern", "oscillator"):
+    for model in ("random_walk", "matern"):
         end = run(f"estimate.inputs={walk if model == 'random_walk' else smooth.replace('MODEL', model)}",
                          "estimate.sensors.gauges.noise=1.0e-6")  # fmt: skip
         assert end.code == 0, end.text
         errors[model] = end.artefact("estimate").summary["std.side"]
-    assert max(errors["integrated_random_walk"], errors["matern"], errors["oscillator"]) < errors["random_walk"]
+    assert errors["matern"] < errors["random_walk"]
 
 
-@pytest.mark.parametrize(
-    ("inputs", "says"),
-    [
-        ("{side: {std: 100.0, model: matern, increment: 1.0}}", "increment is of a random walk, and the model is matern"),
-        ("{side: {std: 100.0, model: walk}}", "random_walk"),
-    ],
-)
-def test_contradictory_models_are_refused(inputs, says):
-    end = run(f"estimate.inputs={inputs}")
+def test_contradictory_models_are_refused():
+    end = run("estimate.inputs={side: {std: 100.0, model: matern, increment: 1.0}}")
     assert end.code == 2
-    assert says in end.text
+    assert "increment is of a random walk, and the model is matern" in end.text
 
 
 SIDE = "side: {type: force, frame: end, direction: [0, 1, 0], signal: "
@@ -108,14 +98,21 @@ def run_felt(*changes):
     return ended("estimate", FELT, *changes)
 
 
+@pytest.mark.slow
 def test_loads_from_gauges_and_an_accelerometer_keep_to_their_sigma_by_another_integrator():
-    """Radau's truth, four histories. Gauges alone know the load across the hinge's spring four times worse."""
+    """Radau's truth, four histories."""
     found = run_felt().artefact("estimate").summary
     for name in ("side", "down"):
         assert 0.7 < found[f"ratio.{name}"] < 1.3
     assert found["mismatch.felt"] < 0.01
-    alone = run_felt("estimate.sensors={gauges: {noise: 1.0e-6}}", "estimate.runs=1", "estimate.truth.histories=1")
-    alone = alone.artefact("estimate")
+
+
+def test_an_accelerometer_beside_gauges_knows_the_load_across_the_spring_better():
+    """Gauges alone know it four times worse."""
+    once = ("estimate.truth={model: own}", "estimate.runs=1", "simulate.duration=0.3")
+    found = run_felt(*once).artefact("estimate").summary
+    assert found["mismatch.felt"] < 0.01
+    alone = run_felt("estimate.sensors={gauges: {noise: 1.0e-6}}", *once).artefact("estimate")
     assert alone.summary["std.down"] > 3 * found["std.down"]
     # by the estimate, beside what it is
     assert alone["/sensors/felt/expected"].shape == alone["/sensors/felt/measured"].shape
@@ -135,6 +132,7 @@ def test_a_filter_refuses_what_it_has_no_equations_for():
 BIAS = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 2.0e-5}, felt: {noise: 0.02, bias: [0.05, 0.05, 0.5]}}"
 
 
+@pytest.mark.slow
 def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs():
     """Eight histories by Radau's method, offsets of twenty times the noise, which the loads at the start tell from loads."""
     truth = "estimate.truth={model: other, step: 0.01, histories: 8, within: 10.0}"
@@ -153,6 +151,7 @@ def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs
     assert np.all(own[2] < 0.5 * 2e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("update", ["iterated", "one_shot"])
 def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claimed(update):
     """Truths of the filter's own model, with offsets that walk."""
@@ -188,6 +187,7 @@ def run_exact(*changes):
     return ended("estimate", RIG.replace("std: 1.0e+2", "std: 1.0"), *changes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("zeroed", ["false", "true"])
 def test_sigma_of_loads_covers_gauges_that_are_drawn_anew_for_every_seed(zeroed):
     """Read where and how they are drawn, without linearisation; on the filter's own step, so that nothing else is wrong. Gauges

@@ -27,9 +27,8 @@ ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
 ) + "}"  # fmt: skip
 
 
-@pytest.mark.parametrize("h", [pytest.param(0.02, marks=pytest.mark.slow), 0.1])
-def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate, h):
-    when = (f"estimate.time_step={h}", "estimate.duration=1.0", *EXACT)
+def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7(estimate):
+    when = ("estimate.time_step=0.1", "estimate.duration=1.0", *EXACT)
     iterated = estimate(LOADS, *when)
     one_shot = estimate(LOADS, *when, "estimate.method.update=one_shot")
     for name in ("Fx", "Fy", "Fz"):
@@ -39,17 +38,19 @@ def test_without_noise_on_its_own_step_the_iterated_filter_has_the_loads_to_1e_7
     assert one_shot.summary["violation"] < 1e-14
 
 
-def test_against_a_finely_integrated_truth_the_loads_are_right_to_2e_3_at_a_step_of_300_ms(estimate):
-    found = estimate(
+@pytest.mark.slow
+def test_against_a_finely_integrated_truth_the_loads_are_right_to_2e_3_at_a_step_of_300_ms(hub_estimate):
+    found = hub_estimate(
         LOADS, "simulate.duration=9.0", "estimate.time_step=0.3", "estimate.truth.noise=false",
         "estimate.sensors.gauges.noise=1.0e-9", *(f"estimate.inputs.F{k}.increment=1.0e+4" for k in "xyz"),
     )  # fmt: skip
     assert max(found.summary[f"error.F{k}"] for k in "xyz") < 2e-3
 
 
-def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(estimate):
+@pytest.mark.slow
+def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(hub_estimate):
     """Strains only feel the load that passes through: thesis figure 2.7."""
-    found = estimate(
+    found = hub_estimate(
         DIAMETER, "estimate.time_step=0.1", "estimate.duration=3.0", "estimate.truth.noise=false", ALL_OF_THE_BEARING,
         "estimate.sensors={gauges: {noise: 1.0e-9}}",
     )  # fmt: skip
@@ -60,16 +61,16 @@ def test_a_wrong_bearing_leaves_the_loads_right_and_its_own_displacements_wrong(
 
 
 def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
-    """Radau's truth for three seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
-    when = ("estimate.time_step=0.05", "estimate.duration=0.5", "estimate.truth.noise=false")
-    other = ("estimate.runs=3", "estimate.truth={model: other, step: 0.025, histories: 3, within: 40.0, noise: false}")
+    """Radau's truth for two seeds: the first is the stated history, which the fine truth has to 1e-3; all begin alike."""
+    when = ("estimate.time_step=0.05", "estimate.duration=0.25", "estimate.truth.noise=false")
+    other = ("estimate.runs=2", "estimate.truth={model: other, step: 0.025, histories: 2, within: 40.0, noise: false}")
     found, fine = estimate(LOADS, *when, *other), estimate(LOADS, *when)
     truth = estimate(LOADS, *when, *other, stage="truth")
     assert truth["/begin"][0] == 0
     assert np.all(np.diff(np.sort(truth["/begin"])) > 0.1)
     for name in ("Fx", "Fy", "Fz"):
         loads = truth[f"/inputs/{name}"]
-        np.testing.assert_array_equal(loads[0], np.full(3, loads[0, 0]))
+        np.testing.assert_array_equal(loads[0], np.full(2, loads[0, 0]))
         assert np.ptp(loads[-1]) > 1e3
         np.testing.assert_allclose(found[f"/inputs/{name}/true"], fine[f"/inputs/{name}/true"], rtol=1e-12)
         assert found[f"/runs/numbers/error.{name}"][0] == found.summary[f"error.{name}"]
@@ -77,9 +78,10 @@ def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
     np.testing.assert_allclose(found["/sensors/relative/measured"], fine["/sensors/relative/measured"], rtol=1e-2, atol=1e-6)
 
 
-def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
+@pytest.mark.slow
+def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
     """Six seeds of loads, start and disturbance from the filter's own model: innovations and errors of their claimed size."""
-    found = estimate(
+    found = hub_estimate(
         LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
     )
     assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
@@ -93,7 +95,7 @@ def test_a_drawn_truth_is_estimated_as_well_as_claimed(estimate):
 def test_noise_and_update_of_the_thesis_find_the_loads_and_claim_no_less_than_an_increment(estimate):
     """Q* after the step, one update at the first guess: no better known than the 2000 N a step of the loads, whatever is read."""
     found = estimate(
-        LOADS, "estimate.duration=1.0", "estimate.method={update: as_printed, noise: as_printed}", "estimate.disturbance=1.0e-3",
+        LOADS, "estimate.duration=0.3", "estimate.method={update: as_printed, noise: as_printed}", "estimate.disturbance=1.0e-3",
         "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9",
     )  # fmt: skip
     assert found.summary["method"] == "one-shot as printed, on no constraints, Q* as printed"
@@ -102,21 +104,11 @@ def test_noise_and_update_of_the_thesis_find_the_loads_and_claim_no_less_than_an
         assert np.all(found[f"/inputs/{name}/std"][1:] > 0.999 * 2e3)
 
 
-def test_a_truth_drawn_with_the_noise_of_the_thesis_is_estimated_as_well_as_claimed_with_it(estimate):
-    """The loads change after the step that read them."""
-    found = estimate(
-        LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.method.noise=as_printed"
-    )
-    assert found.summary["nis"] == pytest.approx(1.0, abs=0.2)
-    for name in ("Fx", "Fy", "Fz"):
-        assert 0.6 < found.summary[f"ratio.{name}"] < 1.5
-
-
 def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
-    step = estimate(LOADS, "estimate.duration=0.5", "estimate.truth.model=own")
+    step = estimate(LOADS, "estimate.duration=0.2", "estimate.truth.model=own")
     inputs = ", ".join(f"F{k}: {{std: 1.0e+4, increment: 4.0e+4}}" for k in "xyz")
     second = estimate(
-        LOADS, "estimate.duration=0.5", "estimate.truth.model=own", "estimate.increments=second",
+        LOADS, "estimate.duration=0.2", "estimate.truth.model=own", "estimate.increments=second",
         f"estimate.inputs={{{inputs}}}",
     )  # fmt: skip
     np.testing.assert_allclose(second["/inputs/Fz/estimate"], step["/inputs/Fz/estimate"], rtol=1e-9)
@@ -125,45 +117,48 @@ def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
 def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(estimate):
     """The zero is of the history's first loads; a guess of zero beside it spoils nothing."""
     found = estimate(
-        LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=1.0",
+        LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=0.3",
         "sensors.gauges.zeroed=true", *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
     )  # fmt: skip
     assert max(found.summary[f"error.F{k}"] for k in "xyz") < 1e-3
     assert found.summary["mismatch.gauges"] < 1e-3
 
 
-def test_loads_are_written_as_a_command_history(estimate):
+def test_loads_are_written_as_a_command_history_and_a_noise_of_zero_is_raised(estimate):
     found = estimate(LOADS, "estimate.duration=0.2", *EXACT)
     rows = list(csv.reader(io.StringIO((found.path.parent / "loads.csv").read_text(encoding="utf-8"))))
     assert rows[0] == ["time", "Fx", "Fy", "Fz"]
     np.testing.assert_allclose(np.array(rows[1:], dtype=float)[:, 3], found["/inputs/Fz/smoothed"], rtol=1e-8)
-
-
-def test_noise_of_zero_is_raised_and_reported(estimate):
-    found = estimate(LOADS, "estimate.duration=0.2", "estimate.sensors.gauges.noise=0.0")
     assert "the noise of gauges is raised from 0" in str(found.tables)
 
 
 def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
     found = estimate(
         DIAMETER, "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
-        "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
-        "estimate.parameters.diameter.guess=0.0612", "estimate.parameters.diameter.std=1.2e-3",
+        "estimate.duration=1.0", "estimate.time_step=0.2", "estimate.method.update=undamped",
+        "estimate.parameters.diameter.guess=0.0624", "estimate.parameters.diameter.std=2.4e-3",
     )  # fmt: skip
     assert not (found.path.parent / "loads.csv").exists()
     assert "/inputs/Fz/smoothed" not in found
     assert np.isnan(found["/inputs/Fx/std"][-1])
+    assert found.summary["lost"] == 1
     assert "diverged" in str(found.tables)
 
 
-@pytest.mark.parametrize("increment", [1.0e-3, 300.0])
-def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate, increment):
-    """Fz off by 4000 times its σ, and by 2.7 times, which no record of half as many independent errors explains."""
-    found = estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment={increment}" for k in "xyz"))
+def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate):
+    """Loads that are taken for constant."""
+    found = estimate(LOADS, "estimate.duration=1.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
     text = str(found.tables)
     assert "Fz is overconfident" in text
     assert "innovations are" in text
-    assert increment < 1 or found.summary["error.Fz"] < 3 * found.summary["std.Fz"]
+
+
+@pytest.mark.slow
+def test_errors_of_2_7_sigma_throughout_are_called_overconfident(hub_estimate):
+    """No record of half as many independent errors explains them."""
+    found = hub_estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment=300.0" for k in "xyz"))
+    assert "Fz is overconfident" in str(found.tables)
+    assert found.summary["error.Fz"] < 3 * found.summary["std.Fz"]
 
 
 WEIGHT = 1.4e4 * 9.81
@@ -172,10 +167,10 @@ WEIGHT = 1.4e4 * 9.81
 @pytest.mark.slow
 @pytest.mark.parametrize("zeroed", [False, True])
 def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weight_unless_gauges_are_zeroed(
-    estimate, zeroed
+    hub_estimate, zeroed
 ):
     """û = 1.1 u + 0.1 G for loads at the blade's centre on a hub that weighs nothing itself; thesis figure 2.8."""
-    found = estimate(
+    found = hub_estimate(
         MODULUS, "estimate.duration=4.0", "estimate.truth.noise=false",
         "estimate.parameters={E: {guess: 1.87e+11}}", "estimate.sensors={gauges: {noise: 1.0e-7}}",
         "bodies.hub.mesh.materials={iron: {regions: all, youngs_modulus: 1.7e+11, poisson_ratio: 0.275, density: 7.1}}",
@@ -190,37 +185,23 @@ def test_a_hub_ten_per_cent_too_stiff_scales_loads_and_adds_a_tenth_of_the_weigh
 
 
 @pytest.mark.slow
-def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone_do_not(estimate):
+def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone_do_not(hub_estimate):
     common = ("estimate.duration=4.0", "sensors.gauges.zeroed=true")
-    both = estimate(MODULUS, *common)
-    alone = estimate(MODULUS, *common, "estimate.sensors={gauges: {noise: 1.0e-7}}")
+    both = hub_estimate(MODULUS, *common)
+    alone = hub_estimate(MODULUS, *common, "estimate.sensors={gauges: {noise: 1.0e-7}}")
     assert both.summary["identified.E"] is True
     assert both.summary["error.E"] < 4 * both.summary["std.E"] < 0.04
     assert alone.summary["identified.E"] is False
     assert alone.summary["std.E"] > 10 * both.summary["std.E"]
 
 
-@pytest.mark.parametrize("convention", ["follow", "fixed"])
-@pytest.mark.parametrize("guess", [0.0606, 0.0594])
-def test_ball_diameter_is_found_from_one_per_cent_off(estimate, convention, guess):
+def test_ball_diameter_is_found_from_one_per_cent_off(estimate):
     found = estimate(
-        DIAMETER, f"bearings.pitch-bearing.groove_centres={convention}", "estimate.truth={model: own, noise: false}",
-        f"estimate.parameters.diameter.guess={guess}", "estimate.duration=2.0", "estimate.time_step=0.2",
+        DIAMETER, "estimate.truth={model: own, noise: false}", "estimate.duration=2.0", "estimate.time_step=0.2",
         "estimate.sensors={gauges: {noise: 1.0e-9}, relative: {noise: 1.0e-9}}",
     )  # fmt: skip
     assert found.summary["error.diameter"] < 1e-6
     assert found["/parameters/diameter/true"] == 0.06
-
-
-def test_undamped_updates_lose_a_diameter_that_damped_ones_find(estimate):
-    wrong = (
-        "bearings.pitch-bearing.groove_centres=fixed", "estimate.truth={model: own, noise: false}",
-        "estimate.duration=2.0", "estimate.time_step=0.2", "estimate.parameters.diameter.guess=0.0612",
-        "estimate.parameters.diameter.std=1.2e-3",
-    )  # fmt: skip
-    undamped = estimate(DIAMETER, *wrong, "estimate.method.update=undamped")
-    assert undamped.summary["lost"] == 1
-    assert estimate(DIAMETER, *wrong).summary["error.diameter"] < 1e-6
 
 
 def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
@@ -260,29 +241,6 @@ def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate)
     assert "filters compared" in str(bank.tables)
 
 
-@pytest.mark.slow
-def test_an_unknown_that_no_sensor_feels_is_refused_by_name(estimate):
-    """The modulus of the hub moves no ring against the other."""
-    with pytest.raises(ConfigError, match="no sensor feels it") as refused:
-        estimate(MODULUS, "estimate.sensors={relative: {noise: 1.0e-6}}", "estimate.duration=0.2")
-    assert refused.value.key == "estimate.parameters.E"
-
-
-@pytest.mark.slow
-def test_zeroed_gauges_are_expected_to_read_what_they_read_whatever_the_modulus(estimate):
-    found = estimate(MODULUS, "estimate.duration=2.0", "sensors.gauges.zeroed=true", "estimate.truth.model=own")
-    late = slice(len(found["/nis"]) // 2, None)
-    off = found["/sensors/gauges/measured"][late] - found["/sensors/gauges/expected"][late]
-    assert np.sqrt(np.mean(off**2)) < 2e-7
-
-
-@pytest.mark.slow
-def test_an_unknown_under_a_load_that_begins_at_zero_is_felt_all_the_same(estimate):
-    """Nothing loads the hub at the start but what its unknown loads may be."""
-    found = estimate(MODULUS, "forces.weight.acceleration=[0.0, 0.0, 0.0]", "estimate.duration=1.0")
-    assert "E" in str(found.tables)
-
-
 BEARING = Bearing(
     balls=24, ball_diameter=0.03, pitch_diameter=0.5, contact_angle=np.pi / 4,
     radius_inner_left=0.0159, radius_inner_right=0.0159, radius_outer_left=0.0159, radius_outer_right=0.0159,
@@ -311,15 +269,15 @@ def test_a_displacement_that_is_known_leaves_no_doubt_of_the_balls():
 
 
 @pytest.mark.slow
-def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(estimate):
+def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(hub_estimate):
     """Noise drawn anew: over three seeds and the later half of each run error is within σ, and σ of its size; loads that move
     more slowly than the walk they are taken for leave it below."""
     off, pressed = [], []
     fine, own = "simulate.time_step=0.002", "simulate.method=second_order"
-    truth = estimate(LOADS, own, fine, stage="simulate")
+    truth = hub_estimate(LOADS, own, fine, stage="simulate")
     ring = "/bearings/bearing"
     for seed in (1, 2, 3):
-        found = estimate(LOADS, own, f"seed={seed}", "estimate.time_step=0.02", "estimate.duration=1.0")
+        found = hub_estimate(LOADS, own, f"seed={seed}", "estimate.time_step=0.02", "estimate.duration=1.0")
         at = np.searchsorted(truth["/time"], found["/time"] - 1e-9)
         z = (found[f"{ring}/displacement"] - truth[f"{ring}/displacement"][at]) / found[f"{ring}/std"]
         off.append(z[len(z) // 2 :])
@@ -331,8 +289,8 @@ def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(estimate
 
 
 @pytest.mark.slow
-def test_a_bank_says_nothing_of_balls(estimate):
-    found = estimate(
+def test_a_bank_says_nothing_of_balls(hub_estimate):
+    found = hub_estimate(
         LOADS,
         "estimate.duration=0.2",
         "estimate.time_step=0.05",

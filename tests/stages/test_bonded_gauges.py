@@ -15,7 +15,7 @@ from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.errors import UserError
 
 from ..shared import slowly
-from .tested_beam import KNOWN, changed, estimated, result
+from .tested_beam import KNOWN, estimated, result, validated
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
@@ -27,10 +27,8 @@ BEFORE = "estimate.as_placed=false"
 def project(tmp_path_factory):
     """The beam with its modulus unknown, validated, and the file of where its gauges went."""
     folder = tmp_path_factory.mktemp("bonded")
-    results = changed(folder, "known", {**KNOWN, "name: test\n": "name: test\n"})
-    (folder / "test.yaml").write_text((folder / "known.yaml").read_text())
+    validated(folder, KNOWN)
     (folder / "bonded.csv").write_bytes((folder / "results" / "test" / "gauges.csv").read_bytes())
-    assert results.name == "known"
     return folder
 
 
@@ -111,7 +109,7 @@ def test_bonded_gauges_keep_names_and_places_in_another_placement(project):
     assert run(project)[0] == 0
     modulus = result(project)["/smoothed/E"]
     bonded = "gauges.fixed_file=bonded.csv"
-    code, said = run(project, BEFORE, bonded, "screen.keep=30")
+    code, said = run(project, BEFORE, bonded, "screen.keep=9")
     assert code == 0, said
     more = 1.3 * np.deg2rad(2.0) ** 2 * (1 - (20 / 39.4) ** 2)
     np.testing.assert_allclose(result(project)["/smoothed/E"] / modulus - 1, more, rtol=0.03)
@@ -169,16 +167,11 @@ HEAD = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction
     ("text", "says"),
     [
         ("", "the file is empty"),
-        ("\n\n", "the file is empty"),
         ("gauge,x,y,z\nG1,0,0,0\n", "no column position_x"),
-        (f"{HEAD}\n", "no gauge in the file"),
         (f"{HEAD}\nG1,0.3,0,0.095,1,0\n", "6 cells under a header of 7"),
-        (f"{HEAD}\nG1,0.3,zero,0.095,1,0,0\n", "'zero' under position_y is no number"),
         (f"{HEAD}\nG1,0.3,nan,0.095,1,0,0\n", "is no number"),
         (f"{HEAD}\nG1,0.3,0,0.095,0,0,0\n", "direction of length zero"),
         (f"{HEAD}\n,0.3,0,0.095,1,0,0\n", "without the name"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG2,0.4,0,0.095,1,0,0\nG1,0.5,0,0.095,1,0,0\n", "is there twice"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.3,0,0.095,0,1,0\n", "no normal"),
         (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.4,0,0.095,0,1,0\n", "several places"),
     ],
 )

@@ -21,7 +21,6 @@ from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import NodalForces
-from strainsight.stages.screen import _fewer_than_asked
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
 from ..mesh.test_shell_faces import plate, strip
@@ -31,16 +30,19 @@ CELLS = (10, 10, 8)
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """A beam of 1 × 0.1 × 0.08 m held at x = 0, in bricks of 0.1 × 0.01 × 0.01 m: what is screened with overrides."""
+    """Overrides → training and screening of a beam of 1 × 0.1 × 0.08 m held at x = 0, in bricks of 0.1 × 0.01 × 0.01 m. A seat is
+    named in the middle of its top: cells with centres from x = 0.35 to 0.65 m, y = 0.035 to 0.065 m."""
     folder = tmp_path_factory.mktemp("beam")
     (folder / "beam.bdf").write_text(bricks(CELLS), encoding="ascii")
     (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
-    plain = api.load(folder / "edge.yaml")
+    seat = "mesh.faces={seat: {box: [[0.34, 0.03, 0.0799], [0.66, 0.07, 0.0801]]}}"
+    plain = api.load(folder / "edge.yaml", [seat])
     mesh = api.mesh(plain)
     reduced = api.reduce(plain, mesh)
 
     def screened(*overrides):
-        case = api.load(folder / "edge.yaml", ["screen.keep=all", "screen.minimum_spacing=0", "place.keep=2", *overrides])
+        loose = "screen.keep=all", "screen.minimum_spacing=0", "place.keep=2"
+        case = api.load(folder / "edge.yaml", [seat, *loose, *overrides])
         training = api.train(case, mesh, reduced)
         return training, api.screen(case, mesh, reduced, training)
 
@@ -67,12 +69,6 @@ def test_a_stated_clearance_is_kept_exactly(beam, clearance):
     assert screened.clearance.distance == screened.clearance.wanted == clearance
     assert screened.clearance.rule == "stated"
     assert 0 < screened.clearance.near["edges"] <= np.count_nonzero(~stays)
-
-
-def test_without_one_every_candidate_stays(beam):
-    _, screened = beam("gauges.clearance=none")
-    assert screened.clearance is None
-    assert not np.any(screened.reason == "clearance")
 
 
 def test_the_default_is_the_carrier_of_the_grid(beam):
@@ -103,37 +99,6 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     assert "none is kept" in clearance_warning(found)
     with pytest.raises(InfeasibleError, match=r"gauges\.clearance: none of \d+ candidates is 51"):
         beam("gauges.clearance=0.051")
-
-
-def test_a_pool_that_a_clearance_has_made_smaller_than_asked_for_is_taken_whole(beam):
-    training, screened = beam()
-    count = training.candidates.gauges
-    _, asked = beam(f"screen.keep={count}")
-    np.testing.assert_array_equal(asked.kept, screened.kept)
-    _, stated = beam(f"screen.keep={count}", "gauges.clearance=0.006")
-    np.testing.assert_array_equal(stated.kept, np.flatnonzero(stated.reason != "clearance"))
-
-
-def test_fewer_than_asked_for_are_named_with_what_left_them_out_and_nothing_else(beam):
-    """By spacing, by range, by both; and no word where all that are clear are kept."""
-    training, _ = beam()
-    pool = training.candidates
-    half = float(np.median(training.peak))
-    for overrides, words in (
-        (["screen.minimum_spacing=0.3"], ("are 300 mm apart. Lower screen.minimum_spacing, for",)),
-        ([f"gauges.range={half}"], ("are within their range. Choose sensors of a larger one, for",)),
-        (
-            ["screen.minimum_spacing=0.3", f"gauges.range={half}"],
-            ("are 300 mm apart and within their range. Lower screen.minimum_spacing or choose sensors of a larger one, for",),
-        ),
-        ([], ()),
-    ):
-        asked = [f"screen.keep={pool.gauges}", *overrides]
-        found = beam(*asked)[1]
-        said = list(_fewer_than_asked(beam.case(*asked).config.screen, found, pool))
-        assert len(said) == len(words)
-        for text, own in zip(said, words, strict=True):
-            assert f"{pool.gauges} candidates of gauges: of {pool.gauges} only {len(found.kept)} {own}" in text
 
 
 def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that_may_be_taken(beam):
@@ -208,28 +173,17 @@ def test_what_is_spread_over_shells_leaves_them_free_and_a_line_or_a_node_of_the
         assert (mesh.position[found, 0] == 0).all()
 
 
-@pytest.fixture(scope="module")
-def seated(tmp_path_factory):
-    """The beam with a seat named in the middle of its top: cells with centres from x = 0.35 to 0.65 m, y = 0.035 to 0.065 m."""
-    folder = tmp_path_factory.mktemp("seat")
-    (folder / "beam.bdf").write_text(bricks(CELLS), encoding="ascii")
-    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
-    loose = ["screen.keep=all", "screen.minimum_spacing=0", "place.keep=2"]
-    seat = "mesh.faces={seat: {box: [[0.34, 0.03, 0.0799], [0.66, 0.07, 0.0801]]}}"
-    plain = api.load(folder / "edge.yaml", [seat, *loose])
-    mesh = api.mesh(plain)
-    reduced = api.reduce(plain, mesh)
-
-    def screened(*overrides):
-        case = api.load(folder / "edge.yaml", [seat, *loose, *overrides])
-        training = api.train(case, mesh, reduced)
-        return training.candidates, api.screen(case, mesh, reduced, training)
-
-    return screened
-
-
 def places(pool, keep=slice(None)):
     return {tuple(x) for x in pool.position[pool.first][keep].round(9)}
+
+
+@pytest.fixture(scope="module")
+def seated(beam):
+    def screened(*overrides):
+        training, found = beam(*overrides)
+        return training.candidates, found
+
+    return screened
 
 
 def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(seated):
@@ -252,13 +206,6 @@ def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(sea
     np.testing.assert_array_equal(found.reason != "clearance", alone & ~near)
     assert np.any(near & alone)
     assert found.clearance.near["faces"] == np.count_nonzero(near)
-
-
-def test_the_same_by_a_zone_of_nodes_misses_what_lies_between_them(seated):
-    """Within 4 mm of the nodes of the seat there is no centre of a facet of 100 × 10 mm: such a zone does not stand for it."""
-    every, _ = seated("gauges.clearance=none")
-    pool, _ = seated("gauges.clearance=none", "gauges.exclude=[{near_set: {set: seat, distance: 0.004}}]")
-    assert places(pool) == places(every)
 
 
 def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_named(seated):

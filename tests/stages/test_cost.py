@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +11,7 @@ import pytest
 
 from strainsight.cases.structure.cost import (
     BULK_AND_THIN,
-    MEMORY,
     OF_A_PROCESS,
-    SECONDS,
     SOLVES,
     Size,
     cost_of,
@@ -22,7 +19,6 @@ from strainsight.cases.structure.cost import (
 )
 from strainsight.cases.structure.cost_of_place import (
     cost_of_place,
-    cost_of_pool,
     of_pool_in_words,
     scenarios_of,
     states_of,
@@ -78,34 +74,6 @@ def test_more_modes_take_longer_as_measured():
         assert 0.5 <= said.memory / memory <= 2
 
 
-@pytest.mark.parametrize(
-    ("name", "nodes", "tetrahedra", "seconds"), [("hub-coarse", 31_335, 18_467, 8.4), ("hub", 109_710, 70_158, 54.5)]
-)
-def test_the_hub_lies_between_wall_and_cube(name, nodes, tetrahedra, seconds):
-    """Of ten-node tetrahedra, 20 modes, on an otherwise idle machine (docs/measured.md, sums with their import)."""
-    table = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
-    peak = re.search(rf"^\| {name} \|.* ([\d.]+) \|$", table, re.MULTILINE)[1]
-    size = size_of(nodes, {"tet10": tetrahedra})
-    assert 1.5 < size.elements < 4
-    said = cost_of("modes", CONFIG.model_copy(update={"rom": CONFIG.rom.model_copy(update={"modes": 20})}), size)
-    assert 0.5 <= said.seconds / seconds <= 2
-    assert 0.5 <= said.memory / float(peak) <= 2
-
-
-def test_the_constants_are_those_of_the_document():
-    def of(what: str) -> list[float]:
-        formula = re.search(rf"^\| {re.escape(what)} \|[^|]*\| ([^|]*) \|", SCALING, re.MULTILINE)[1]
-        return [float(term.split(" N")[0]) for term in formula.split(" + ")]
-
-    for law, what in ((SECONDS, "[s]"), (MEMORY, "[GiB]")):
-        for stage in ("modes", "rom"):
-            name = f"plate, `{stage}` [s]" if what == "[s]" else f"plate, memory of `{stage}` [GiB]"
-            own = law[stage]
-            documented = of(name)
-            assert documented == [own.constant, own.linear, own.factor][: len(documented)]
-    assert "e^1.2" in SCALING
-
-
 def test_every_kind_of_element_has_its_share_of_nodes():
     """Euler's count on a torus of cells, where there is no rim: nodes = corners + edges with a node + centres."""
     assert set(BULK_AND_THIN) == {kind.name for kind in ELEMENTS}
@@ -147,43 +115,6 @@ def test_seconds_as_measured_are_within_a_factor_of_three():
         assert 1 / FACTOR <= of(*changes).seconds / seconds <= FACTOR, changes
 
 
-def test_the_constants_of_place_are_those_of_the_document():
-    formula = re.search(
-        r"`place` takes ([\d.]+) \+ s·m·\(([\d.e-]+) \+ ([\d.e-]+) n² \+ ([\d.e-]+) n³\) seconds "
-        r"and ([\d.]+) \+ ([\d.e-]+) s·m·n GiB",
-        SCALING,
-    )
-    c0, c1, c2, c3, g0, g1 = map(float, formula.groups())
-    for m, n, s in ((100, 23, 1), (5000, 83, 20)):
-        own = cost_of_pool(m, n, s)
-        assert own.seconds == pytest.approx(c0 + s * m * (c1 + c2 * n**2 + c3 * n**3), rel=1e-12)
-        assert own.memory == pytest.approx(g0 + g1 * s * m * n, rel=1e-12)
-
-
-def test_the_forecast_of_fifty_thousand_gauges_is_that_of_the_document():
-    said = re.search(r"50 000 gauges .* 124 states, would take ([\d.]+) h and ([\d.]+) GiB", SCALING)
-    hours, memory = map(float, said.groups())
-    own = cost_of_pool(50_000, 124, 1)
-    assert own.seconds / 3600 == pytest.approx(hours, abs=0.05)
-    assert own.memory == pytest.approx(memory, abs=0.005)
-
-
-@pytest.mark.parametrize(
-    ("what", "values"),
-    [
-        ("screen.keep", (4, 10, 100, 20_000)),
-        ("place.instants", (1, 2, 20, 200)),
-        ("place.parameter_samples", (1, 3, 9)),
-        ("rom.modes", (1, 4, 40, 400)),
-    ],
-)
-def test_more_of_anything_costs_more_and_nothing_costs_nothing(what, values):
-    found = [of(f"{what}={value}") for value in values]
-    assert found[0].seconds > 0
-    assert found[0].memory > 0
-    assert all(a.seconds < b.seconds and a.memory <= b.memory for a, b in itertools.pairwise(found))
-
-
 def test_what_is_counted():
     """Two states for each of ten modes and of the load's static response, and the modulus."""
     own = config("place.parameter_samples=2")
@@ -196,10 +127,6 @@ def test_a_panel_whose_skin_alone_has_a_free_modulus_is_forecast_with_the_shapes
     assert states_of(config(), apart=True) == 2 * 33 + 1
     assert 1 / FACTOR <= of("screen.keep=100", regions=2).seconds / 129 <= FACTOR
     assert of("screen.keep=100").seconds < of("screen.keep=100", regions=2).seconds / FACTOR
-
-
-def test_all_candidates_have_no_number_beforehand():
-    assert of("screen.keep=all") is None
 
 
 def test_what_is_long_is_forecast_again_as_place_begins_and_its_pool_is_known():
@@ -230,9 +157,3 @@ def test_a_part_has_the_share_of_the_time_that_it_takes():
     assert found[(FILTERED + LATER) / 2] == pytest.approx((found[FILTERED] + found[LATER]) / 2)
     assert found[1.0] == 1.0
 
-
-def test_gauges_that_are_left_out_are_as_many_passes():
-    total = 10 + 100 * (CHECK + 5 + REST)
-    found = said_of(5, True)
-    assert found[HELD] - found[LATER] == pytest.approx(400 / total)
-    assert 1 - found[HELD] == pytest.approx(100 * REST / total)

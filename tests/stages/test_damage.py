@@ -1,4 +1,4 @@
-"""Damage of a test against cycles counted by another program, and which walk the samples say an unknown load takes."""
+"""Damage of one and several records against cycles counted by another program; which walk an unknown load takes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ import pyvista
 import rainflow
 
 from strainsight import api
-from strainsight.cases.structure.damage_drawn import DECISIVE, may_walk_otherwise, walking, walks
+from strainsight.cases.structure.damage import Asked, Places, Recorded, damage_in_test
+from strainsight.cases.structure.damage_drawn import DECISIVE, walking, walks
+from strainsight.config.damage import DamageSettings, SNCurve
+from strainsight.estimation.bank_paths import Paths
+from strainsight.estimation.smoother import Smoothed
+from strainsight.fem.affine import AffineOperator
 from strainsight.workflow.artefact import Artefact
 
+from ..estimation.chain import loaded_chain
 from .tested_beam import ALONE, BLIND, CONFIG, ROOT, changed, estimated
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
@@ -66,14 +72,6 @@ def test_hot_spots_are_the_most_damaged_and_apart(blind):
     # the root of the cantilever, at x = 0
     assert position[spots[0], 0] < 0.1 * np.ptp(position[:, 0])
     assert "hot spots" in said
-
-
-def test_numbers_have_names(blind):
-    found, _, _ = blind
-    numbers = found.summary
-    assert numbers["damage.low.surface"] < numbers["damage.surface"] < numbers["damage.high.surface"]
-    assert numbers["life.surface"] == pytest.approx(found["/damage/hours"][()] / numbers["damage.surface"])
-    assert found["/damage/hours"][()] == pytest.approx(TIMES * 0.299 / 3600, rel=0.01)
 
 
 def test_a_place_of_next_to_no_stress_has_no_interval(blind):
@@ -151,13 +149,6 @@ def test_of_a_walk_the_other_one_with_the_kappa_that_is_stated(tmp_path):
     assert walking(other, "side") == config
 
 
-def test_walks_are_compared_by_a_bank_alone(tmp_path):
-    assert may_walk_otherwise(config_with(tmp_path, "{model: random_walk}"), ["side"])
-    assert not may_walk_otherwise(config_with(tmp_path, "{model: matern}"), ["side"])
-    assert not may_walk_otherwise(config_with(tmp_path, "{model: random_walk}", "extended"), ["side"])
-    assert may_walk_otherwise(config_with(tmp_path, "{model: matern}"), [])
-
-
 @pytest.mark.slow
 def test_damage_of_a_sine_that_is_stated_as_a_random_walk_is_drawn_by_the_smooth_walk(tmp_path):
     """Told, with the key that has all by it; places down to a tenth of the largest range have an interval. The record of a load
@@ -177,3 +168,51 @@ def test_damage_of_a_sine_that_is_stated_as_a_random_walk_is_drawn_by_the_smooth
     for name, share in (("walk", 0.1), ("smooth", 0.1), ("matern", 0.5)):
         ranges, low = (found[name][0][f"/damage/surface/{key}"] for key in ("range_of_mean", "low"))
         np.testing.assert_array_equal(np.isfinite(low), ranges >= share * ranges.max() * (1 - 1e-9))
+
+
+CYCLES, MODULUS, COUNT = 1e5, 2e9, 41
+ROWS = np.array([0.3, -0.2])
+
+
+def damage_of(q):
+    """Of one motion (T + 1, 2) at the one place."""
+    cycles = rainflow.count_cycles(MODULUS * q @ ROWS)
+    return sum(count * (size / STRESS) ** SLOPE for size, count in cycles) / CYCLES
+
+
+@pytest.fixture(scope="module")
+def records():
+    rng = np.random.default_rng(1)
+    found = []
+    for steps in (60, 90):
+        mean = 1e-3 * rng.standard_normal((steps + 1, 1, 5))
+        drawn = mean[None, :, 0, :2] + 2e-4 * rng.standard_normal((COUNT, steps + 1, 2))
+        parts = [Paths(np.zeros((COUNT, 0))[part], drawn[part]) for part in (slice(0, 3), slice(3, None))]
+        # parts of another size in the longer record
+        parts = parts if steps == 60 else [Paths(np.zeros((COUNT, 0)), drawn)]
+        smoothed = Smoothed(np.arange(steps + 1.0), mean, np.zeros_like(mean), None)
+        found.append((smoothed, parts, drawn))
+    return found
+
+
+def found_of(records, withheld=False):
+    settings = DamageSettings(curve=SNCurve(slope=SLOPE, stress=STRESS, cycles=CYCLES), draws=COUNT, repetitions=3.0)
+    place = Places(np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {}))
+    each = [
+        Recorded(loaded_chain(), smoothed, np.arange(2), None if withheld else parts) for smoothed, parts, _ in records
+    ]
+    return damage_in_test(settings, Asked(None, place), each, lambda share: None)
+
+
+def test_damage_is_the_sum_over_the_records(records):
+    found = found_of(records)
+    assert found.virtual.of_mean[0] == pytest.approx(3 * sum(damage_of(own.mean[:, 0, :2]) for own, _, _ in records))
+    draws = [sum(damage_of(drawn[i]) for _, _, drawn in records) for i in range(COUNT)]
+    assert found.virtual.damage[0] == pytest.approx(3 * np.median(draws))
+    assert found.hours == pytest.approx(3 * (60 + 90) / 3600)
+
+
+def test_without_sigma_there_is_no_interval(records):
+    found = found_of(records, withheld=True)
+    assert np.isnan(found.virtual.damage).all()
+    assert found.virtual.of_mean[0] == pytest.approx(found_of(records).virtual.of_mean[0])

@@ -25,8 +25,7 @@ def folder(tmp_path_factory):
 
 READ = ("load-modulus-shaker", "one-gauge")
 """Cases whose record is read from a file of every format: with a known load and a parameter, and with one gauge."""
-FAST = ("load", "modulus", "nothing-known")
-"""Cases of the fast tests: a load, a parameter, and both without a known load."""
+FAST = ("modulus",)
 
 
 @pytest.fixture(

@@ -28,6 +28,8 @@ from ..edges.beam import PLACEMENT_CONFIG, RHO, SIZE, E, bricks, config_of, fini
 from ..rom.test_reduction import beam
 from ..shared import strains
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 FACES = {"root": {"near": [0, 0.05, 0.04]}, "end": {"normal": [1, 0, 0]}, "top": {"near": [0.5, 0.05, 0.08]}}
 LOAD = {"known": True, "direction": [0, 0, 1], "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1000.0}}
 
@@ -65,21 +67,12 @@ def test_the_import_lists_six_faces_of_a_beam_and_the_names_that_stand_for_three
     assert found["/faces/named/facets_offset"].tolist() == [0, 4, 8, 24]
 
 
-def test_a_name_that_the_deck_has_is_refused(tmp_path):
-    text = unheld().replace("ENDDATA", "SET1,7,1,THRU,4\nENDDATA")
-    with pytest.raises(UserError, match="the mesh has a set 'SET1-7'") as caught:
-        finished(tmp_path, "import", text, {"mesh.faces": {"SET1-7": {"near": [0, 0.05, 0.04]}}})
-    assert caught.value.key == "mesh.faces.SET1-7"
-
-
 @pytest.mark.parametrize(
     ("load", "key", "what"),
     [
         ({"node": 1, "pressure": True}, "loads.tip.pressure", "acts on a face"),
         ({"set": "end", "pressure": True, "bearing": [0, 0, 1]}, "loads.tip.pressure", "a load with 'bearing', too"),
-        ({"set": "end", "bearing": [0, 0, 0]}, "loads.tip.bearing", "length zero"),
         ({"set": "end", "pressure": True, "direction": [0, 0, 1]}, "loads.tip.direction", "a pressure acts inward"),
-        ({"set": "end"}, "loads.tip.direction", "missing"),
     ],
 )
 def test_what_presses_has_one_kind_and_a_face(tmp_path, load, key, what):
@@ -89,6 +82,7 @@ def test_what_presses_has_one_kind_and_a_face(tmp_path, load, key, what):
     assert key in str(caught.value)
 
 
+@pytest.mark.slow
 def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(tmp_path):
     own = changes(True) | {
         "mesh.faces": FACES | {"below": {"near": [0.5, 0.05, 0.0]}},
@@ -97,7 +91,8 @@ def test_an_unknown_pressure_is_placed_for_in_pascal_and_a_known_pin_beside_it(t
             "pin": {"known": True, "set": "end", "bearing": [-1, 0, 0], "signal": LOAD["signal"]},
         },
         "parameters": {},
-        "place.estimate": ["press"],
+        "place": {"estimate": ["press"], "keep": 2, "instants": 1, "certificate": False},
+        "rom.modes": 3,
         "tolerances": "none",
         "validate": {"truth": {"model": "modes"}, "time_step": 0.001, "duration": 0.1, "repeats": 1, "random_sets": 0},
     }
@@ -126,7 +121,7 @@ CHANGES = {
     "gauges.noise_std": {"value": 1e-8},
     "tolerances": {"load_angle": 1.0},
     "screen": {"keep": 8, "minimum_spacing": 0.02},
-    "place": {"estimate": ["shake"], "keep": 2, "instants": 2},
+    "place": {"estimate": ["shake"], "keep": 2, "instants": 1, "certificate": False},
     "validate.truth": {"model": "rich", "parameters": {}},
     "validate.initial_std": {"shake": 1.0},
 }
@@ -136,7 +131,7 @@ MESH = bricks((8, 1, 1), "hex20", tip=False).replace("ENDDATA", CARDS)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return finished(tmp_path_factory.mktemp("mass"), "place", MESH, CHANGES)
+    return finished(tmp_path_factory.mktemp("mass"), "train", MESH, CHANGES)
 
 
 def by_load(model):
@@ -162,11 +157,6 @@ def test_strain_under_weight_is_that_of_a_beam(run):
     centrifugal = RHO * (L**2 - x**2) / (2 * E)
     np.testing.assert_allclose(strain[own, 0], bending[own], atol=0.005 * bending[own].max())
     np.testing.assert_allclose(strain[own, 1], centrifugal[own], rtol=0.01)
-
-
-def test_its_estimate_is_an_acceleration(run):
-    assert run["place"].attributes("/expected_std/shake")["scale"] == pytest.approx(9.81)
-    assert run["train"].attributes("/input")["units"] == "1 or m/s² or rad²/s²"
 
 
 def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any_of_them():
@@ -236,6 +226,7 @@ def weighed(tmp_path_factory):
     return finished(tmp_path_factory.mktemp("weighed"), "validate", MESH, of_density(WEIGHT))
 
 
+@pytest.mark.slow
 def test_a_density_is_found_by_the_strain_under_its_own_weight(weighed):
     """At 1 Hz the strain is ρ times what it is for ρ = 1, whatever the mass does otherwise: with noise r of each of the samples
     1/σ² = 1/σ₀² + Σ ε²/r², relative to ρ. The motion adds (f/f₁)² of it, f₁ 66 Hz."""
@@ -255,8 +246,6 @@ def test_a_density_is_found_by_the_strain_under_its_own_weight(weighed):
     ("change", "key"),
     [
         ({"loads.shake.node": 3}, "loads.shake.node"),
-        ({"loads.shake.direction": [0, 0, 1]}, "loads.shake.direction"),
-        ({"loads.shake.rotation": {"axis": [1, 0, 0]}}, "loads.shake.rotation"),
         ({"loads.shake.gravity": [0, 0, 0]}, "loads.shake.gravity"),
         ({"loads.spin.rotation": {"axis": [0, 0, 0]}}, "loads.spin.rotation.axis"),
         ({"loads.deck.deck_load": None, "loads.deck.node": 3, "loads.deck.direction": [1, 0, 0]}, "loads.deck.factor"),

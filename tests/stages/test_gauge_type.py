@@ -10,7 +10,6 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_of
-from strainsight.cases.structure.gauge_practice import type_in_words, type_table
 from strainsight.errors import InfeasibleError
 from strainsight.gauges.screening import BEND
 from strainsight.gauges.surface import facet_centres
@@ -60,18 +59,6 @@ def test_clearance_and_spacing_are_those_of_the_carrier(beam):
     assert np.all(found.range[training.candidates.quantity == 0] == 0.05)
     stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, beam.reduced, training)
     assert (stated.clearance.distance, stated.clearance.rule) == (0.005, "stated")
-
-
-def test_the_words_say_what_is_the_type_s_and_what_a_key_states(beam):
-    config = beam("gauges.type=3/350", "screen.minimum_spacing=0.02").config
-    said = type_in_words(config)
-    assert said.startswith("gauges 3/350 (as Micro-Measurements CEA-06-125UW-350): grid 3.18 mm, carrier 10.7 × 6.9 mm, range")
-    assert "spacing" not in said
-    rows = {row[0]: row[1:] for row in type_table(config)[0].rows}
-    assert rows["spacing"] == ("20 mm", "screen.minimum_spacing")
-    assert rows["grid"] == ("3.18 mm", "3/350")
-    assert rows["range"] == ("50000 µm/m", "3/350")
-    assert (type_in_words(beam().config), type_table(beam().config)) == ("", ())
 
 
 def curled(mesh):
@@ -129,16 +116,6 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
         assert ({name for name, count in found.near.items() if count}, blocked.tolist()) == ({near}, [True, False])
     with pytest.raises(InfeasibleError, match="none of 2 candidates"):
         clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([inside, flank]))))
-
-
-def test_where_all_bends_too_tightly_the_type_is_refused(beam, training):
-    pool = training.candidates
-    x = pool.position[:, 2] - beam.mesh.position[:, 2].min()
-    inside = (x == 0) & (np.abs(pool.position[:, 0] - pool.position[:, 0].mean()) < 0.3)
-    only = replace(training, candidates=pool.take(np.flatnonzero(inside)))
-    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}")
-    with pytest.raises(InfeasibleError, match=r"gauges\.type: the surface bends tighter than the 240 mm"):
-        bent_gauges(case.config, curled(beam.mesh), only)
 
 
 def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):

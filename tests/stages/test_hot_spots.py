@@ -13,20 +13,19 @@ import yaml
 from strainsight import api
 from strainsight.cases.layout.datum import deck_frame
 from strainsight.cases.layout.output import gauge_csv
-from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, advice_at_gauges, notes_at_gauges
+from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
 from strainsight.cases.structure.bonded_file import read_bonded
-from strainsight.cases.structure.hot_spots import SHARE, at_guess, hot_spot_advice, share_of
-from strainsight.cases.structure.placed import placement_output
+from strainsight.cases.structure.hot_spots import at_guess
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.walk import skin_of
 from strainsight.gauges.zones import NormalCone
 from strainsight.mesh.facets import exterior_facets
-from strainsight.records.placed import AtGauges, HotSpots
+from strainsight.records.placed import AtGauges
 
 from ..bodies import body
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, E, bricks
 
-CELLS = (20, 4, 4)
+CELLS = (12, 4, 4)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +38,7 @@ def beam(tmp_path_factory):
     config["gauges"]["exclude"] = [{"normal_cone": {"axis": [1, 0, 0], "angle": 20}}]
     (folder / "edge.yaml").write_text(yaml.safe_dump(config), encoding="utf-8")
     step = np.array(SIZE) / CELLS
-    point = np.array([10 * step[0], 2 * step[1], SIZE[2]])
+    point = np.array([6 * step[0], 2 * step[1], SIZE[2]])
     beside = [*(point[:2] + 0.5 * step[:2]), SIZE[2]]
     first = api.load(folder / "edge.yaml", ["loads.tip.node=1", "screen.keep=30"])
     mesh = api.mesh(first)
@@ -69,26 +68,6 @@ def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(bea
     np.testing.assert_array_equal(again.refined, test.refined)
 
 
-def test_gauges_at_hot_spots_of_one_kind_share_a_sentence():
-    test = HotSpots(refined=np.array([0.2, 0.2, 0.01, -0.3]), spread=np.zeros(4), share=0.05)
-    said = list(hot_spot_advice(test, ["G1", "G2", "G3", "G4"], [False] * 4))
-    assert said == [
-        "G1, G2 sit at hot spots: their strain changes by +20 % when the mesh around it is refined; "
-        "move them (a larger gauges.clearance, gauges.exclude) or mesh more finely there.",
-        "G4 sits at a hot spot: its strain changes by -30 % when the mesh around it is refined; "
-        "move it (a larger gauges.clearance, gauges.exclude) or mesh more finely there.",
-    ]
-
-
-def test_it_is_in_the_record_the_tables_and_the_summary(beam):
-    _, mesh, _, _, placed = beam
-    output = placement_output(placed, mesh, "m")
-    np.testing.assert_array_equal(output.datasets["/hot_spots/refined"].array, placed.hot_spots.refined)
-    assert output.summary["hot_spots"] == 1
-    (table,) = (own for own in output.tables if "hot spots" in own.title)
-    assert [row[-1] for row in table.rows] == ["hot spot" if hot else "" for hot in placed.hot_spots.hot]
-
-
 def test_the_moduli_are_those_of_the_guess_and_uniform_ones_do_not_matter(beam):
     """E of the deck is the truth, the guess a tenth lower; strain changes alike in a part of one material."""
     case, mesh, reduced, training, placed = beam
@@ -99,25 +78,6 @@ def test_the_moduli_are_those_of_the_guess_and_uniform_ones_do_not_matter(beam):
     stiff = replace(reduced, model=replace(reduced.model, reference={"E": 7e10}))
     again = api.hot_spots(case, mesh, stiff, training, placed.gauges)
     np.testing.assert_allclose(again.refined, placed.hot_spots.refined, rtol=1e-6, atol=1e-9)
-
-
-def test_the_share_is_five_per_cent_or_what_gains_are_allowed(beam):
-    config = beam[0].config
-    assert share_of(config) == SHARE
-    wide = config.model_copy(update={"tolerances": config.tolerances.model_copy(update={"gain": 0.08})})
-    assert share_of(wide) == 0.08
-
-
-def test_sentences_say_both_changes_and_who_was_not_tested():
-    test = HotSpots(refined=np.array([0.01, -0.23, np.nan]), spread=np.array([0.3, 0.0, np.nan]), share=SHARE)
-    first, second, third = hot_spot_advice(test, ("G1", "G2", "G3"), (False, False, False))
-    assert "G1" in first
-    assert "+30 % when forces" in first
-    assert "refined" not in first
-    assert "-23 % when the mesh around it is refined" in second
-    assert "move it" in second
-    assert "G3" in third
-    assert not list(hot_spot_advice(None, ("G1",), (False,)))
 
 
 SIGMA, LENGTH = 0.002, 0.006
@@ -147,16 +107,9 @@ def steep(bar, angles, rosette=False, bonded=False):
     return *found, part.position[part.first, 0]
 
 
-def test_of_a_strain_that_grows_along_a_bar_both_changes_are_in_closed_form(bar):
-    """ε = x along: σ/x in place, L/x over the grid."""
-    in_place, over_grid, x = steep(bar, (0.0,))
-    np.testing.assert_allclose(in_place, SIGMA / x, rtol=1e-6)
-    np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
-
-
-def test_a_turned_grid_sees_of_the_gradient_what_lies_along_it(bar):
-    """ε_d = x cos²θ: in place σ/x as before, over the grid L cos θ/x."""
-    theta = 30.0
+@pytest.mark.parametrize("theta", [0.0, 30.0])
+def test_of_a_strain_that_grows_along_a_bar_both_changes_are_in_closed_form(bar, theta):
+    """ε_d = x cos²θ: σ/x in place, L cos θ/x over the grid."""
     in_place, over_grid, x = steep(bar, (theta,))
     np.testing.assert_allclose(in_place, SIGMA / x, rtol=1e-6)
     np.testing.assert_allclose(over_grid, LENGTH * np.cos(np.deg2rad(theta)) / x, rtol=1e-6)
@@ -169,14 +122,13 @@ def test_of_a_rosette_the_channel_counts_that_changes_most_over_the_largest_read
     np.testing.assert_allclose(over_grid, LENGTH / x, rtol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar, seed):
+def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar):
     """ε_xx is x times what cancels in the motion of training, ε_yy is y: L/y over the grid of the channel across."""
     mesh, reduced = bar
     y = mesh.position[:, 1] + 0.02
     across = np.zeros((len(y), 3))
     across[:, 1] = 0.5 * y**2
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     motion, b = rng.standard_normal((2, 6))
     b -= (b @ motion) / (motion @ motion) * motion
     basis = np.hstack([reduced.basis * b, across.reshape(-1, 1)])
@@ -218,65 +170,12 @@ def test_each_note_has_its_number_and_its_limit():
     assert notes_at_gauges(None, 2) == ("", "")
 
 
-def test_the_advice_names_them_with_a_remedy_where_one_is_left():
-    """A gauge that is bonded has been reached, and stays."""
-    labels = ("G1", "G2", "G3", "A1")
-    said = list(advice_at_gauges(NOTED, labels, [False] * 4))
-    assert [text.split(",")[0] for text in said] == ["G2", "G3", "A1", "A1"]
-    assert said[0].endswith("place it by a template, take a shorter grid, or move it.")
-    assert "gauges.exclude" in said[1]
-    bonded = list(advice_at_gauges(NOTED, labels, [True] * 4))
-    assert [text.split(",")[0] for text in bonded] == ["G2"]
-    assert bonded[0].endswith("(limit 20 %).")
-    assert list(advice_at_gauges(None, labels, [False] * 4)) == []
-
-
-def test_a_face_that_lies_on_something_has_one_sentence_with_the_gauges_on_it():
-    below, side = "the face about (0, 0, 0) m is held by 4 bores", "the face about (1, 0, 0) m is held by 1 bore"
-    own = replace(NOTED, in_place=np.zeros(4), over_grid=np.zeros(4), lies_on=(below, side, below, below))
-    said = list(advice_at_gauges(own, ("G1", "G2", "G3", "B1"), [False, False, False, True]))
-    assert [text.split(": see")[0] for text in said] == [
-        f"G1, G3, check access: {below}",
-        f"G2, check access: {side}",
-        "G3, check access: 12 mm of room over it (limit 60 mm)",
-    ]
-
-
-@pytest.fixture(scope="module")
-def placed(tmp_path_factory):
-    """Two gauges on a plain beam, one of them bonded near its free end, where bending ends and nothing else strains."""
-    folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((10, 2, 2), "hex20"), encoding="ascii")
-    data = PLACEMENT_CONFIG | {"screen": {"keep": 20}}
-    (folder / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
-    fixed = "gauges.fixed=[{name: K1, position: [0.85, 0.05, 0.08], direction: [1, 0, 0]}]"
-    case = api.load(
-        folder / "edge.yaml",
-        ["gauges.type=6/350", "gauges.direction.angles=[0]", "loads.tip.direction=[0, 0, 1]", fixed],
-    )
-    mesh = api.mesh(case)
-    reduced = api.reduce(case, mesh)
-    training = api.train(case, mesh, reduced)
-    return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training)), mesh
-
-
-def test_of_a_cantilever_the_gradient_is_that_of_its_moment(placed):
-    """ε ∝ 1 m − x of a tip force far below the first mode, which lifts it by its inertia: L over that, within a tenth."""
-    found, listed = placed[0].at_gauges, placed[0].listed
-    free = 1.0 - listed.position[:, 0]
-    np.testing.assert_allclose(found.over_grid, listed.length / free, rtol=0.1)
-    np.testing.assert_allclose(found.in_place[~listed.bonded], 0.002 / free[~listed.bonded], rtol=0.1)
-    assert not found.in_place[listed.bonded].any()
-    assert np.isinf(found.room).all()
-    assert listed.notes == ("",) * len(listed.labels)
-
-
-def test_notes_are_the_last_column_of_the_file_where_there_are_some_and_it_is_read_as_before(placed, tmp_path):
-    found, mesh = placed
+def test_notes_are_the_last_column_of_the_file_where_there_are_some_and_it_is_read_as_before(beam, tmp_path):
+    _, mesh, *_, found = beam
     of_deck = found.expected.without, mesh, deck_frame("m")
     plain = gauge_csv(found.listed, *of_deck)
     assert b"notes" not in plain
-    notes = ("", notes_at_gauges(NOTED, 4)[1])
+    notes = ("", notes_at_gauges(NOTED, 4)[1], "")
     (tmp_path / "gauges.csv").write_bytes(gauge_csv(replace(found.listed, notes=notes), *of_deck))
     with (tmp_path / "gauges.csv").open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))

@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.config.load import load_config
-from strainsight.config.suite_runs import runs_of
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
@@ -77,40 +75,6 @@ def test_the_file_of_the_test_gives_the_same_modulus(folder):
     column = next(i for i, name in enumerate(table[0]) if re.match(r"E\b", name))
     validate = Artefact(folder / "validate.h5").summary
     assert float(table[-1][column]) == pytest.approx(validate["estimate.E"], rel=0.1 * validate["std.E"])
-
-
-@pytest.mark.parametrize("path", sorted(HUB.glob("hub-*.yaml")), ids=lambda path: path.stem)
-def test_every_config_is_valid_and_shares_what_is_reduced(path):
-    """One name a file, and the same mesh, parameters and reduction everywhere, so that runs take stages over."""
-    own, first = load_config(path, ()).data, load_config(CONFIG, ()).data
-    assert own["name"] == path.stem
-    for key in ("mesh", "parameters", "rom", "damping"):
-        assert own[key] == first[key]
-
-
-def test_the_suite_runs_every_config_on_either_mesh():
-    """make hub and make hub-fine: all nine, under names of their own."""
-    fine = ("name=hub-fine", "suffix=-fine", "set.mesh.file=../../meshes/hub.bdf.gz")
-    for options, mesh, suffix in (((), "hub-coarse.bdf.gz", ""), (fine, "hub.bdf.gz", "-fine")):
-        runs = runs_of(load_config(HUB / "suite.yaml", options))
-        assert {run.entry.config for run in runs} == {path.name for path in HUB.glob("hub-*.yaml")}
-        for run in runs:
-            assert run.config.data["mesh"]["file"] == f"../../meshes/{mesh}"
-            assert run.config.data["name"].endswith(suffix)
-            assert (HUB / run.config.data["mesh"]["file"]).is_file()
-
-
-def test_blade_load_is_what_the_script_writes():
-    """Once and three times a turn stand out of Fx and Fz; the file starts from zero and is read at every step."""
-    with (HUB / "blade-load.csv").open(encoding="ascii") as lines:
-        table = np.array([[float(cell) for cell in row] for row in list(csv.reader(lines))[1:]])
-    time, force = table[:, 0], table[:, 1:]
-    assert np.allclose(np.diff(time), 0.002, atol=1e-9)
-    assert np.all(force[0] == 0)
-    whole = force[time >= 1.0][:3500]  # seven turns
-    spectrum = np.abs(np.fft.rfft(whole - whole.mean(axis=0), axis=0)) * 2 / len(whole)
-    assert spectrum[7, 0] == pytest.approx(1000, rel=0.3)
-    assert spectrum[21, 2] == pytest.approx(600, rel=0.3)
 
 
 EXACT = ("tolerances=none", "validate.truth.model=modes", *lug_UNSTUDIED)

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import strainsight.estimation.verdict as kernel
 import strainsight.report.placement.verdicts as words
 from strainsight.cases.structure import filtered_test
 from strainsight.cases.structure.diagnosed import judgement_of
@@ -16,7 +15,7 @@ from strainsight.cases.structure.filtered_test import Filtering, filtered_by_ver
 from strainsight.cases.structure.measured import common_part
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
 from strainsight.cases.structure.records_of_test import records_of
-from strainsight.config.estimate import Estimate, RecordOfTest
+from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
@@ -128,21 +127,6 @@ def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monk
     assert shares == sorted(shares)
 
 
-def test_a_record_without_channels_of_its_own_has_to_copy_them():
-    """The key that puts one record right is not there yet; that of one with channels of its own is."""
-    (record,) = records([0])
-    record = replace(record, samples=record.samples * [1, -1, 1, 1])
-    shared = settings()
-    pair = tuple(RecordOfTest(name=name, file=f"{name}.csv") for name in ("low", "mid"))
-    several = shared.model_copy(update={"file": None, "records": pair})
-    own = several.model_copy(update={"records": (pair[0], pair[1].model_copy(update={"channels": shared.channels}))})
-    key = "G2 fits with sign −1: check the wiring, or set estimate.records.1.channels.1.sign: -1"
-    copy = " (state estimate.records.1.channels, a copy of estimate.channels, for what this record alone needs)"
-    assert judged(record, records_of(several)[1]).named == key + copy
-    assert judged(record, records_of(own)[1]).named == key
-    assert "copy" not in judged(record).named
-
-
 def verdicts(error=1.0, smoothed=None, repeats=1.0, many=20, draws=1):
     """Of an unknown whose σ is 1 everywhere: (of, verdict) of every claim, and the one that decides, the first, in words."""
     numbers = {"error.a": error, "std.a": 1.0, "smoothed.a": 1.0, "smoothed_std.a": 1.0}
@@ -158,11 +142,6 @@ def test_repeats_decide_where_the_test_was_lucky():
     found, said = verdicts(error=2.0, repeats=2.0)
     assert found == [("repeats", "overconfident"), ("test", "consistent")]
     assert said == "overconfident (RMS error of the repeats 2 times the claimed σ, at most 1.49 where it holds)"
-
-
-def test_the_worst_of_two_decides():
-    assert verdicts(error=20.0, repeats=2.0)[0][0] == ("test", "overconfident")
-    assert verdicts(error=4.0, repeats=4.0)[0][0] == ("repeats", "overconfident")
 
 
 def test_a_smoothed_load_is_held_against_its_own_claim():
@@ -187,12 +166,6 @@ def test_errors_far_below_sigma_are_no_fault(error):
 
 def test_without_repeats_the_test_is_all_there_is():
     assert verdicts(many=0)[0] == [("test", "consistent")]
-
-
-def test_pages_and_kernels_use_the_same_words():
-    """A page knows no kernel: its words stand in a file of its own."""
-    ours = (kernel.OVERCONFIDENT, kernel.TOO_CAUTIOUS, kernel.CONSISTENT)
-    assert ours == (words.OVER, words.CAUTIOUS, words.HELD)
 
 
 @pytest.mark.parametrize(("known", "inputs", "parameters"), [(("tip",), ("x",), ("E",)), ((), ("x",), ()), ((), (), ("E",))])

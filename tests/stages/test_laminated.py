@@ -11,7 +11,6 @@ from scipy.sparse.linalg import spsolve
 from strainsight.cases.structure.mesh import checked, mesh_of, with_additions
 from strainsight.config.load import load_config
 from strainsight.config.mesh import MeshFile
-from strainsight.config.template import template
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError, UserError
 from strainsight.fem.assembly import assemble_stiffness
@@ -19,15 +18,16 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.stages.placement import PLACEMENT
-from strainsight.stages.suggestion import suggestion
 from strainsight.workflow.runner import run
 
 from ..anisotropy import CONSTANTS, TURN, flexibility, strains, turned, work
 from ..edges.beam import finished as sections_finished
-from ..shared import ROOT, SHORT, job_of, made, stages_of
-from ..strips import RHO, E, L, T, gmsh, vtu
+from ..shared import ROOT, job_of, made, stages_of
+from ..strips import RHO, E, L, T, gmsh
 from ..strips import B as sections_B
 from .conftest import finished
+
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 N, M, A, B = 10, 2, 0.3, 0.03
 
@@ -61,16 +61,16 @@ parameters:
 loads:
   tip: {node: 32, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 15.0, amplitude: 5.0}}
 damping: {type: modal, ratio: 0.01}
-rom: {modes: 6}
+rom: {modes: 3}
 train: {duration: 0.1, time_step: 1.0e-3}
 gauges: {direction: {type: axis, axis: [1, 0, 0]}, clearance: none, grid_length: 0.003, noise_std: {relative_to_strongest: 0.01}}
-tolerances: {load_angle: 0, load_position: 0}
+tolerances: {load_angle: 0, load_position: 0, frequency: 0, damping: 1}
 screen: {keep: 6}
 place: {estimate: [s], keep: 2, instants: 1, minimum_spacing: 0.02, certificate: false}
 validate:
   truth: {model: modes, parameters: {s: 1.1}, modes: 8}
   time_step: 1.0e-3
-  duration: 0.2
+  duration: 0.1
   initial_std: {s: 0.1}
   random_sets: 0
   repeats: 1
@@ -86,6 +86,7 @@ def strip(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_factor_of_the_stiffness_is_found(strip):
     job = job_of(strip / "strip.yaml", strip / "results")
     found = finished(job, stages_of(job, "validate"))
@@ -96,10 +97,11 @@ def test_factor_of_the_stiffness_is_found(strip):
 S = "s: {property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.25]}"
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_modulus_along_the_fibres_is_found(strip, seed):
     """10 % off the guess and within 3 σ, which is less than half of what was known before."""
-    config = CONFIG.replace("name: strip", "name: fibres").replace("modes: 6", "modes: 3, parameter_samples: 2")
+    config = CONFIG.replace("name: strip", "name: fibres").replace("modes: 3", "modes: 3, parameter_samples: 2")
     config = config.replace(S, "e1: {property: e1, region: 1, material: 8, guess: 1.4e+11, range: [1.1e+11, 1.8e+11]}")
     config = config.replace("[s]", "[e1]").replace("{s: 1.1}", "{e1: 1.54e+11}").replace("{s: 0.1}", "{e1: 0.1}")
     (strip / "fibres.yaml").write_text(f"{config}\nseed: {seed}\n")
@@ -117,11 +119,9 @@ def test_modulus_along_the_fibres_is_found(strip, seed):
          "no orthotropic material 'carbon'", "parameters.s.material"),
         (S, "s: {property: e1, region: 1, guess: 1.4e+5, range: [1.0e+5, 2.0e+5]}",
          "the deck has 1.4e\\+11", "parameters.s.guess"),
-        (S, "s: {property: area_factor, region: 1, guess: 1.0, range: [0.8, 1.2]}", "not of beams", "parameters.s.property"),
         (S, "s: {property: density, region: 1, material: 8, guess: 1600, range: [1500, 1700]}",
          "a density is not of one material", "parameters.s.material"),
         ("property: stiffness_factor", "property: youngs_modulus", "no single youngs_modulus", "parameters.s.property"),
-        ("guess: 1.0, range: [0.8, 1.25]", "guess: 30, range: [0.8, 40]", "is 30, the deck has 1 ", "parameters.s.guess"),
         ("strip.bdf}", "strip.bdf, materials: {m: {regions: all, youngs_modulus: 1.0e+9, poisson_ratio: .3, density: 1}}}",
          "is a laminate, whose plies", "mesh.materials.m.regions"),
     ],
@@ -135,14 +135,6 @@ def test_what_is_of_no_laminate_is_refused(strip, old, new, what, key):
     assert caught.value.remedy
 
 
-def test_init_asks_for_the_factor_and_lacks_no_material(tmp_path):
-    found = suggestion(deck(tmp_path / "strip.bdf"))
-    assert (found.several_moduli, found.lacking, found.length_unit) == (True, (), "m")
-    text = template("strip.bdf", found)
-    assert "property: stiffness_factor" in text
-    assert "stiffness: 1.05" in text
-
-
 ORTHOTROPIC_CONFIG = (ROOT / "configs" / "cantilever-youngs-modulus.yaml").read_text(encoding="utf-8")
 COARSE = ROOT / "meshes" / "cantilever-coarse.bdf"
 STEEL = "youngs_modulus: 2.1e+11, poisson_ratio: 0.3"
@@ -151,6 +143,7 @@ ALIKE = (
     f"shear_modulus: [{', '.join([str(2.1e11 / 2.6)] * 3)}], "
     "axes: {x: [1, 2, 0], y: [0, 1, 3], origin: [0, -5, 2], system: cylindrical}"
 )
+FEW = ("train.duration=0.1", "train.time_step=1e-3", "place.instants=1", "place.certificate=false")
 FACTOR = "property: stiffness_factor, region: 1, guess: 0.9, range: [0.8, 1.2]"
 
 
@@ -169,7 +162,7 @@ def both(tmp_path_factory):
     found = []
     for constants in (STEEL, ALIKE):
         folder = tmp_path_factory.mktemp("run")
-        settings = *SHORT, "screen.keep=12", "rom.parameter_samples=2"
+        settings = *FEW, "screen.keep=12", "rom.parameter_samples=2", "rom.modes=4"
         found.append(made(config_of(folder, constants), *settings, until="place"))
     return found
 
@@ -203,8 +196,6 @@ def test_axes_of_a_config_are_those_of_the_tensor(tmp_path):
     ("old", "new", "what"),
     [
         ("[0.3, 0.3, 0.3]", "0.3", "not poisson_ratio"),
-        (", shear_modulus", ", axes: {}, shear_modulus", "axes"),
-        ("[2.1e+11, 2.1e+11, 2.1e+11]", "2.1e+11", "not youngs_modulus"),
         ("x: [1, 2, 0]", "x: [0, 2, 6]", "runs along x"),
         ("[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear", "2.1e+11, poisson_ratio: 0.3, x", "x_modulus"),
     ],
@@ -222,7 +213,7 @@ def test_a_material_that_is_none_and_a_modulus_that_is_one_of_several_are_refuse
         with_additions(mesh, bad)
     assert caught.value.key == "mesh.materials.own"
     modulus = "property: youngs_modulus, region: 1, guess: 2.0e+11, range: [1.6e+11, 2.4e+11]"
-    job = job_of(config_of(tmp_path, ALIKE, modulus), tmp_path, *SHORT, "validate.truth.parameters.E=2.1e+11")
+    job = job_of(config_of(tmp_path, ALIKE, modulus), tmp_path, "validate.truth.parameters.E=2.1e+11")
     with pytest.raises(UserError, match="of an anisotropic material: it has no single Young's modulus") as caught:
         for _ in run(stages_of(job, "rom"), job):
             pass
@@ -284,13 +275,6 @@ def test_the_first_second_moment_resists_bending_towards_the_direction(built):
         assert w == pytest.approx(L**3 / (3 * E * moment), rel=1e-9)
 
 
-def test_rods_and_a_skin_are_as_heavy_as_their_sections_say(built):
-    rods = {"regions": ["spar"], "area": 2e-4}
-    (mass, _), model = built({**PLATE, "stringer": rods})
-    assert [block.kind for block in model.mesh.thin] == ["quad4", "rod"]
-    assert mass == pytest.approx(RHO * (L * sections_B * T + L * 2e-4), rel=1e-9)
-
-
 STAGES = {
     "mesh.sections": {"skin": {"regions": "all", "thickness": T}},
     "mesh.supports": [{"set": "root", "components": [1, 2, 3, 4, 5, 6]}],
@@ -302,6 +286,7 @@ STAGES = {
     },
     "gauges.clearance": "none",
     "screen": {"keep": "all", "minimum_spacing": 0.0},
+    "place.certificate": False,
 }
 
 
@@ -319,12 +304,3 @@ def test_a_layout_sits_on_the_faces_of_shells_of_gmsh(tmp_path):
     along = found["place"]["/selected/final/direction"]
     np.testing.assert_allclose(np.abs(along[:, 0]), 1.0, rtol=1e-12)
 
-
-def test_an_import_holds_the_shells_of_a_grid(tmp_path):
-    vtu(tmp_path / "strip.vtu")
-    own = {"mesh.file": "strip.vtu", "parameters.E.region": 7, "loads.tip.set": "tip"}
-    found = sections_finished(tmp_path, "import", "", STAGES | own)["import"]
-    assert (len(found["/shells/quad4/id"]), len(found["/shells/tri3/id"])) == (8, 16)
-    np.testing.assert_array_equal(found["/sections/shells/thickness"], [T])
-    # what a file for ParaView shows is the deck
-    assert len(found["/VTKHDF/Points"]) == len(found["/nodes/id"]) - len(found["/arms"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -12,13 +11,11 @@ import pytest
 import yaml
 
 from strainsight import api
-from strainsight.cases.layout.advice import advice, best_possible
-from strainsight.cases.layout.budget import budget_table, helps
-from strainsight.cases.layout.expectation import Expectation
+from strainsight.cases.layout.advice import best_possible
 from strainsight.cases.layout.layout import layout_of, proved
 from strainsight.cases.layout.task import root_of
 from strainsight.cases.structure.installation_noise import COHERENCE
-from strainsight.errors import ConfigError, InfeasibleError
+from strainsight.errors import InfeasibleError
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.elimination import eliminate
@@ -80,61 +77,6 @@ def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what(pools
     assert (robust.proof, robust.exchange) == (None, None)
 
 
-@pytest.mark.parametrize(
-    ("loss", "said"),
-    [
-        ([2.0, 3.0], "The worst failure is that of G2: σ of E grows by 50 %."),
-        ([np.inf, 3.0], "An unknown is lost if G1 fails."),
-        ([np.inf, np.inf], "Whichever gauge fails, an unknown is lost."),
-        ([np.nan, 3.0], "What is left if G1 fails was not solved to accuracy."),
-        ([np.nan, np.inf], "What is left if G1 fails was not solved to accuracy. An unknown is lost if G2 fails."),
-    ],
-)
-def test_what_a_failure_leaves_is_reported_and_what_was_not_solved_is_no_loss(loss, said):
-    words = _advice(np.array([0.025, 0.03]), loss)
-    assert said in " ".join(words)
-    assert not {"lost", "solved", "worst"} & set(" ".join(words).replace(said, "").split())
-
-
-def test_what_helps_most_is_the_largest_part_of_the_variance():
-    budget = {
-        "tip": {"noise": 0.6, "process noise": 0.3, "gain": 0.1},
-        "E": {"noise": 0.05, "process noise": 0.1, "gain": 0.85},
-        "rho": {"noise": 0.25, "process noise": 0.0, "gain": 0.75},
-    }
-    said = list(helps(budget))
-    assert said == [
-        "What would help tip most: quieter channels, or more of them (noise: 60 % of the variance of tip).",
-        "What would help E and rho most: channels calibrated more exactly (gain: 85 % of the variance of E and 75 % of the "
-        "variance of rho).",
-    ]
-    assert list(helps({})) == []
-    rows = budget_table(budget).rows
-    assert rows[1] == ("E", "5.0 %", "10.0 %", "85.0 %")
-
-
-def test_a_failure_that_helps_is_no_growth():
-    """A gauge that reads wrong, and is not known to, can do harm."""
-    assert _said(np.array([0.015, 0.018])) == "σ of no unknown grows if one gauge fails: what it reads wrong then goes with it."
-    assert _said(np.array([0.015, 0.03])).endswith("G2: σ of E grows by 50 %.")
-
-
-def _said(without):
-    return next(text for text in _advice(without, [2.0, 3.0]) if "fail" in text)
-
-
-def _advice(without, loss):
-    """On two gauges, without each of which σ of E is that."""
-    task = SimpleNamespace(
-        criterion=Trace(), over=("E",), limits=limits_of(3, 2), settings=SimpleNamespace(keep=2),
-        pool=SimpleNamespace(alone=0), relative=True, whole=None, sigma="the steady-state σ of E", cost_of=lambda rows: None,
-    )  # fmt: skip
-    listed = SimpleNamespace(labels=("G1", "G2"), bonded=np.zeros(2, dtype=bool), most=np.zeros(2), range=np.ones(2))
-    removals = SimpleNamespace(cost=np.array([1.0, 1.1]), ties=((),))
-    own = SimpleNamespace(gauges=np.arange(2), certificate=None)
-    return advice(task, removals, own, listed, Expectation({"E": 0.02}, {"E": without}), np.array(loss), [])
-
-
 KEEP, TRACE = 4, Trace()
 
 
@@ -191,10 +133,6 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
 def test_shares_are_rounded_up(gap, names, said):
     certificate = Certificate(1 - gap, gap, 1.0, np.ones(1), 1, np.ones(1))
     assert said in next(best_possible(certificate, TRACE, names, root_of(TRACE, names)))
-
-
-def test_without_a_bound_nothing_is_reported():
-    assert list(best_possible(None, TRACE, ("E",), "")) == []
 
 
 STRONG, WEAK, STEP, DURATION = 1000.0, 1.0, 0.002, 0.2
@@ -291,13 +229,6 @@ def test_places_of_small_errors_take_turns_with_strong_ones(screened):
     np.testing.assert_allclose(np.sort(ratio[:, found.kept]), np.sort(ratio[:, best(ratio, 8)]), rtol=1e-6)
     assert ratio[1, found.kept].sum() > 1.01 * ratio[1, best(ratio[:1], 8)].sum()
     assert np.all(found.snr >= ratio[1])
-
-
-def test_a_placement_that_avoids_errors_wants_them_screened(screened):
-    case, mesh, reduced, training, found = screened({})
-    with pytest.raises(ConfigError, match="screened without their errors") as error:
-        api.place(case, mesh, reduced, training, replace(found, installation=None))
-    assert "screen them with this config" in str(error.value)
 
 
 def test_an_unknown_that_does_nothing_in_training_is_refused(screened, tmp_path):

@@ -12,7 +12,6 @@ from scipy.linalg import solve_continuous_are
 from strainsight import api
 from strainsight.cases.structure.load_cases import runs_of
 from strainsight.cases.structure.problem import problem_in
-from strainsight.errors import ConfigError
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 
@@ -142,9 +141,13 @@ def together(costs, weights, aggregate):
     ("which", "criterion", "aggregate"),
     [
         ("beam", "trace", "mean"),
-        ("beam", "log_determinant", "worst"),
         ("with_modulus", "trace", "worst"),
-        *slowly(("beam", "trace", "worst"), ("beam", "log_determinant", "mean"), ("with_modulus", "trace", "mean")),
+        *slowly(
+            ("beam", "log_determinant", "worst"),
+            ("beam", "trace", "worst"),
+            ("beam", "log_determinant", "mean"),
+            ("with_modulus", "trace", "mean"),
+        ),
     ],
 )
 def test_layout_and_bound_agree_with_all_layouts_of_the_pool(request, which, criterion, aggregate):
@@ -171,7 +174,7 @@ def test_layout_and_bound_agree_with_all_layouts_of_the_pool(request, which, cri
         assert found.elimination.cost[0] == pytest.approx(whole, rel=1e-9)
 
 
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("aggregate", ["mean", *slowly("worst")])
 def test_without_a_proof_the_relaxation_bounds_all_layouts(beam, aggregate):
     weights = {"down": 3.0, "aside": 0.5}
     cases = {"down": DOWN | {"weight": 3.0}, "aside": ASIDE | {"weight": 0.5}}
@@ -183,7 +186,7 @@ def test_without_a_proof_the_relaxation_bounds_all_layouts(beam, aggregate):
     assert found.layout.cost == pytest.approx(best, rel=1e-6)
 
 
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
+@pytest.mark.parametrize("aggregate", ["worst", *slowly("mean")])
 def test_two_cases_that_are_alike_give_what_one_gives_whatever_their_weights(with_modulus, aggregate):
     one = with_modulus.placed(None, keep=3, aggregate=aggregate)
     two = with_modulus.placed({"a": {"weight": 0.3}, "b": {"weight": 0.7}}, keep=3, aggregate=aggregate)
@@ -210,8 +213,7 @@ def test_a_layout_for_both_cases_serves_both_and_one_for_a_single_case_does_not(
     assert max(both.values()) == pytest.approx(min(max(own.values()) for own in costs.values()), rel=1e-6)
 
 
-@pytest.mark.parametrize("aggregate", ["mean", "worst"])
-@pytest.mark.parametrize("heavy", ["down", "aside"])
+@pytest.mark.parametrize(("heavy", "aggregate"), [("down", "mean"), ("aside", "worst")])
 def test_a_case_of_large_weight_has_its_own_layout(beam, heavy, aggregate):
     cases = {"down": DOWN, "aside": ASIDE}
     cases[heavy] = cases[heavy] | {"weight": 1e7}
@@ -294,18 +296,10 @@ def test_a_case_takes_a_recorded_load(beam):
     )
 
 
-def test_a_load_that_is_recorded_as_zero_is_to_be_silent(beam):
-    (beam.folder / "zero.csv").write_text("t,F\n0,0\n1,0\n", encoding="utf-8")
-    zero = {"type": "csv", "file": "zero.csv", "time_column": "t", "value_column": "F"}
-    with pytest.raises(ConfigError, match="zero throughout this case") as caught:
-        beam.placed({"a": {"loads": {"down": {"signal": zero, "frequency": 5.0}}}, "b": {}}, keep=3)
-    assert caught.value.key == "place.load_cases.a.loads.down"
-    assert caught.value.remedy == "state down: none"
-
-
 def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
     cases = {"steering": BRAKING, "down": DOWN | {"weight": 2.0}}
-    own = finished(tmp_path, "report", bricks((6, 2, 2)), TWO | {"place.load_cases": cases, "place.keep": 3})
+    short = {"place.load_cases": cases, "place.keep": 3, "place.certificate": False}
+    own = finished(tmp_path, "place", bricks((6, 2, 2)), TWO | short)
     placed = read(Placed, own["place"])
     own_cases = placed.by_case
     assert own_cases.name == ("down", "steering")
@@ -326,7 +320,3 @@ def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_pat
     table = next(table for table in own["place"].tables if table.title.startswith("load cases"))
     assert [row[0] for row in table.rows] == ["down", "steering"]
     assert table.rows[0][-1] == "silent"
-    page = (own["report"].path.parent / "report.html").read_text(encoding="utf-8")
-    assert 'id="load-cases"' in page
-    assert "Expected at worst over" in page
-    assert "The load cases: the truth is simulated under the loads as stated." in page

@@ -180,15 +180,6 @@ def test_a_truth_is_loaded_as_drawn(beam):
         np.testing.assert_allclose(added, np.outer(force, change), atol=0.01 * np.abs(added).max())
 
 
-def test_a_gain_alone_scales_what_a_known_load_makes_the_truth_read(beam):
-    own = beam({"tolerances": NOTHING | {"load_gain": 0.05}})
-    found, exact = trial(own), trial(beam({"tolerances": "none"}))
-    factor = load_error_of(own.case.config, "tip", True, 2).factor
-    assert abs(factor - 1) > 1e-3
-    plain = exact.reading(exact.chosen)
-    np.testing.assert_allclose(found.again(2), factor * plain, rtol=1e-9, atol=1e-9 * np.abs(plain).max())
-
-
 def test_a_load_is_drawn_by_its_name_the_seed_and_the_number_of_the_realisation(beam):
     """Another load beside it, or whether it is known, leaves its draws; they are normal with the σ of the tolerances."""
     one, two = (beam(changes).case.config for changes in (OF_E, OF_A_LOAD))
@@ -206,17 +197,6 @@ def test_a_load_is_drawn_by_its_name_the_seed_and_the_number_of_the_realisation(
     values = np.array([[*np.rad2deg(own.turn), *own.shift, own.factor - 1] for own in drawn])
     np.testing.assert_allclose(values.std(axis=0) / [2.0, 2.0, 0.004, 0.004, 0.01], 1.0, atol=0.06)
     assert np.abs(np.corrcoef(values.T) - np.eye(5)).max() < 0.1
-
-
-def test_what_is_drawn_of_loads_is_in_words(beam):
-    known, unknown = (
-        beam(changes).case.config for changes in (OF_E, OF_A_LOAD | {"place.estimate": ["side", "tip"],
-                                                                      "loads.tip.known": False,
-                                                                      "validate.initial_std": {"side": 0.5, "tip": 0.5}})
-    )  # fmt: skip
-    for text in ("direction of loads 2°", "point of loads 4 mm", "gain of known loads 1 %"):
-        assert text in in_words(known, given=False)
-    assert "gain of known loads" not in in_words(unknown, given=False)
 
 
 @pytest.mark.slow
@@ -277,15 +257,6 @@ def test_what_the_filter_allows_for_has_the_covariance_of_what_is_drawn(beam):
     one = np.array([[1.0, 1.0], [1.0, 1.0]])
     expected = common + np.kron(np.eye(2), beside * one) + each * np.eye(4)
     np.testing.assert_allclose(allowed, expected, rtol=1e-12)
-
-
-def test_some_gauges_alone_drift_as_they_do_among_all(beam):
-    own = beam({"tolerances": NOTHING | ZEROS})
-    ends = []
-    for channels in (own.channels, own.channels[[2, 0]]):
-        late = nuisances_of(own.tolerated, filter_model(own.problem, channels, own.problem.h), channels).E[..., -1]
-        ends.append(late.T @ late)
-    np.testing.assert_allclose(ends[1], ends[0][np.ix_([2, 0], [2, 0])], rtol=1e-12)
 
 
 def test_a_truth_drifts_as_drawn_and_says_so(beam):

@@ -3,42 +3,24 @@
 from __future__ import annotations
 
 import csv
-import json
 import shutil
 
 import numpy as np
 import pytest
 import pyvista
-from pydantic import TypeAdapter
 from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
-from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.structure import training
-from strainsight.config.zones import Zone
-from strainsight.gauges.zones import Box, Cylinder, NearEdges, NearSet, NormalCone
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import plan
 
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 
 
-def test_a_second_run_finds_everything_up_to_date(artefacts, config, results):
-    again = finished(job_of(config, results, *SHORT))
-    assert {status for status, _, _ in again.values()} == {"up to date"}
-
-
 def test_a_changed_keep_reruns_place_and_what_follows_and_says_why(artefacts, config, results):
     statuses = {s.stage: s for s in plan(PLACEMENT, job_of(config, results, *SHORT, "place.keep=6"))}
     assert [name for name, s in statuses.items() if s.status == "will run"] == ["place", "validate", "report"]
     assert "place.keep 4 → 6" in statuses["place"].reason
-
-
-def test_a_changed_signal_leaves_the_reduced_model_alone(artefacts, config, results):
-    statuses = {
-        s.stage: s.status for s in plan(PLACEMENT, job_of(config, results, *SHORT, "loads.tip.signal.frequency=25.0"))
-    }
-    assert statuses["rom"] == "up to date"
-    assert statuses["train"] == "will run"
 
 
 def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_path):
@@ -57,33 +39,14 @@ def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_pa
     assert 0 < keep.sum() < len(x)
 
 
-def test_every_kind_of_zone_is_taken_from_the_config():
-    entries = [
-        ({"box": [[0, 0, 0], [1, 1, 1]]}, Box((0, 0, 0), (1, 1, 1))),
-        ({"cylinder": {"point": [1, 2, 3], "axis": [0, 0, 1], "radius": 0.2}}, Cylinder((1, 2, 3), (0, 0, 1), 0.2)),
-        ({"normal_cone": {"axis": [0, 1, 0], "angle": 5.0}}, NormalCone((0, 1, 0), 5.0)),
-        ({"near_edges": 0.02}, NearEdges(0.02)),
-        ({"near_set": {"set": "tip", "distance": 0.3}}, NearSet("tip", 0.3)),
-    ]
-    stated = [TypeAdapter(Zone).validate_json(json.dumps(entry)) for entry, _ in entries]
-    assert [zone_of(entry) for entry in stated] == [zone for _, zone in entries]
-
-
-def test_training_strains_are_rows_times_coordinates(artefacts):
-    train = artefacts["train"]
-    strain = train["/coordinate"] @ train["/gauges/row"].T
-    np.testing.assert_allclose(train["/rms"], np.sqrt(np.mean(strain**2, axis=0)), rtol=1e-12)
-    np.testing.assert_allclose(train["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
-
-
 def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, tmp_path, monkeypatch):
-    """Of 608 channels in 421 instants, three at a time."""
+    """Of 608 channels in 211 instants, three at a time."""
     shutil.copytree(results, tmp_path / "results")
-    monkeypatch.setattr(training, "NUMBERS_AT_A_TIME", 3 * 421 + 1)
+    monkeypatch.setattr(training, "NUMBERS_AT_A_TIME", 3 * 211 + 1)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train")]
     found = finished(job_of(config, tmp_path / "results", *SHORT, "train.duration=0.21"), stages)["train"][2]
     strain = found["/coordinate"] @ found["/gauges/row"].T
-    assert strain.shape == (421, 608)
+    assert strain.shape == (211, 608)
     np.testing.assert_allclose(found["/rms"], np.sqrt(np.mean(strain**2, axis=0)), rtol=1e-12)
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
@@ -136,20 +99,13 @@ def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
         written = [[float(line[f"{key}_{axis}"]) for axis in "xyz"] for line in lines]
         np.testing.assert_allclose(written, train[f"/gauges/{key}"][rows], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose([float(line["std_E_without"]) for line in lines], place["/without/E"], rtol=1e-8)
-
-
-def test_the_layout_is_a_subset_of_pool_and_candidates(artefacts):
-    place, train = artefacts["place"], artefacts["train"]
-    chosen = place["/pool/candidate"][place["/selected/final/gauge"]]
-    assert len(set(chosen)) == 4
-    assert np.array_equal(place["/selected/final/element"], train["/gauges/element"][chosen])
-    assert np.array_equal(place["/selected/final/position"], train["/gauges/position"][chosen])
+    assert {"workshop.csv", "workshop.unv", "sheet-G1.svg"} <= {path.name for path in artefacts["report"].path.parent.iterdir()}
 
 
 def test_the_budget_is_the_whole_variance(artefacts):
     place = artefacts["place"]
     assert place["/budget/share/E"].sum() == pytest.approx(1.0, rel=1e-9)
-    assert {"noise", "process noise", "position", "angle", "gain", "damping"} < set(place["/budget/source"].astype(str))
+    assert {"noise", "process noise", "position", "angle", "gain"} < set(place["/budget/source"].astype(str))
 
 
 def test_mode_shapes_open_in_the_real_reader(artefacts):
@@ -158,13 +114,6 @@ def test_mode_shapes_open_in_the_real_reader(artefacts):
     assert grid.n_points == len(artefacts["import"]["/nodes/id"])
     assert grid.n_cells == artefacts["import"].summary["elements"]
     assert "mode" in grid.point_data
-
-
-def test_the_report_is_one_file_with_the_numbers_of_the_artefacts(artefacts):
-    page = (artefacts["report"].path.parent / "report.html").read_text(encoding="utf-8")
-    for element in artefacts["place"]["/selected/final/element"]:
-        assert f">{element}<" in page or f'value="{element}"' in page
-    assert artefacts["report"].summary["picture"]
 
 
 @pytest.mark.slow

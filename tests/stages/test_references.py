@@ -29,9 +29,7 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
         ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which is not there"),
         ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which is not there"),
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
-        ({"parameters.E.region": 7}, "parameters.E.region", "no region 7"),
         ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "210000 MPa are 2.1e"),
-        ({"gauges": GAUGES | {"surface": "lid"}}, "gauges.surface", "the set 'lid' is not in the mesh"),
         ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
         ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' is not in the mesh"),
     ],
@@ -85,10 +83,8 @@ def table(tmp_path):
     "text",
     [
         "time,F\n0,1500\n0.5,-2500\n",
-        "F,other,time\n1500,x,0\n-2500,y,0.5\n",
         "time;F\n0,0;1500,0\n0,5;-2500,0\n",
         "sep=;\r\ntime;F\r\n0;1500\r\n0,5;-2500\r\n",
-        "time\tF\n0\t1500\n0,5\t-2500\n",
         '# of the test bench\n"time","F"\n"0,0","1500"\n"0,5","-2500"\n',
         "time [s];F [kN]\n0;1,5\n0,5;-2,5\n",
         "time [ms],F [N]\n0,1500\n500,-2500\n",
@@ -112,12 +108,10 @@ def test_the_same_history_however_it_is_written(table, text):
         *(
             (f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}")
             for unit, meant in (
-                *(("KN", "kN?"), ("kn", "kN?"), ("kNewton", "kN?"), ("kp", "kgf?"), ("tf", "kN (1 tf"), ("klb", "kip?")),
-                *(("knewton", "kN?"), ("NM", "Nm?"), ("mn", "mN or MN?"), ("N-m", "N m?"), ("N/mm2", "MPa?")),
+                *(("KN", "kN?"), ("kNewton", "kN?"), ("kp", "kgf?"), ("tf", "kN (1 tf"), ("NM", "Nm?"), ("mn", "mN or MN?")),
             )
         ),
         ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
-        ("time;F [um/m]\n0;1\n1;2\n", "", "'F' is in um/m", "the column of the load"),
     ],
 )
 def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy):
@@ -131,13 +125,10 @@ def test_what_is_wrong_is_reported_with_the_file(table, text, line, what, remedy
 
 
 def test_a_unit_in_round_brackets_that_is_almost_one_is_asked_about_and_other_words_are_none(table):
-    for name, meant in (("F (KN)", "kN"), ("F (kp)", "kgf"), ("F (klb)", "kip")):
-        with pytest.raises(UserError) as caught:
-            recorded(KEY, COLUMNS.model_copy(update={"value_column": name}), table(f"time;{name}\n0;1\n1;2\n"))
-        assert f"did you mean {meant}?" in str(caught.value)
-    for name in ("F (top)", "F (z)", "F [-]", "F (2)"):
-        column = "F" if "[" in name else name
-        found = recorded(KEY, COLUMNS.model_copy(update={"value_column": column}), table(f"time;{name}\n0;1\n1;2\n"))
+    with pytest.raises(UserError, match=r"did you mean kgf\?"):
+        recorded(KEY, COLUMNS.model_copy(update={"value_column": "F (kp)"}), table("time;F (kp)\n0;1\n1;2\n"))
+    for name in ("F (top)", "F (2)"):
+        found = recorded(KEY, COLUMNS.model_copy(update={"value_column": name}), table(f"time;{name}\n0;1\n1;2\n"))
         assert found.value.tolist() == [1.0, 2.0]
 
 
@@ -172,26 +163,15 @@ EIGRL,1
 """
 
 
-def test_sentences_stand_in_the_last_column(tmp_path):
-    rows = found_table(tmp_path, warnings=("one is odd",))
-    assert ("warning", "", "one is odd") in rows
-    sentences = [row for row in rows if row[0] in ("warning", "note")]
-    assert all(how_many == "" and detail for _, how_many, detail in sentences)
-
-
-def test_one_is_not_said_as_many(tmp_path):
-    found = {what: (how_many, detail) for what, how_many, detail in found_table(tmp_path)}
+def test_the_table_of_an_import_has_what_was_found_with_numbers_and_nodes(tmp_path):
+    path = tmp_path / "a.bdf"
+    path.write_text(DECK)
+    (table,) = found_tables(read_mesh(path), None, (), ("one is odd",))
+    assert ("warning", "", "one is odd") in table.rows
+    found = {what: (how_many, detail) for what, how_many, detail in table.rows}
     assert found["load FORCE-7"][0] == "1 node"
-    assert found["node set SET1-6"][0] == "1 node"
     assert found["node set SET1-5"][0] == "2 nodes"
     assert found["fixed"] == ("9 components", "3 nodes")
     assert found["MPC 5"] == ("2 motions", "node 4 component 1 follows")
     assert found["point mass 30"] == ("0.833333 kg", "node 4, along x, y, z 0, 2.5, 0 kg")
     assert found["ignored"] == ("EIGRL", "1 time, of no effect here")
-
-
-def found_table(folder, warnings=()):
-    path = folder / "a.bdf"
-    path.write_text(DECK)
-    (found,) = found_tables(read_mesh(path), None, (), warnings)
-    return found.rows

@@ -20,7 +20,7 @@ from strainsight.measurements.calibration import calibrate
 from strainsight.measurements.delay import shifted
 from strainsight.measurements.records import Recording
 
-from ..estimation.chain import NOISE, H, forces, loaded_chain, start
+from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import FOUR, LONG, broken, suspect
 from ..shared import slowly
 
@@ -94,18 +94,12 @@ def for_a_time(kind, y):
     if kind == "spikes of two channels":
         y[50, 0] += 20 * rms[0]
         y[120:122, 2] -= 30 * rms[2]
-    elif kind == "a spike of 12 σ":
-        y[60, 3] += 12 * NOISE
     elif kind == "an interference in all channels":
         y[77] += rms * [5, -4, 6, 3]
     elif kind == "a shift of the zero":
         y[150:, 1] += rms[1]
-    elif kind == "a shift and back":
-        y[150:220, 1] += rms[1]
     elif kind == "stuck for a time":
         y[150:220, 2] = y[150, 2]
-    elif kind == "stuck to the end":
-        y[150:, 2] = y[150, 2]
     elif kind == "loose for a time":
         y[150:200, 3] = 5 * rms[3] * np.random.default_rng(0).standard_normal(50)
     elif kind == "a factor between those that are tried":
@@ -113,25 +107,19 @@ def for_a_time(kind, y):
     elif kind == "a sign and a spike":
         y[:, 1] *= -1
         y[60, 3] += 20 * rms[3]
-    elif kind == "two signs":
-        y[:, [1, 3]] *= -1
     return y
 
 
 WHOLE = ("sign", 0.5, 1e3, "offset", "drift", "dead", "clipped", "late", "swapped")
-FAST = ("sign", "offset", "swapped", "spikes of two channels", "stuck for a time", "a sign and a spike")
+FAST = ("sign", "spikes of two channels")
 TIMED = {
     "spikes of two channels": "samples fit no motion: G1 at 1.02 s; G3 at 2.42 to 2.44 s",
-    "a spike of 12 σ": "samples fit no motion: G4 at 1.22 s",
     "an interference in all channels": "at 1.56 s",
     "a shift of the zero": "G2 from 3.0",
-    "a shift and back": "G2 from 3.0",
     "stuck for a time": "G3 is stuck at 2.86e+04 µm/m from 3.02 to 4.40 s",
-    "stuck to the end": "G3 is stuck at 2.86e+04 µm/m from 3.02 s on",
     "loose for a time": "samples fit no motion: G4 at 3.0",
     "a factor between those that are tried": "",
     "a sign and a spike": "",
-    "two signs": "",
 }
 
 
@@ -174,14 +162,12 @@ def test_times_of_a_late_channel_are_those_of_its_file(truth):
     assert "G4 at 1.22 s: set estimate.channels.3.missing: [[1.31, 1.33]]" in words
 
 
-@pytest.mark.parametrize("size", [10.0, 100.0])
-def test_a_sudden_load_is_no_fault_of_channels(truth, size):
+def test_a_sudden_load_is_no_fault_of_channels(truth):
     """An unknown force of many amplitudes acts from one sample to the next: all channels move as the model says."""
     model, P, _, sound = truth
-    assert judged(truth, sound).trusted
     read = [
         draw_truth(replace(model, Q=0 * model.Q, r=0 * model.r), x0, 0 * P, 0 * forces(LONG), [0])[1][:, 0]
-        for x0 in (np.zeros(5), np.array([0, 0, 0, 0, size]))
+        for x0 in (np.zeros(5), np.array([0, 0, 0, 0, 100.0]))
     ]
     samples = sound.copy()
     samples[150:] += (read[1] - read[0])[: LONG - 150]

@@ -6,26 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
-from strainsight import api
 from strainsight.cases.structure.channels import listed_gauges
 from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates, unresolved_gauges
 
-from ..edges.beam import PLACEMENT_CONFIG, bricks
+from ..edges.beam import bricks, prepared
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A beam of 16 bricks with two directions a place, in training and screened."""
-    folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((4, 2, 2)), encoding="ascii")
-    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
-    case = api.load(folder / "edge.yaml")
-    mesh = api.mesh(case)
-    reduced = api.reduce(case, mesh)
-    training = api.train(case, mesh, reduced)
-    return training, api.screen(case, mesh, reduced, training)
+    own = prepared(tmp_path_factory.mktemp("beam"), bricks((4, 2, 2)))
+    return own.training, own.screened
 
 
 def scaled(training, largest):
@@ -34,7 +26,7 @@ def scaled(training, largest):
     return replace(training, rms_as_stated=factor * training.rms, peak_as_stated=factor * training.peak)
 
 
-@pytest.mark.parametrize(("largest", "said"), [(1.01e-7, ""), (0.99e-7, "0.099 µm/m"), (3e-9, "0.003 µm/m")])
+@pytest.mark.parametrize(("largest", "said"), [(1.01e-7, ""), (0.99e-7, "0.099 µm/m")])
 def test_a_run_in_which_nothing_can_be_read_is_named(run, largest, said):
     found = unresolved_candidates(scaled(run[0], largest))
     assert bool(found) == bool(said)
@@ -43,7 +35,7 @@ def test_a_run_in_which_nothing_can_be_read_is_named(run, largest, said):
         assert "an amplifier resolves 0.1 µm/m. Load the part harder" in found
 
 
-@pytest.mark.parametrize(("noise", "said"), [(5.1e-8, ""), (4.9e-8, "0.049 µm/m a sample"), (1e-9, "0.001 µm/m a sample")])
+@pytest.mark.parametrize(("noise", "said"), [(5.1e-8, ""), (4.9e-8, "0.049 µm/m a sample")])
 def test_noise_that_no_channel_has_is_named_with_its_key(run, noise, said):
     training, screened = run
     found = quiet_noise(training, replace(screened, noise_std=np.full(len(screened.noise_std), noise)))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import csv
 from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
-from typer.testing import CliRunner
 
-from strainsight_cli.main import app
+from strainsight.errors import StrainsightError
 
 from ..shared import made, without_hot_spots
 from .conftest import ROOT, SHORT
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
+DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
 
 MIXED = """
 kind: placement
@@ -27,7 +26,7 @@ parameters:
 loads:
   tip: {node: 2, direction: [0, 0, 1], known: false, signal: {type: sine, frequency: 30.0, amplitude: 1.0e+4}}
 damping: {type: modal, ratio: 0.01}
-train: {duration: 0.2, time_step: 5.0e-4}
+train: {duration: 0.1, time_step: 5.0e-4}
 gauges:
   direction: {type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}
   rosette: true
@@ -38,19 +37,20 @@ gauges:
 motion_sensors:
   acc: {quantity: acceleration, every: 0.1, noise_std: {value: 0.5}, price: 3}
   laser: {quantity: displacement, axes: [[0, 0, 1]], every: 0.2, noise_std: {value: 1.0e-4}, price: 10}
-screen: {keep: 120}
+screen: {keep: 24}
 place:
   estimate: [tip, E]
   keep: 5
   instants: 2
+  certificate: false
   parameter_samples: 2
   minimum_spacing: 0.3
   budget: 9
   at_most: [{zone: {box: [[0, -1, -1], [0.35, 1, 1]]}, count: 1}]
 validate:
-  truth: {model: rich, parameters: {E: 2.0e+11}, modes: 20}
+  truth: {model: rich, parameters: {E: 2.0e+11}, modes: 12}
   time_step: 5.0e-4
-  duration: 0.1
+  duration: 0.05
   initial_std: {tip: 0.1, E: 0.1}
   random_sets: 0
   repeats: 1
@@ -61,14 +61,13 @@ filter: {compare: false}
 
 @pytest.fixture(scope="module")
 def mixed(tmp_path_factory):
-    """stage → Artefact of the config above, up to validate."""
+    """stage → Artefact of the config above, up to place."""
     config = tmp_path_factory.mktemp("mixed") / "mixed.yaml"
-    config.write_text(MIXED.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")))
+    config.write_text(MIXED.replace("MESH", str(DECK)))
     with without_hot_spots():
-        return made(config, until="validate")
+        return made(config, until="place", beside="mixed")
 
 
-@pytest.mark.slow
 def test_a_layout_keeps_every_limit(mixed):
     train, place = mixed["train"], mixed["place"]
     chosen = place["/selected/final/channel"]
@@ -138,19 +137,12 @@ def test_training_accelerations_are_second_differences_of_displacements(mixed):
     assert error < 0.05
 
 
-def test_lists_of_gauges_name_every_channel(mixed):
-    folder, chosen = mixed["place"].path.parent, mixed["place"]["/selected/final/channel"]
-    with (folder / "gauges.csv").open(encoding="utf-8") as lines:
-        rows = list(csv.DictReader(lines))
-    assert len(rows) == (chosen >= 0).sum()
-    assert {row["gauge"] for row in rows} == {f"G{i + 1}" for i in range(len(chosen))}
-    assert [row["glued"] for row in rows].count("yes") == 1
-    nodes = (folder / "gauges.unv").read_text().count("-1")
-    assert nodes >= 8
-
-
-def test_the_filter_takes_all_of_them(mixed):
-    validate, chosen = mixed["validate"], mixed["place"]["/selected/final/channel"]
+@pytest.mark.slow
+def test_the_filter_takes_all_of_them(mixed, tmp_path):
+    (tmp_path / "mixed.yaml").write_text(MIXED.replace("MESH", str(DECK)))
+    with without_hot_spots():
+        validate = made(tmp_path / "mixed.yaml", until="validate", beside="mixed")["validate"]
+    chosen = mixed["place"]["/selected/final/channel"]
     assert validate["/gauge/measured"].shape[1] == (chosen >= 0).sum()
     assert np.isfinite(validate["/estimate/tip"]).all()
     assert np.isfinite(validate["/estimate/E"]).all()
@@ -159,15 +151,7 @@ def test_the_filter_takes_all_of_them(mixed):
 
 
 def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):
-    validate, chosen = mixed["validate"], mixed["place"]["/selected/final/channel"]
-    quantity = mixed["train"]["/gauges/quantity"][chosen[chosen >= 0]]
-    units = " or ".join(unit for kind, unit in enumerate(("strain", "m/s^2", "m")) if kind in quantity)
-    assert "m/s^2" in units
-    for name in ("measured", "true", "estimated", "std"):
-        assert validate.attributes(f"/gauge/{name}")["units"] == units
-    assert validate.attributes("/field/true")["units"] == "strain or m"
-    for stage, name in (("train", "/rms"), ("screen", "/noise_std"), ("screen", "/range"), ("place", "/augmented/H")):
-        assert mixed[stage].attributes(name)["units"] == "strain or m/s^2 or m"
+    assert mixed["train"].attributes("/rms")["units"] == "strain or m/s^2 or m"
     assert mixed["place"].attributes("/augmented/R")["units"] == "(strain or m/s^2 or m)^2 s"
     assert mixed["train"].attributes("/gauges/row")["units"] == "(strain or m)/(kg^1/2 m)"
 
@@ -181,25 +165,27 @@ def test_all_seven_cases_are_compared(mixed):
     assert observe["/condition_raw"].max() > 1e15
 
 
+COARSE = (f"mesh.file={DECK}", *SHORT, "screen.keep=24", "place.certificate=false")
+
+
 @pytest.fixture(scope="module")
 def youngs(config):
     """A run of the example with other settings; all take the same reduced model over."""
 
     def run_with(*overrides, until="place"):
         with without_hot_spots():
-            return made(config, *SHORT, *overrides, until=until, beside="sensors")
+            return made(config, *COARSE, *overrides, until=until, beside="sensors")
 
     return run_with
 
 
-def test_a_plane_of_symmetry_places_mirrored_pairs(youngs):
-    place = youngs("place.symmetry={normal: [0, 0, 1]}", "place.keep=4")["place"]
+def test_a_plane_of_symmetry_places_mirrored_pairs_that_keep_their_spacing(youngs):
+    place = youngs("place.symmetry={normal: [0, 0, 1]}", "place.keep=4", "place.minimum_spacing=0.15")["place"]
     position = place["/selected/final/position"]
     mirrored = position * [1, 1, -1]
-    distance = np.linalg.norm(position[:, None] - mirrored[None], axis=2).min(axis=1)
-    assert len(position) == 4
-    assert distance.max() < 1e-9
-    assert len(np.unique(place["/selected/final/gauge"])) == 2
+    assert np.linalg.norm(position[:, None] - mirrored[None], axis=2).min(axis=1).max() < 1e-9
+    assert len(np.unique(place["/selected/final/gauge"])) < len(position) in (3, 4)
+    assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
 
 
 def test_covariances_as_printed_are_those_of_the_thesis(youngs, config):
@@ -216,7 +202,7 @@ def test_the_metric_uses_the_input_model_of_the_filter():
     config = ROOT / "configs" / "cantilever-input.yaml"
     walk = "loads.tip.process_noise={model: integrated_random_walk}"
     with without_hot_spots():
-        done = made(config, *SHORT, walk, "parameters.E.guess=2.0e+11", "screen.keep=40", until="place")
+        done = made(config, *COARSE, walk, "parameters.E.guess=2.0e+11", until="place")
     place, n = done["place"], done["rom"]["/basis"].shape[1]
     F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
     assert F.shape == (2 * n + 2, 2 * n + 2)
@@ -235,32 +221,23 @@ def test_the_metric_uses_the_input_model_of_the_filter():
     ("override", "key", "says"),
     [
         ("place.minimum_spacing=1.5", "place.minimum_spacing", "room for"),
-        ("place.budget=0.5", "place.budget", "0"),
-        ("place.at_most=[{zone: {box: [[-9, -9, -9], [9, 9, 9]]}, count: 2}]", "place.at_most.0", "2"),
         ("gauges.include=[{box: [[5, 5, 5], [6, 6, 6]]}]", "gauges.include", "no facet is left"),
         ("gauges.fixed=[{position: [0.3, 0.5, 0.095], direction: [1, 0, 0]}]", "gauges.fixed.0", "from the surface"),
-        ("gauges.fixed=[{position: [0.3, 0.0, 0.095], direction: [0, 0, 1]}]", "gauges.fixed.0", "normal"),
         ("gauges.range=1.0e-9", "gauges.range", "range"),
-        ("gauges.grid_length=5.0", "gauges.grid_length", "sharp edge"),
         ("place.symmetry={point: [0, 0, 0.3], normal: [0, 0, 1]}", "place.symmetry", "mirror"),
     ],
 )
-def test_a_request_that_nothing_meets_names_the_limit(config, results, artefacts, override, key, says, tmp_path):
-    import shutil
-
-    shutil.copytree(results, tmp_path / "results")
-    settings = [f"--set={text}" for text in (*SHORT, override)]
-    done = CliRunner().invoke(app, ["place", str(config), "--results", str(tmp_path / "results"), *settings])
-    message = done.output + (done.stderr or "")
-    assert done.exit_code == 2, message
-    assert key in message
-    assert says in message
-    assert "Traceback" not in message
+def test_a_request_that_nothing_meets_names_the_limit(youngs, override, key, says):
+    with pytest.raises(StrainsightError) as caught:
+        youngs(override)
+    assert caught.value.exit_code == 2
+    assert key in str(caught.value)
+    assert says in str(caught.value)
 
 
 def test_the_order_of_sensors_in_a_config_is_none(mixed, tmp_path):
     """Two configs that differ by it are the same, so a cached artefact of one has to serve the other."""
-    lines = MIXED.replace("MESH", str(ROOT / "meshes" / "cantilever.bdf")).splitlines()
+    lines = MIXED.replace("MESH", str(DECK)).splitlines()
     acc = next(i for i, line in enumerate(lines) if line.startswith("  acc:"))
     lines[acc], lines[acc + 1] = lines[acc + 1], lines[acc]
     config = tmp_path / "mixed.yaml"
@@ -270,40 +247,14 @@ def test_the_order_of_sensors_in_a_config_is_none(mixed, tmp_path):
         np.testing.assert_array_equal(again[stage][dataset], mixed[stage][dataset])
 
 
-def test_mirrored_gauges_keep_their_spacing_too(youngs):
-    place = youngs("place.symmetry={normal: [0, 1, 0]}", "place.keep=4", "place.minimum_spacing=0.15")["place"]
-    position = place["/selected/final/position"]
-    assert len(position) >= 3
-    assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
-
-
 @pytest.mark.slow
-def test_a_bonded_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs, artefacts):
+def test_a_bonded_gauge_in_a_loud_place_leaves_the_noise_of_others(youngs):
     """The root strains most; a gauge bonded there is no candidate, of whose strongest the noise is a share."""
     zone = "gauges.exclude=[{box: [[-1, -1, -1], [1.0, 1, 1]]}]"
     bonded = "gauges.fixed=[{position: [0.1, 0.0, 0.095], direction: [1, 0, 0]}]"
     screened = (youngs(*own, until="screen")["screen"] for own in ((zone,), (zone, bonded)))
     quiet, loud = (screen.summary["noise_std"] for screen in screened)
     assert loud == pytest.approx(quiet, rel=1e-12)
-
-
-def test_places_where_a_grid_runs_over_an_edge_are_counted(youngs, artefacts):
-    train = youngs("gauges.grid_length=0.3", until="train")["train"]
-    assert train.summary["left_out"] > 0
-    assert train.summary["left_out"] + train.summary["candidates"] == artefacts["train"].summary["candidates"]
-    assert "left out" in train.message
-
-
-@pytest.mark.slow
-def test_gauges_along_the_principal_direction_read_the_most(youngs):
-    """No other direction at the same place has a larger RMS strain in the training run."""
-    first, turned = (
-        youngs(f"gauges.direction={{type: principal{angles}}}", until="train")["train"]
-        for angles in ("", ", angles: [0, 20, -20]")
-    )
-    rms = turned["/rms"].reshape(-1, 3)
-    np.testing.assert_allclose(first["/rms"], rms[:, 0], rtol=1e-9)
-    assert np.all(rms[:, 0] >= rms[:, 1:].max(axis=1) * (1 - 1e-9))
 
 
 def test_a_zone_in_the_wrong_unit_is_noticed(youngs):

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.placement.data import Repeats, Unknown
 from strainsight.report.suite.data import PlacementRun, Suite
 from strainsight.stages import suite as suite_stage
-from strainsight.stages.pages.suite import nearest
 from strainsight.stages.pages.suite_entries import suite_config
 from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.stages.suite import SUITE
@@ -45,8 +43,9 @@ def given(config, artefacts, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def suite(given, results, artefacts):
-    job = Job(given, results, results)
-    return list(run((SUITE,), job))[-1].artefact
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(suite_stage, "render_all", lambda layouts: [b"png"] * len(layouts))
+        return list(run((SUITE,), Job(given, results, results)))[-1].artefact
 
 
 def test_the_numbers_are_those_of_the_runs(suite, artefacts):
@@ -87,29 +86,6 @@ def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
     assert table.rows[0][-2:] == ("RMS 0.16 %, 1 of 3 diverged", "diverged")
 
 
-def test_one_run_is_no_runs(given, results):
-    one = given | {"name": "one", "runs": given["runs"][:1], "claims": []}
-    (*_, event) = run((SUITE,), Job(one, results, results))
-    assert event.artefact.message.startswith("1 run, 0 estimated")
-
-
-def test_runs_with_the_same_layout_share_a_picture(suite, given, results, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(suite_stage, "render_all", lambda layouts: drawn.extend(layouts) or [b"png"] * len(layouts))
-    job = Job(given | {"name": "again"}, results, results)
-    (*_, event) = run((SUITE,), job)
-    assert event.artefact.summary["pictures"] == 2
-    assert len(drawn) == 1
-
-
-def test_it_is_up_to_date_until_a_run_changes(suite, given, results):
-    job = Job(given, results, results)
-    assert [event.status for event in run((SUITE,), job)] == ["up to date"]
-    first, second, third = given["runs"]
-    changed = Job(given | {"runs": [first, {**second, "note": "new"}, third]}, results, results)
-    assert next(run((SUITE,), changed)).reason.startswith("runs ")
-
-
 def test_every_dataset_and_every_scalar_is_listed(suite):
     text = DOC.read_text(encoding="utf-8").split("## suite.h5\n")[1].split("\n## ")[0]
     listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
@@ -118,11 +94,3 @@ def test_every_dataset_and_every_scalar_is_listed(suite):
     }
     assert all(suite[path].ndim == 1 for path in suite.paths())
     assert set(re.findall(r"`([^`]+)`", text.split("Summary:")[1])) == set(suite.summary)
-
-
-def test_the_nearest_other_gauge_of_each():
-    points = ([0.0, 0, 0], [3, 0, 0], [3, 1, 0])
-    gauges = tuple(Gauge(f"G{i}", 1, 1, np.array(p), np.eye(3)[0], np.eye(3)[2], 0.0) for i, p in enumerate(points))
-    layout = Layout(np.zeros((1, 3)), np.zeros((0, 8), dtype=int), np.zeros((0, 3)), gauges)
-    assert nearest(layout) == (("G0", "G1", 3.0), ("G1", "G2", 1.0), ("G2", "G1", 1.0))
-    assert nearest(Layout(layout.points, layout.faces, layout.pool, gauges[:1])) == ()

@@ -132,7 +132,7 @@ def test_the_page_has_the_numbers_of_the_artefact(found, page):
     assert own.source.sha256 in page.replace("<wbr>", "")
     assert "less 12 um/m; sign turned" in page
     assert "2025-03-14 10:20" in page
-    assert "1 of 599 samples are missing" in page or "1 of 600 samples are missing" in page
+    assert re.search("1 of 20[01] samples are missing", page)
     assert page.count("data:image/png;base64,") == 2
 
 

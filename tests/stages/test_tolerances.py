@@ -15,47 +15,48 @@ from scipy.stats import chi2
 from strainsight import api
 from strainsight.cases.layout import placement
 from strainsight.cases.layout.expectation import Expectation, least_expected
-from strainsight.cases.structure.drawn import in_words, installation_of, model_of, modulus_estimated
+from strainsight.cases.structure.drawn import installation_of, model_of
 from strainsight.cases.structure.installation_noise import installation_variances
-from strainsight.cases.structure.nuisances import on_average
+from strainsight.cases.structure.nuisances import on_average, tolerated
 from strainsight.cases.structure.placement import COHERENCE
 from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.cases.structure.scenarios import scenarios_of
+from strainsight.cases.structure.trial import trial_of
+from strainsight.cases.structure.truth import truth_of
 from strainsight.estimation.filter import run_filter
 from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.rom.model import Damping, ReducedModel
 
-from ..edges.beam import PLACEMENT_CONFIG, bricks
+from ..edges.beam import PLACEMENT_CONFIG, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, trial
-
-EXACT = (
-    "position", "angle", "gain", "transverse", "load_angle", "load_position", "load_gain", "frequency", "discrepancy",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
     """A small beam up to its screened pool, and what validates three of its gauges, or takes their errors for noise, with
     overrides."""
-    folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
-    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
+    folder, usual = tmp_path_factory.mktemp("beam"), ("validate.repeats=2", "train.settle=none", "filter.compare=false")
+    own = prepared(folder, bricks((4, 1, 1)), {}, *usual)
+    mesh, reduced, training, screened = own.mesh, own.reduced, own.training, own.screened
 
     def case(*overrides):
-        return api.load(folder / "edge.yaml", ["validate.repeats=3", "train.settle=none", "filter.compare=false", *overrides])
+        return api.load(folder / "edge.yaml", [*usual, *overrides])
 
-    plain = case()
-    mesh = api.mesh(plain)
-    reduced = api.reduce(plain, mesh)
-    training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, mesh, reduced, training)
     gauges = screened.kept[:3]
 
     def validated(*overrides, noise=1.0):
         own = replace(screened, noise_std=noise * screened.noise_std)
         return api.validate(case(*overrides), mesh, reduced, training, own, gauges)
+
+    def drawn(*overrides):
+        """The truth and its repeats, which no filter has followed yet."""
+        own = case(*overrides)
+        problem = problem_of(own.config, own.files, reduced, training, screened)
+        errors = tolerated(own.config, mesh, reduced, training, problem.channels.of(gauges)[:, 0])
+        truth = truth_of(own.config, mesh, None, reduced, training, problem, own)
+        return trial_of(own.config, problem, truth, errors, gauges)
 
     def expected(*overrides):
         return api.expect(case(*overrides), mesh, reduced, training, screened, gauges)
@@ -78,8 +79,8 @@ def beam(tmp_path_factory):
         own = case(*overrides)
         return coherence * installation_variances(own.config, own.files, mesh, reduced, training, gauges)[0]
 
-    return SimpleNamespace(case=case, training=training, validated=validated, intensity=intensity, expected=expected,
-                           slopes=slopes)
+    return SimpleNamespace(case=case, training=training, validated=validated, drawn=drawn, intensity=intensity,
+                           expected=expected, slopes=slopes)
 
 
 @pytest.mark.slow
@@ -92,9 +93,8 @@ def test_a_parameter_of_which_the_samples_say_nothing_keeps_the_sigma_of_its_sta
     assert low < np.sqrt(np.mean(error**2) / np.mean(std**2)) < high
 
 
-def readings(found):
+def readings(trial):
     """What the layout reads without noise: in its own measurement, and in the first two repeats."""
-    trial = found.trial
     return [trial.reading(trial.chosen), *(trial.again(i) for i in (1, 2))]
 
 
@@ -109,56 +109,47 @@ def test_without_tolerances_it_is_the_truth_of_modes_to_the_bit(beam):
 
 
 def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam):
-    validated = beam.validated
-    found = validated()
+    found = beam.drawn()
     one = readings(found)
     assert all(np.abs(a - b).max() > 1e-3 * np.abs(a).max() for i, a in enumerate(one) for b in one[:i])
-    for own, other in zip(one, readings(validated("validate.repeats=5", "validate.noise_factors=[2.0]")), strict=True):
+    for own, other in zip(one, readings(beam.drawn("validate.repeats=5", "validate.noise_factors=[2.0]")), strict=True):
         np.testing.assert_array_equal(own, other)
-    for own, other in zip(one, readings(validated("seed=2")), strict=True):
+    for own, other in zip(one, readings(beam.drawn("seed=2")), strict=True):
         assert np.abs(own - other).max() > 1e-3 * np.abs(own).max()
     # Number 0 drawn again for the layout alone is the layout's own measurement.
-    np.testing.assert_allclose(found.trial.again(0), one[0], rtol=1e-9, atol=1e-9 * np.abs(one[0]).max())
+    np.testing.assert_allclose(found.again(0), one[0], rtol=1e-9, atol=1e-9 * np.abs(one[0]).max())
 
 
 def test_a_gain_alone_scales_readings_an_offset_shifts_them_and_a_drift_grows_with_time(beam):
-    case, pool, validated = beam.case, beam.training.candidates, beam.validated
-    base = validated("tolerances=none")
-    trial = base.trial
-    exact = trial.reading(trial.chosen)
-    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1}
-    gain = nothing | {"gain": 0.05}
-    own = readings(validated(f"tolerances={yaml.safe_dump(gain, default_flow_style=True)}"))
-    drawn = installation_of(case("tolerances.gain=0.05").config, pool, 2).take(pool, trial.gauges)
-    np.testing.assert_allclose(own[2], exact * (1 + drawn.gain), rtol=1e-12, atol=1e-18)
-    offset = nothing | {"offset": 1e-6}
-    found = validated(f"tolerances={yaml.safe_dump(offset, default_flow_style=True)}")
-    for reading in readings(found):
+    pool, base = beam.training.candidates, beam.drawn("tolerances=none")
+    exact = base.reading(base.chosen)
+
+    def alone(**tolerance):
+        return readings(beam.drawn(f"tolerances={yaml.safe_dump(NOTHING | tolerance, default_flow_style=True)}"))
+
+    def errors(name, size):
+        return installation_of(beam.case(f"tolerances.{name}={size:.1e}").config, pool, 2).take(pool, base.gauges)
+
+    expected = exact * (1 + errors("gain", 0.05).gain)
+    np.testing.assert_allclose(alone(gain=0.05)[2], expected, rtol=1e-12, atol=1e-18)
+    for reading in alone(offset=1e-6):
         shift = reading - exact
         assert np.ptp(shift, axis=0).max() < 1e-9 * np.abs(shift).max()
         assert 1e-9 < np.abs(shift).max() < 5e-6
-    drift = nothing | {"drift": 1e-6}
-    found = validated(f"tolerances={yaml.safe_dump(drift, default_flow_style=True)}")
-    drawn = installation_of(case("tolerances.drift=1.0e-6").config, pool, 2).take(pool, trial.gauges)
-    expected = np.outer(np.arange(len(exact)) / (len(exact) - 1), drawn.drift)
-    np.testing.assert_allclose(readings(found)[2] - exact, expected, atol=1e-9 * np.abs(expected).max())
+    expected = np.outer(np.arange(len(exact)) / (len(exact) - 1), errors("drift", 1e-6).drift)
+    np.testing.assert_allclose(alone(drift=1e-6)[2] - exact, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_stated_sizes_are_the_same_in_every_repeat(beam):
-    case, pool, validated = beam.case, beam.training.candidates, beam.validated
-    stated = ("gauge_offset=0.002", "gauge_rotation=3", "damping_factor=1.5")
-    fixed = [f"validate.truth.{entry}" for entry in stated]
-    assert validated("tolerances=none", *fixed).trial.again is None
+    case, pool = beam.case, beam.training.candidates
+    fixed = [f"validate.truth.{entry}" for entry in ("gauge_offset=0.002", "gauge_rotation=3", "damping_factor=1.5")]
+    assert beam.drawn("tolerances=none", *fixed).again is None
     one, other = (installation_of(case(*fixed).config, pool, i) for i in (0, 4))
     np.testing.assert_array_equal(one.place, other.place)
     np.testing.assert_allclose(np.linalg.norm(one.place, axis=1), 0.002, rtol=1e-12)
     np.testing.assert_allclose(np.abs(one.angle), np.deg2rad(3), rtol=1e-12)
     assert not np.array_equal(one.gain, other.gain)
-    model = scalars()
-    assert model_of(case(*fixed).config, model, 3).damping.viscous(np.ones(2))[0] == pytest.approx(0.03)
-    words = in_words(case(*fixed).config, given=False)
-    for size in ("damping × 1.5", "2 mm", "3°"):
-        assert size in words
+    assert model_of(case(*fixed).config, scalars(), 3).damping.viscous(np.ones(2))[0] == pytest.approx(0.03)
 
 
 def scalars(count=2):
@@ -179,10 +170,10 @@ def test_every_mode_has_its_own_lognormal_damping(beam):
 
 
 def test_all_frequencies_have_one_factor_and_every_mode_one_of_half_the_size_and_static_responses_stay(beam):
-    case, n = beam.case, 400
+    case, n = beam.case, 200
     exact, own = (
         scalars(n),
-        [model_of(case("tolerances.frequency=0.02").config, scalars(n), i) for i in (0, 0, *range(1, 30))],
+        [model_of(case("tolerances.frequency=0.02").config, scalars(n), i) for i in (0, 0, *range(1, 12))],
     )
     theta = exact.reference
     ln = [0.5 * np.log(np.diag(model.stiffness.at(theta)) / np.diag(model.mass.at(theta)) / np.arange(1.0, n + 1))
@@ -211,18 +202,9 @@ def test_the_stiffness_has_one_scale_unless_a_modulus_is_estimated(beam):
     np.testing.assert_array_equal(estimated.stiffness.constant, scalars().stiffness.constant)
 
 
-def test_of_given_rows_only_gain_and_offset_are_drawn(beam):
-    loads = [f"tolerances.{name}=0" for name in ("load_angle", "load_position", "load_gain")]
-    words = in_words(beam.case("tolerances.offset=1.0e-6", *loads).config, given=True)
-    for text in ("exactly in place", "gain 1 %", "offset 1 µm/m"):
-        assert text in words
-    for text in ("mm", "°", "transverse"):
-        assert text not in words
-
-
 def test_gains_as_a_noise_are_the_mean_square_of_the_training_readings(beam):
     """With nothing off but the gain, v = σ² times the mean square of a reading; its intensity is τ times that, beside r."""
-    trial = beam.validated("tolerances=none").trial
+    trial = beam.drawn("tolerances=none")
     channels = trial.chosen[:, None]
     nothing = [f"tolerances.{name}=0" for name in ("position", "angle", "transverse", "load_angle", "load_position")]
     r = beam.intensity(trial.gauges, 0.02, *nothing, "tolerances.gain=0.05")
@@ -258,16 +240,13 @@ def share(y):
         ({"drift": 1e-7}, "drift", lambda y, nu: y + 1e-7 * share(y) * nu),
         ({"temperature": 0.1, "thermal_output": 1e-6, "thermal_spread": 0.0}, "temperature",
          lambda y, nu: y + 1e-7 * share(y) * nu[0]),
-        ({"temperature": 0.1, "thermal_output": 0.0, "thermal_spread": 1e-6}, "temperature",
-         lambda y, nu: y + 1e-7 * share(y) * nu),
     ],
-    ids=["gain", "offset", "drift", "temperature", "spread"],
+    ids=["gain", "offset", "drift", "temperature"],
 )  # fmt: skip
 def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, stated, source, change):
     """Central differences of the filter itself, the extended one, on the readings of the training run."""
-    nothing = dict.fromkeys(EXACT, 0) | {"damping": 1, **stated}
     extended = "filter.method=extended", "filter.drift=false"
-    found = beam.expected(f"tolerances={yaml.safe_dump(nothing, default_flow_style=True)}", *extended)
+    found = beam.expected(f"tolerances={yaml.safe_dump(NOTHING | stated, default_flow_style=True)}", *extended)
     slopes = beam.slopes(change)[:, :, 0]
     variance = np.sum(slopes[:, -1] ** 2)
     assert found.budget["E"][source] * found.std["E"] ** 2 == pytest.approx(variance, rel=1e-4)
@@ -276,39 +255,18 @@ def test_what_a_tolerance_adds_is_what_the_filter_makes_of_such_readings(beam, s
     assert sum(found.budget["E"].values()) == pytest.approx(1.0, rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("property", "estimated"),
-    [("youngs_modulus", True), ("e1", True), ("stiffness_factor", True), ("density", False), ("bending_factor", False)],
-)
-def test_a_modulus_that_is_estimated_stands_for_the_scale_of_the_stiffness(property, estimated):
-    """A density or a factor of a section does not; and what is not estimated neither."""
-    parameters = {"p": SimpleNamespace(property=property, springs=None)}
-    for names in (["p"], []):
-        config = SimpleNamespace(parameters=parameters, place=SimpleNamespace(estimate=names))
-        assert modulus_estimated(config) == (estimated and bool(names))
-
-
 GAIN = "tolerances={position: 0, angle: 0, transverse: 0, damping: 1, frequency: 0, load_angle: 0, load_position: 0, gain: 0.05}"
 
 
 @pytest.fixture(scope="module")
 def installation_beam(tmp_path_factory):
     """A small beam up to its pool of twelve, and what places on it with overrides."""
-    folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((6, 2, 2)), encoding="ascii")
-    (folder / "edge.yaml").write_text(yaml.safe_dump(PLACEMENT_CONFIG), encoding="utf-8")
-
-    def case(*overrides):
-        return api.load(folder / "edge.yaml", ["screen={keep: 12, by: strength}", "place.keep=3", *overrides])
-
-    plain = case()
-    mesh = api.mesh(plain)
-    reduced = api.reduce(plain, mesh)
-    training = api.train(plain, mesh, reduced)
-    screened = api.screen(plain, mesh, reduced, training)
+    few, folder = ("screen={keep: 12, by: strength}", "place.keep=3"), tmp_path_factory.mktemp("beam")
+    plain = prepared(folder, bricks((4, 1, 1)), {}, *few)
+    mesh, reduced, training, screened = plain.mesh, plain.reduced, plain.training, plain.screened
 
     def placed(*overrides):
-        own = case(*overrides)
+        own = api.load(folder / "edge.yaml", [*few, *overrides])
         return api.place(own, mesh, reduced, training, api.screen(own, mesh, reduced, training))
 
     placed.training, placed.pool = training, screened.kept
@@ -345,12 +303,10 @@ def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_it
 @pytest.mark.parametrize(
     ("std", "chosen"),
     [
-        ([(1.0, 2.0)], 0),
         ([(1.0, 2.0), (0.9, 2.0)], 1),
         ([(1.0, 2.0), (0.92, 2.0)], 0),  # 4 % better in the mean is too little
         ([(1.0, 2.0), (0.8, 2.11)], 0),  # a twentieth worse in one is too much
         ([(1.0, 2.0), (0.8, 2.09)], 1),
-        ([(1.0, 2.0), (1.0, 2.0), (1.0, 2.0)], 0),
         ([(1.0, 2.0), (0.9, 2.0), (0.8, 2.1), (0.9, 1.6)], 3),
     ],
 )
@@ -365,6 +321,7 @@ def test_errors_that_are_none_or_ignored_leave_the_layout_for_exact_gauges(insta
     assert one.layout.cost == other.layout.cost
 
 
+@pytest.mark.slow
 def test_the_filter_expects_what_gauges_read_on_average(tmp_path):
     """Rows of the filter against the mean of 400 installations and of those with all errors the other way, 5 mm and 6°."""
     place, turn = 0.005, 6.0
@@ -385,6 +342,7 @@ def test_the_filter_expects_what_gauges_read_on_average(tmp_path):
     assert np.all(left < 0.15**2 * size)
 
 
+@pytest.mark.slow
 def test_gauges_are_expected_to_be_off_by_their_share_of_misaligned_loads(tmp_path):
     """v of gains alone is σ² of the mean square of readings under 600 pulls of drawn direction and point, which bend the beam."""
     tolerances = NOTHING | {"load_angle": 1.0, "load_position": 0.01}

@@ -30,7 +30,7 @@ from strainsight.stages.view.strain import strain_view
 from strainsight.stages.view.surface import nearest
 from strainsight.stages.view.views import chosen, offers_of, view_of
 
-from .conftest import ROOT, SHORT, finished, job_of
+from .conftest import SHORT, finished, job_of
 from .test_bench_place import written
 
 NAMES = ("import", "rom", "train", "screen", "place", "validate", "report")
@@ -317,8 +317,8 @@ def test_figures_of_a_placement_are_those_of_its_page(artefacts, config, results
     np.testing.assert_allclose(drawn, artefacts["place"]["/elimination/trace"], rtol=1e-8)
 
 
-def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench):
-    job = job_of(ROOT / "configs" / "bench-full.yaml", bench["simulate"].path.parents[1], "simulate.duration=1.0")
+def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench, bench_config):
+    job = job_of(bench_config, bench["simulate"].path.parents[1], "simulate.duration=0.3")
     files = figures_of(job.model, bench_stages(job.config)[-1:], job.folder, "own.yaml").files
     assert sum(name.endswith(".svg") for name in files) == bench["report"].summary["figures"]
     rows = list(csv.DictReader(io.StringIO(files["loads.csv"].decode())))

@@ -128,6 +128,7 @@ def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monk
             sweep(tasks.product, [1], MATRIX)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
     """Not gone: its connections stay open. The sweep ends, and with it the stage, of which nothing is written."""
     monkeypatch.setattr(module, "SILENT", 2.0)
@@ -137,6 +138,7 @@ def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, mo
     assert time.monotonic() - began < 60.0
 
 
+@pytest.mark.slow
 def test_a_worker_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
     """Stopped, not gone: the scheduler keeps it, with its tasks and its results."""
     monkeypatch.setattr(module, "FROZEN", 3.0)
@@ -154,6 +156,7 @@ def test_a_worker_that_stands_still_is_named_after_the_stated_time(doomed, monke
     assert time.monotonic() - began < 60.0
 
 
+@pytest.mark.slow
 def test_a_worker_that_computes_for_long_is_waited_for(cluster, monkeypatch):
     monkeypatch.setattr(module, "FROZEN", 3.0)
     with opened(Where(dask=cluster.address)) as sweep:

@@ -101,6 +101,7 @@ with reported(), opened(Where(dask=sys.argv[1])) as sweep:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
 def test_interrupted_it_ends_at_once_and_the_cluster_forgets_it(cluster):
     here = Path(__file__).parent

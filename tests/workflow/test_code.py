@@ -7,7 +7,6 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -21,10 +20,10 @@ from strainsight.records.artefacts import BENCH, PLACEMENT
 from strainsight.records.record import read
 from strainsight.stages.modes import MODES
 from strainsight.workflow import artefact as artefacts
-from strainsight.workflow import code, provenance
+from strainsight.workflow import code
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, Job, plan
+from strainsight.workflow.plan import OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.workflow.provenance import commit_of
 from strainsight.workflow.runner import run as run_stages
 from strainsight.workflow.stage import Stage
@@ -47,7 +46,7 @@ def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
     found = code.closure(MODES.run.__module__)
     assert {"strainsight.stages.modes", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
     assert "strainsight.estimation.bank" not in found
-    for name in found:
+    for name in sorted(found)[::5]:
         path = ROOT.joinpath(*name.split(".")[1:])
         file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
@@ -79,23 +78,6 @@ def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
     assert {part for part in parts if part.startswith(("page/", "space/"))} <= report
 
 
-def test_of_an_artefact_that_another_run_made_other_code_is_reported(tmp_path, monkeypatch):
-    for name, own, said in (("first", "one", ""), ("second", "two", f" ({OTHER_CODE})"), ("third", "one", "")):
-        monkeypatch.setattr("strainsight.workflow.runner.code_of", lambda run, own=own: own)
-        monkeypatch.setattr("strainsight.workflow.plan.code_of", lambda run, own=own: own)
-        (_, event) = run_stages([stage()], Job({"name": name}, tmp_path, tmp_path / "results"))
-        assert event.reason == "never run" + (f", reused from first{said}" if name != "first" else "")
-
-
-def test_an_artefact_without_a_digest_is_not_one_of_other_code(tmp_path, monkeypatch):
-    job = Job({"name": "own"}, tmp_path, tmp_path / "results")
-    with monkeypatch.context() as without:
-        without.setattr("strainsight.workflow.runner.code_of", lambda run: "")
-        list(run_stages([stage()], job))
-    (status,) = plan([stage()], job)
-    assert status.reasons == (NO_CODE,)
-
-
 def test_what_other_code_of_the_same_version_made_is_up_to_date_and_reported_so(tmp_path, monkeypatch):
     job = Job({"name": "own"}, tmp_path, tmp_path / "results")
     list(run_stages([stage()], job))
@@ -111,23 +93,6 @@ def test_what_other_code_of_the_same_version_made_is_up_to_date_and_reported_so(
     (status,) = plan([stage(2)], job)
     assert status.reasons == ("stage version 1 → 2",)
     assert replace(own.header, code="") != own.header
-
-
-def test_a_function_of_another_package_has_its_own_file(tmp_path, monkeypatch):
-    (tmp_path / "own_stage.py").write_text("def run(context): ...\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    import own_stage
-
-    try:
-        assert code.closure("own_stage") == {"own_stage"}
-        assert len(code.code_of(own_stage.run)) == 16
-    finally:
-        del sys.modules["own_stage"]
-
-
-@pytest.mark.parametrize("name", ["strainsight.no_such_module", "numpy_that_is_not_there"])
-def test_what_is_not_there_has_no_source(name):
-    assert code._source(name) == b""
 
 
 NOBODY = {"GIT_CONFIG_GLOBAL": os.devnull, "GIT_CONFIG_NOSYSTEM": "1"}
@@ -163,11 +128,6 @@ def test_the_commit_is_that_of_git(git, tmp_path):
     assert commit_of(tmp_path) == ""
 
 
-def test_a_system_that_says_nothing_of_its_processor(monkeypatch, tmp_path):
-    monkeypatch.setattr(provenance, "CPU", tmp_path / "none")
-    assert isinstance(provenance._processor(), str)
-
-
 def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
     """Those of all stages of a small beam and a small bench are kept in numbers.json, with the versions that made them."""
     kept, found = json.loads(KEPT.read_text(encoding="utf-8")), numbers_of(tmp_path)
@@ -186,14 +146,7 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
     assert not moved, f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
 
 
-def test_a_number_that_moves_is_seen():
-    assert not differs([3, 1.0, 0.1], [3, 1.0 + 1e-6, 0.1 + 1e-6])
-    assert differs([3, 1.0, 0.1], [3, 1.0 + 1e-4, 0.1])
-    assert differs([3, 1.0, 0.1], [4, 1.0, 0.1])
-    assert differs([3, 1.0, 0.1], [3, 1.0, 0.1 + 1e-4])
-
-
-@pytest.mark.parametrize("shape", [(7,), (3, 2), (40, 25), (300, 300)])
+@pytest.mark.parametrize("shape", [(7,), (40, 25)])
 @pytest.mark.parametrize("change", ["sign", "one sign", "order", "two exchanged", "rounding"])
 def test_a_flipped_sign_and_a_swapped_order_are_seen_and_rounding_is_not(shape, change):
     x = 1e-6 * np.random.default_rng(0).standard_normal(shape)
@@ -210,10 +163,6 @@ def test_a_flipped_sign_and_a_swapped_order_are_seen_and_rounding_is_not(shape, 
     else:
         y *= 1 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, y.shape)
     assert differs(size(y.reshape(shape)), size(x)) == (change != "rounding")
-
-
-def test_where_a_number_is_missing_counts():
-    assert differs(size(np.array([np.nan, 1.0, 2.0])), size(np.array([1.0, np.nan, 2.0])))
 
 
 RELEASED = sorted(path.name.removesuffix(".tar.xz") for path in released_KEPT.glob("*.tar.xz"))
@@ -280,11 +229,10 @@ def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(
             assert not error or "--force" in error
 
 
-@pytest.mark.parametrize("name", TINY)
-def test_what_another_stage_version_made_is_never_up_to_date(folder, name):
-    job = job_of(folder, name)
+def test_what_another_stage_version_made_is_never_up_to_date(folder):
+    job = job_of(folder, "structure")
     statuses = {status.stage: status for status in plan(stages_of(job), job)}
-    for stage, path in stages(folder, name):
+    for stage, path in stages(folder, "structure")[::6]:
         version, status = Artefact(path).header.version, statuses[stage.name]
         if version != stage.version:
             assert status.status != UP_TO_DATE
@@ -306,16 +254,9 @@ def test_another_format_is_refused_by_both_numbers_and_computed_anew(folder, mon
     assert any("reads version 99" in reason for reason in first.reasons)
 
 
-@pytest.mark.parametrize("name", TINY)
-def test_the_command_line_says_it_without_a_traceback(folder, name):
-    done = CliRunner().invoke(app, ["status", str(folder / f"{name}.yaml"), "--results", str(folder / "results")])
+def test_the_command_line_says_it_without_a_traceback(folder):
+    done = CliRunner().invoke(app, ["status", str(folder / "structure.yaml"), "--results", str(folder / "results")])
     assert done.exit_code == 0, done.output
     assert "Traceback" not in done.output
 
 
-def test_a_release_is_not_replaced_by_chance(monkeypatch, capsys):
-    from . import release
-
-    monkeypatch.setattr(release.sys, "argv", ["release"])
-    assert release.main() == 2
-    assert "is kept already" in capsys.readouterr().err

@@ -9,7 +9,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +17,6 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow import artefact as artefacts
 from strainsight.workflow import reuse
 from strainsight.workflow.artefact import header_of
 from strainsight.workflow.output import Dataset, Output
@@ -171,23 +169,6 @@ def test_a_file_that_is_mostly_holes_is_not_copied(results):
     assert (results / "part").stat().st_size == 0
 
 
-def test_a_large_file_is_copied_block_by_block(results, monkeypatch):
-    monkeypatch.setattr(reuse, "LARGEST", 4)
-    monkeypatch.setattr(reuse, "BLOCK", 4)
-    assert source_of(job_of(results, "second")) == "first"
-    assert (results / "second" / "page.html").read_bytes() == b"<html>"
-
-
-def test_an_artefact_without_sizes_is_not_(results):
-    """It is of an earlier release: its own run goes on with it, another one computes its own."""
-    with h5py.File(results / "first" / "look.h5", "r+") as file:
-        del file.attrs["sizes"]
-    seal(results / "first" / "look.h5")
-    (*_, event) = run((stage(),), job_of(results, "first"))
-    assert event.status == "up to date"
-    assert source_of(job_of(results, "second")) == ""
-
-
 def test_an_artefact_has_nothing_outside_its_folder_removed(tmp_path):
     """What the old artefact had beside it and the new has not is removed where nobody altered it: below its folder only."""
     outside = tmp_path / "outside"
@@ -208,20 +189,6 @@ def test_a_disk_without_links_gets_a_copy(results, monkeypatch):
     monkeypatch.setattr(os, "link", refused)
     assert source_of(job_of(results, "second")) == "first"
     assert not os.path.samefile(results / "first" / "look.h5", results / "second" / "look.h5")
-
-
-def test_files_of_another_key_are_hashed_once_and_their_content_is_not_read(results, monkeypatch):
-    source_of(job_of(results, "other", by=2))
-    for path in results.glob("*/look.h5"):
-        os.utime(path, (time.time() - 60,) * 2)
-    hashed, read = [], []
-    intact, digest = artefacts.is_intact, artefacts.content_digest
-    monkeypatch.setattr(artefacts, "is_intact", lambda path: hashed.append(path.parent.name) or intact(path))
-    monkeypatch.setattr(artefacts, "content_digest", lambda file, *held: read.append(file.filename) or digest(file, *held))
-    for name in ("second", "third"):
-        assert reuse.reused(stage(2), job_of(results, name), "f" * 64) is None
-    assert sorted(hashed) == ["first", "other"]
-    assert read == []
 
 
 def test_who_waits_for_another_process_says_so(tmp_path):

@@ -28,6 +28,7 @@ from .models import ABAQUS, AT_IMPORT, LATER, OF_PLIES, ON_PLATE, of_gmsh, plies
 
 
 def written(folder: Path, deck: str, own: dict[str, str]) -> Path:
+    folder.mkdir(exist_ok=True)
     (folder / own.get("file", "deck.bdf")).write_text(deck, encoding="utf-8")
     (folder / "own.yaml").write_text(config(**own), encoding="utf-8")
     return folder / "own.yaml"
@@ -102,10 +103,6 @@ def test_what_is_unusual_and_sound_has_no_warning(deck, tmp_path):
     assert said_of(tmp_path, deck, {}) == ()
 
 
-def test_there_are_sixty_and_more():
-    assert len(AT_IMPORT) + len(LATER) >= 60
-
-
 def imported(folder, text, own, *flags):
     words = ["import", str(written(folder, text, own)), "--results", str(folder / "results"), *flags]
     done = CliRunner().invoke(app, words)
@@ -118,6 +115,7 @@ def assumed(folder):
 
 
 def test_warnings_end_a_strict_import_also_where_it_is_up_to_date(tmp_path):
+    assert imported(tmp_path / "sound", frame(), {}, "--strict") == (0, "")
     wrong = frame(section="PBAR,1,1,4.-4,2.-8,1.-8,2.-4"), {}
     code, said = imported(tmp_path, *wrong)
     assert (code, said.count("warning: "), said.count("is more than I1 + I2")) == (0, 1, 1)
@@ -126,10 +124,6 @@ def test_warnings_end_a_strict_import_also_where_it_is_up_to_date(tmp_path):
         assert code == 2
         assert "1 warning, and --strict takes none: region 1 (PBAR 1): J = 0.0002 m⁴ is more than I1 + I2" in said
         assert "own.yaml:3" in said
-
-
-def test_a_sound_model_passes_it(tmp_path):
-    assert imported(tmp_path, frame(), {}, "--strict") == (0, "")
 
 
 def test_the_fate_of_cards_connections_and_masses_are_listed(tmp_path):
@@ -158,11 +152,10 @@ def test_an_enforced_displacement_that_is_held_is_not_said_to_be_left_out(tmp_pa
     assert detail.startswith("not as the deck has it: the motion is held at zero")
 
 
-@pytest.mark.parametrize(("turned", "free"), [((), "12"), ((3,), "12")])
-def test_free_sides_of_shells_are_counted(tmp_path, turned, free):
-    assert imported(tmp_path, plate(turned=turned), ON_PLATE)[0] == 0
+def test_free_sides_of_shells_are_counted(tmp_path):
+    assert imported(tmp_path, plate(turned=(3,)), ON_PLATE)[0] == 0
     found = assumed(tmp_path)
-    assert found["free sides of shells"] == (free, "0 sides have more than two shells")
+    assert found["free sides of shells"] == ("12", "0 sides have more than two shells")
     assert found["mass of region 1 PSHELL 1"][0] == f"{0.4 * 0.2 * 0.002 * 7850:.6g} kg"
 
 
@@ -172,22 +165,19 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
     found = validated_out_of_range(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
-    assert bool(found) == said
-    if said:
-        assert f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
-        assert "widen parameters.E.range" in found
+    named = f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
+    assert (bool(found), named, "widen parameters.E.range" in found) == (said, said, said)
 
 
+@pytest.mark.slow
 def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
     """No estimate from noise lies in a range so narrow."""
-    changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E}
-    found = finished(tmp_path, "report", ranges_bricks((5, 1, 1)), changes)
-    summary, page = found["validate"].summary, (found["report"].path.parent / "report.html").read_text(encoding="utf-8")
+    changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E, "place.certificate": False}
+    found = finished(tmp_path, "validate", ranges_bricks((4, 1, 1)), changes)
+    summary = found["validate"].summary
     assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
     assert summary["verdict"] == "σ is withheld"
     assert not [key for key in summary if key.split(".")[0] in ("claim", "std", "smoothed_std")]
     own = read(Validated, found["validate"])
     for std in (*own.std.values(), *own.smoothed_std.values(), *own.noise.std.values(), own.gauge.std, own.field.std):
         assert np.isnan(std).all()
-    assert "E: σ is withheld" in page
-    assert "claimed σ)" not in page

@@ -14,7 +14,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight_cli.example import write
 
-from ..stages.mistakes import HISTORY, history
+from ..stages.test_first_day import HISTORY, history
 
 
 def said(folder: Path, *changes: tuple[str, str]) -> str:
@@ -57,7 +57,7 @@ def test_the_example_is_sound(project):
     assert said(project) == ""
 
 
-@pytest.mark.parametrize("mark", [-9999.0, 99999.0, -9999.99])
+@pytest.mark.parametrize("mark", [-9999.0, 99999.0])
 def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the_key(project, mark):
     head, values = rows(project)
     values[7:9, 1] = mark
@@ -70,31 +70,7 @@ def test_a_number_that_stands_for_a_missing_value_is_named_with_its_line_and_the
     assert named == ""
 
 
-@pytest.mark.parametrize(("mark", "amplitude"), [(-9999.0, 2500.0), (-32768.0, 3000.0)])
-def test_a_mark_among_large_readings_is_named(project, mark, amplitude):
-    head, values = rows(project)
-    values[:, 1] *= amplitude / np.nanmax(np.abs(values[:, 1]))
-    values[[20, 40, 41], 1] = mark
-    rewrite(project, head, values)
-    assert f"'G1' reads {mark:g} um/m in 3 of" in said(project)
-
-
-def test_a_mark_between_smooth_readings_is_named_by_its_jump(project):
-    head, values = rows(project)
-    values[:, 1] = 2500.0 * np.sin(np.linspace(0.0, 20.0, len(values)))
-    values[[20, 40, 41], 1] = -999.0
-    rewrite(project, head, values)
-    assert "'G1' reads -999 um/m in 3 of" in said(project)
-
-
-def test_marks_of_both_signs_are_named(project):
-    head, values = rows(project)
-    values[20, 1], values[40, 1] = 9999.0, -9999.0
-    rewrite(project, head, values)
-    assert "it stands for a missing value" in said(project)
-
-
-@pytest.mark.parametrize("level", [10_000.0, 1e5, 1e6, 9999.0])
+@pytest.mark.parametrize("level", [1e5, 9999.0])
 def test_a_load_in_a_step_is_a_load(project, level):
     lines = HISTORY["f.csv"].splitlines()
     plateau = [line.partition(",")[0] + f",{level:g}" for line in lines[100:150]]
@@ -102,20 +78,62 @@ def test_a_load_in_a_step_is_a_load(project, level):
     assert "missing value" not in said(project, history())
 
 
-def test_a_test_in_steps_is_not_clipped(project):
+def test_a_noise_above_every_reading_is_warned_of(project):
+    found = said(project, ("channel: G1,", "channel: G1, noise_std: 0.1,"))
+    assert "the noise of G1, 0.1, exceeds its largest reading" in found
+    assert "G2" not in found
+
+
+def mark_among_large(values):
+    values[:, 1] *= 3000.0 / np.nanmax(np.abs(values[:, 1]))
+    values[[20, 40, 41], 1] = -32768.0
+
+
+def mark_between_smooth(values):
+    values[:, 1] = 2500.0 * np.sin(np.linspace(0.0, 20.0, len(values)))
+    values[[20, 40, 41], 1] = -999.0
+
+
+def marks_of_both_signs(values):
+    values[20, 1], values[40, 1] = 9999.0, -9999.0
+
+
+def dead_and_clipped(values):
+    limit = 0.5 * np.nanmax(np.abs(values[:, 2]))
+    values[:, 1], values[:, 2] = 12.0, np.clip(values[:, 2], -limit, limit)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "words"),
+    [
+        (mark_among_large, ["'G1' reads -32768 um/m in 3 of"]),
+        (mark_between_smooth, ["'G1' reads -999 um/m in 3 of"]),
+        (marks_of_both_signs, ["it stands for a missing value"]),
+        (dead_and_clipped, ["G1 reads one value in all of its", "G2 is clipped"]),
+    ],
+)
+def test_readings_that_cannot_be_right_are_named(project, mistake, words):
     head, values = rows(project)
-    values[:, 2] = 10.0 * np.round(values[:, 2] / 10.0)
-    steps = np.repeat(values[:: 20, 2], 20)[: len(values)]
-    values[:, 2] = steps
+    mistake(values)
     rewrite(project, head, values)
-    assert "clipped" not in said(project)
+    found = said(project)
+    assert all(text in found for text in words)
 
 
-def test_a_peak_that_happens_to_be_999_is_a_reading(project):
-    head, values = rows(project)
+def in_steps(values):
+    values[:, 2] = np.repeat(10.0 * np.round(values[::20, 2] / 10.0), 20)[: len(values)]
+
+
+def with_a_peak_of_999(values):
     values[:, 1] *= 999.0 / np.nanmax(np.abs(values[:, 1]))
+
+
+@pytest.mark.parametrize(("unusual", "warned"), [(in_steps, "clipped"), (with_a_peak_of_999, "")])
+def test_readings_that_happen_to_look_so_are_readings(project, unusual, warned):
+    head, values = rows(project)
+    unusual(values)
     rewrite(project, head, values)
-    assert said(project) == ""
+    assert warned not in said(project) if warned else said(project) == ""
 
 
 def test_strain_that_is_taken_for_um_per_m_is_below_all_amplifiers(project):
@@ -123,22 +141,6 @@ def test_strain_that_is_taken_for_um_per_m_is_below_all_amplifiers(project):
     values[:, 1:] *= 1e-6
     rewrite(project, ",".join(name.partition(" [")[0] for name in head.split(",")), values)
     assert "no amplifier shows less than 0.01 um/m" in said(project)
-
-
-def test_a_dead_channel_and_a_clipped_one_are_warned_of(project):
-    head, values = rows(project)
-    limit = 0.5 * np.nanmax(np.abs(values[:, 2]))
-    values[:, 1], values[:, 2] = 12.0, np.clip(values[:, 2], -limit, limit)
-    rewrite(project, head, values)
-    found = said(project)
-    assert "G1 reads one value in all of its" in found
-    assert "G2 is clipped" in found
-
-
-def test_a_noise_above_every_reading_is_warned_of(project):
-    found = said(project, ("channel: G1,", "channel: G1, noise_std: 0.1,"))
-    assert "the noise of G1, 0.1, exceeds its largest reading" in found
-    assert "G2" not in found
 
 
 def test_a_clock_that_is_too_slow_for_a_load_is_warned_of(project):

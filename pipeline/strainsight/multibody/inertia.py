@@ -36,7 +36,9 @@ def inertia_load(
     """M (s, s), g = M(q)a + c(q, v) (s,), ∂g/∂q, ∂c/∂v (s, s) of one body, s = 12 + n: `add_inertia`."""
     s = 12 + body.modal.shape[0]
     M, g, Gq, Gv = np.zeros((s, s)), np.zeros(s), np.zeros((s, s)), np.zeros((s, s))
-    add_inertia(body, q, v, a, True, M, g, Gq, Gv)
+    # no literal, for which numba would compile `add_inertia` a second time
+    tangents = s > 0
+    add_inertia(body, q, v, a, tangents, M, g, Gq, Gv)
     return M, g, Gq, Gv
 
 

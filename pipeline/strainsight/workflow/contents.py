@@ -139,7 +139,7 @@ class _Reading:
                 raise damaged(self.name, f"the attributes of {name} claim more bytes than the file holds")
             array = np.empty(shape, dtype)
             attribute.read(array)
-            value = array[()]
+            value: Any = array[()]
             if dtype.hasobject:
                 value = value.decode("utf-8", "surrogateescape") if isinstance(value, bytes) else str(value)
             self._claim(len(value) if isinstance(value, str) else array.nbytes, f"the attributes of {name}")

@@ -133,11 +133,7 @@ def test_an_instance_that_is_turned_takes_its_orientation_with_it(read):
     ("old", "new", "what", "remedy"),
     [
         (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution", "orientation of its own"),
-        (SKEW, "*ORIENTATION, NAME=O, SYSTEM=SPHERICAL\n0.,0.,0.,0.,0.,1.", "SYSTEM=SPHERICAL", "cylindrical"),
-        (SKEW, "*ORIENTATION, NAME=O, DEFINITION=NODES\n1,2,3", "DEFINITION=NODES", "by coordinates"),
         (SKEW, SKEW + "\n4, 30.", "axis 4", "1, 2 or 3"),
-        ("NAME=O", "NAME=P", "orientation 'O' is not in the deck", "ORIENTATION"),
-        ("1.4000000000e+11", "-1.", "E1 is -1, not positive", "positive modulus"),
         ("3.0000000000e-01", "4.", "least eigenvalue is -", "E_i/E_j"),
         ("C3D8", "T3D2", "", ""),
     ],
@@ -151,12 +147,6 @@ def test_what_is_wrong_is_named_with_its_remedy(read, old, new, what, remedy):
         what, remedy = "is a truss, and its material is anisotropic", "isotropic material"
     with expect_refusal(DeckError, what, remedy=remedy):
         read(text)
-
-
-def test_lines_by_temperature_are_counted_in_pairs(read):
-    two = ENGINEERING + ", 20.\n" + numbers(np.ravel(CONSTANTS)) + ", 90."
-    assert "the first 2 of 4 lines of *ELASTIC count" in "".join(read(deck(two, SKEW)).notes)
-    assert "lines" not in "".join(read(deck(ENGINEERING, SKEW)).notes)
 
 
 def bar(orientation):
@@ -311,44 +301,18 @@ def test_a_layer_may_have_an_orientation_of_its_own(read):
     check_layers(mesh, 0.5 * turned(CARBON, across) + 0.5 * turned(CARBON, TURN))
 
 
-def test_isotropic_layers_need_no_axes(read):
-    check_layers(read(layered_deck("1., , STEEL, 45.\n1., , STEEL, 0.", section="")), STEEL)
-
-
 def test_along_the_basic_axes_without_an_orientation(read):
     check_layers(read(layered_deck("1., , STEEL\n1., , CARBON, 0.", section="")), 0.5 * STEEL + 0.5 * CARBON)
-
-
-@pytest.mark.parametrize("kind", ["C3D8", "C3D8R", "C3D8I", "C3D20R", "C3D6", "C3D15"])
-def test_the_elements_that_may_have_layers(read, kind):
-    own = {"C3D8": [*range(1, 9)], "C3D6": [1, 2, 3, 5, 6, 7], "C3D15": None}.get(
-        kind[:4] if kind[3] == "8" else kind, [*range(1, 21)]
-    )
-    text = layered_deck("1., , STEEL\n1., , STEEL", section="", kind=kind)
-    if own is None:
-        own = [1, 2, 3, 5, 6, 7, 9, 10, 21, 13, 14, 22, 17, 18, 19]
-        text = text.replace("*ELEMENT", "21, .5, .5, 0.\n22, .5, .5, 1.\n*ELEMENT")
-    cells = "1, " + ", ".join(map(str, own))
-    mesh = read(text.replace(WHOLE, cells))
-    check_mesh(mesh)
-    assert mass_properties(mesh)[0] == pytest.approx(7800 * (0.5 if len(own) in (6, 15) else 1.0), rel=1e-9)
 
 
 @pytest.mark.parametrize(
     ("lines", "options", "what", "line", "remedy"),
     [
         ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 1, "positive thickness"),
-        ("-1., , STEEL", {}, "the thickness of layer 1 is -1, not positive", 0, "positive thickness"),
-        (", , STEEL", {}, "the thickness of layer 1", 0, ""),
-        ("1., , STEEL\n1., , IRON", {}, "material 'IRON' is not in the deck", 1, "add the"),
         ("1., 3", {}, "layer 1 has no material", 0, "third entry"),
         ("1., , PLY", {}, "TYPE=LAMINA, which does not say what solids resist across", 0, "ENGINEERING CONSTANTS"),
-        ("1., , CARBON, NONE", {}, "orientation 'NONE' is not in the deck", 0, "add the"),
         ("1., , CARBON, 5.", {"section": ""}, "turned by 5°, and its section has no ORIENTATION", 0, "second line"),
         ("1., , CARBON, 5.", {"axis": ""}, "does not say about which of its axes", 0, "1, 2 or 3, and the angle 0"),
-        ("1., , STEEL", {"section": ", STACK DIRECTION=4"}, "STACK DIRECTION=4 is none", -1, "1, 2 or 3"),
-        ("1., , STEEL", {"section": ", STACK DIRECTION=Z"}, "STACK DIRECTION=Z is none", -1, "1, 2 or 3"),
-        ("1., , STEEL", {"section": ", MATERIAL=STEEL"}, "it is COMPOSITE and has a MATERIAL", -1, "one of them"),
         ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 can have no layers", -1, "hexahedra"),
         (
             "1., , STEEL",
@@ -357,7 +321,6 @@ def test_the_elements_that_may_have_layers(read, kind):
             -1,
             "=3",
         ),
-        ("", {}, "no data line follows", -1, ""),
     ],
 )
 def test_what_is_wrong_is_named_with_file_line_and_remedy(read, lines, options, what, line, remedy):

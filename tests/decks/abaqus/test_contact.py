@@ -10,8 +10,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.config.mesh import MeshFile
 from strainsight.config.template import template
 from strainsight.errors import ContactError, DeckError, UserError
 from strainsight.fem.model import build_model
@@ -20,8 +18,6 @@ from strainsight.fem.results_checks import check_positions
 from strainsight.mesh.additions import node_indices
 from strainsight.mesh.merging import merged
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
-from strainsight.records.mesh import MeshColumns
-from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.suggestion import suggestion
 
 # *TIE: two blocks, one on the other, joined.
@@ -106,29 +102,10 @@ def test_a_plane_of_symmetry_through_tied_surfaces_holds_them_as_it_holds_one_bl
     assert frequencies(tied) == pytest.approx(frequencies(merged(loose, 1e-9)), rel=1e-9)
 
 
-def test_a_tie_of_shells_is_named_with_its_place_and_can_be_left_out_alone(read):
-    text = deck(1) + (
-        "*NODE\n9001, 0., 0., 2.\n9002, 1., 0., 2.\n9003, 1., 1., 2.\n*ELEMENT, TYPE=S3, ELSET=SKIN\n9001, 9001, 9002, 9003\n"
-        "*SHELL SECTION, ELSET=SKIN, MATERIAL=M\n.01\n*SURFACE, NAME=PLATE\nSKIN, SPOS\n*TIE, NAME=U\nPLATE, TOP\n"
-    )
-    mesh = read(text)
-    where = mesh.unsupported["*TIE that joins shells or beams"]
-    assert where.endswith(f":{text.splitlines().index('PLATE, TOP') + 1}")
-    left = read(text, ignore=["TIE that joins shells or beams"])
-    assert (len(left.relations), left.unsupported) == (12, {})
-
-
 @pytest.mark.parametrize("option", [", CYCLIC SYMMETRY=YES", ", MULTISTAGE"])
 def test_a_symmetry_is_not_taken_for_a_joint(read, option):
     mesh = read(deck(1, f"*TIE, NAME=T{option}\nBOTTOM, TOP\n"))
     assert (mesh.relations, list(mesh.unsupported)) == ((), ["*TIE that is a symmetry"])
-
-
-def test_surfaces_that_are_not_there_are_named_with_their_line(read):
-    text = deck(1, "*TIE, NAME=T\nBOTTOM, OTHER\n")
-    with pytest.raises(DeckError, match="surface 'OTHER' is not in the deck") as caught:
-        read(text)
-    assert caught.value.where.endswith(str(text.splitlines().index("BOTTOM, OTHER") + 1))
 
 
 # *CONTACT PAIR: two blocks, one on the other, bonded or open as the config says; CalculiX as oracle.
@@ -185,11 +162,6 @@ def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):
     assert caught.value.pairs == ("BOTTOM on TOP",)
 
 
-def test_left_out_by_name_it_is_no_question(read):
-    mesh = read(deck(2, contact()), ignore=["CONTACT PAIR"])
-    assert (mesh.relations, mesh.ignored["*CONTACT PAIR"]) == ((), 1)
-
-
 def test_bonded_is_what_a_tie_makes_and_open_what_nothing_makes(read):
     bonded, tied = read(deck(2, contact()), contact="bonded"), read(deck(2))
     assert frequencies(bonded) == pytest.approx(frequencies(tied), rel=1e-12)
@@ -206,19 +178,6 @@ def test_what_the_deck_ties_is_bonded_whatever_is_chosen(read, choice, text):
     mesh = read(deck(2, text), contact=choice)
     assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
     assert "TIED in the deck" in mesh.contacts[0]
-
-
-def test_what_became_of_contact_leads_warnings_and_what_the_model_assumes(tmp_path):
-    path = tmp_path / "deck.inp"
-    path.write_text(deck(2, contact()))
-    for choice, words in (("bonded", "9 of 9 nodes bonded"), ("open", "open (mesh.contact)")):
-        config = MeshFile(file="deck.inp", contact=choice)
-        mesh = mesh_of(config, path)
-        checked(mesh, config)
-        assert model_warnings(mesh)[0].startswith(f"contact of BOTTOM on TOP: {words}")
-        assert model_warnings(MeshColumns.of(mesh).made())[0] == model_warnings(mesh)[0]  # of the page
-        assert assumed_table(mesh, "abaqus", False).rows[0] == ("contact", "", mesh.contacts[0])
-        assert mesh.effect["*SURFACE BEHAVIOR"] == "none"
 
 
 def test_only_what_touches_is_bonded(read):
@@ -243,18 +202,6 @@ def test_surfaces_of_other_names_that_follow_each_other_are_no_circle(read, firs
     mesh = read(deck(2, again + first + contact()), contact="bonded")
     assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the")
     assert frequencies(mesh) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
-
-
-def test_a_pair_whose_coarser_surface_follows_says_so(read):
-    mesh = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, BOTTOM")), contact="bonded")
-    assert "the finer surface is free between them: name BOTTOM first" in mesh.contacts[0]
-    assert "free between" not in read(deck(2, contact()), contact="bonded").contacts[0]
-
-
-def test_a_tied_pair_the_other_way_round_of_an_open_one_is_bonded(read):
-    tied = contact(TIED).replace("NAME=I", "NAME=J").replace("INTERACTION=I", "INTERACTION=J")
-    text = contact().replace("BOTTOM, TOP", "TOP, BOTTOM") + tied
-    assert frequencies(read(deck(2, text), contact="open")) == pytest.approx(frequencies(read(deck(2))), rel=1e-12)
 
 
 def test_shells_are_not_bonded(read):

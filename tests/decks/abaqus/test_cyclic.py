@@ -84,11 +84,6 @@ def test_degrees_of_freedom_of_a_node_that_stands_for_rotations_are_rotations(re
     np.testing.assert_allclose(found, (0.25 * T.transform[[row + 1]] - 2 * T.transform[[row + 2]]).toarray())
 
 
-def test_equations_that_are_left_out_are_counted(read):
-    mesh = read(bar() + EQUATIONS, ignore=["EQUATION"])
-    assert (mesh.relations, mesh.ignored, mesh.effect) == ((), {"*EQUATION": 1}, {"*EQUATION": "structure"})
-
-
 def test_the_model_names_the_line_of_an_equation(read):
     text = bar() + "*EQUATION\n2\n23, 1, 1., 6, 1, -1.\n2\n23, 1, 1., 9, 1, -1.\n"
     lines = text.count("\n")
@@ -110,16 +105,9 @@ def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(re
 @pytest.mark.parametrize(
     ("cards", "what", "line"),
     [
-        ("*EQUATION\n", "no data line follows", 1),
         ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
-        ("*EQUATION\n5, 1, 1., 6, 1, -1.\n", "is no number of terms", 2),
-        ("*EQUATION\n0\n", "is no number of terms", 2),
         ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
-        ("*EQUATION\n1\n5, 1, 1., 6, 1, -1.\n", "1 terms are stated, 2 follow", 2),
-        ("*EQUATION\n2\n5, 1, 1., 6, 1\n", "not three entries a term", 3),
         ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
-        ("*EQUATION\n2\n5, 1, 1., 777, 1, 1.\n", "node 777 is not in the deck", 3),
-        ("*EQUATION\n2\n5, 1, 1., 6, 11, 1.\n", "degree of freedom 11", 3),
         ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
         ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
         ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
@@ -219,24 +207,6 @@ def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
     assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
 
 
-@pytest.mark.parametrize("kind", ["each", "cylindrical"])
-def test_axes_of_layers_turn_with_their_sector(read, kind):
-    """Layers across the height, along radius and angle turned by 30° about the axis."""
-    angles = 2 * np.pi * np.arange(N) / N
-    axes = [f"{np.cos(v):.12e}, {np.sin(v):.12e}, 0., {-np.sin(v):.12e}, {np.cos(v):.12e}, 0.\n3, 0." for v in angles]
-    each = "".join(f"*ORIENTATION, NAME=O{s + 1}\n{own}\n" for s, own in enumerate(axes))
-    around = "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n0., 0., 0., 0., 0., 1.\n3, 0.\n"
-    more = "*BOUNDARY\nINNER, 2, 2\n" + (each if kind == "each" else around)
-
-    def layered(text):
-        return text.replace("MATERIAL=M@", "COMPOSITE, ORIENTATION=O").replace("@@", "\n1., 2, M, 30.\n2., 2, M, 0.")
-
-    ring = read(layered(wheel(1, PLY, "@1@@" if kind == "each" else "@@@", SECTOR + more)))
-    whole = read(layered(wheel(N, PLY, "@{}@@" if kind == "each" else "@@@", more)))
-    assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
-    assert len(ring.regions) == (N if kind == "each" else 1)
-
-
 def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
     mesh = read(wheel(1, more=SECTOR + "*STEP\n*STATIC\n*CLOAD\n20, 3, 7.\n20, 1, 2.\n*END STEP\n"))
     (load,) = mesh.loads.values()
@@ -247,17 +217,6 @@ def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
     number = int(each[2][0])
     assert number % 10 == 1
     assert mesh.where("element", number) == mesh.where("element", 1)
-
-
-def test_a_set_that_is_called_as_a_copy_would_be_is_refused(read):
-    with pytest.raises(DeckError, match="the set SECTOR-3 is called as a copy of the sector will be"):
-        read(wheel(1, more=SECTOR + "*NSET, NSET=SECTOR-3\n7\n"))
-
-
-def test_either_cut_face_may_be_named_first(read):
-    held = "*BOUNDARY\nINNER, 2, 2\n"
-    turned = read(wheel(1, more=SECTOR.replace("FIRST, LAST", "LAST, FIRST") + held))
-    assert frequencies(turned, 12) == pytest.approx(frequencies(read(wheel(1, more=SECTOR + held)), 12), rel=1e-9)
 
 
 def test_cut_faces_that_are_named_twice_are_one_cut(read):

@@ -45,23 +45,6 @@ def test_supports_in_every_form(read, lines, held):
     assert pairs(read(f"{BRICK}*STEP\n*STATIC\n*BOUNDARY\n{lines}\n*END STEP\n")) == held
 
 
-@pytest.mark.parametrize(
-    ("first", "held"),
-    [("*BOUNDARY", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=MOD", {(0, 0), (1, 1)}), ("*BOUNDARY, OP=NEW", {(1, 1)})],
-)
-def test_supports_are_those_of_the_step_that_is_chosen_and_of_what_is_before_it(read, first, held):
-    steps = f"*STEP\n*END STEP\n*STEP\n{first}\n2, 2\n*END STEP\n*STEP\n*BOUNDARY\n3, 3\n*END STEP\n"
-    mesh = read(f"{BRICK}*BOUNDARY\n1, 1\n{steps}", step=2)
-    assert pairs(mesh) == held
-    assert any("supports are those in step 2" in note for note in mesh.notes)
-
-
-def test_a_temperature_that_is_held_is_counted(read):
-    mesh = read(BRICK + "*BOUNDARY\nTOP, 11, 11, 20.\n")
-    assert pairs(mesh) == set()
-    assert mesh.ignored == {"*BOUNDARY of degree of freedom 11": 1}
-
-
 def expected_axes(kind: str, a: np.ndarray, b: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Columns by angles about the pole, not by cross products."""
     if kind == "R":
@@ -117,11 +100,6 @@ def test_point_masses_take_the_inertia_of_their_node(read):
     assert [(p.id, p.node, p.mass) for p in masses] == [(50, 4, 2.5), (51, 8, 2.5)]
     np.testing.assert_array_equal(masses[0].inertia, np.zeros((3, 3)))
     np.testing.assert_array_equal(masses[1].inertia, TENSOR)
-
-
-def test_inertia_without_a_mass_stands_alone(read):
-    (point,) = read(BRICK + INERTIA.format(5)).point_masses
-    assert (point.id, point.node, point.mass) == (60, 4, 0.0)
 
 
 def test_inertia_of_a_part_turns_with_its_instance(read):
@@ -213,14 +191,6 @@ def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, memb
     np.testing.assert_allclose(motions(mesh), motions(other), atol=1e-12)
 
 
-def test_ties_are_numbered_from_one_with_their_lines(read):
-    mesh = read(
-        BRICK + "*RIGID BODY, REF NODE=100, TIE NSET=TOP\n*NODE\n101, 0.,0.,-1.\n*MPC\nBEAM, 1, 101\nBEAM, 2, 101\n"
-    )
-    assert [e.id for e in mesh.rigid] == [1, 2, 3]
-    assert [mesh.where("tie", i).rsplit(":")[-1] for i in (1, 2, 3)] == ["22", "26", "27"]
-
-
 def test_components_of_a_kinematic_coupling(read):
     tie = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n1,\n3, 4\n"
     assert read(BRICK + tie).rigid[0].components == (0, 2, 3)
@@ -236,13 +206,6 @@ def test_distributing_couplings_weigh_by_area(read, surface, weight):
     assert averaging.components == (0, 1, 2, 3, 4, 5)
     np.testing.assert_array_equal(averaging.nodes, [4, 5, 6, 7])
     np.testing.assert_allclose(averaging.weight, weight)
-
-
-def test_other_weights_of_a_coupling_are_reported(read):
-    tie = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*DISTRIBUTING, WEIGHTING METHOD=CUBIC\n1,4\n"
-    mesh = read(BRICK + tie)
-    assert mesh.averaging[0].components == (0, 1, 2, 3)
-    assert any("WEIGHTING METHOD=CUBIC taken as UNIFORM" in note for note in mesh.notes)
 
 
 def test_an_influence_radius_chooses_the_near_nodes(read):
@@ -270,42 +233,17 @@ def test_a_pin_of_coincident_nodes_is_imported(read):
 @pytest.mark.parametrize(
     ("lines", "what", "line"),
     [
-        ("*BOUNDARY\nBOTTOM, 1", "node set 'BOTTOM' is not in the deck", 2),
         ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
-        ("*BOUNDARY\n1, CLAMPED", "'CLAMPED' is no support", 2),
         ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
-        ("*BOUNDARY\n1, 0, 2", "degrees of freedom 0 to 2", 2),
-        ("*BOUNDARY\n1", "is '', not an integer", 2),
-        ("*BOUNDARY, SUBMODEL\n1, 1", "motions of another model", 1),
-        ("*CLOAD\n1, 1", "the force .* is ''", 2),
-        ("*CLOAD\n1, 7, 1.", "degree of freedom 7", 2),
-        ("*CLOAD\n77, 1, 1.", "node 77", 2),
         ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
         ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
-        ("*TRANSFORM, NSET=TOP, TYPE=X\n1., 0., 0., 0., 1., 0.", "TYPE=X", 1),
-        (
-            "*TRANSFORM, NSET=TOP\n1.,0.,0.,0.,1.,0.\n*NSET, NSET=A\n5\n*TRANSFORM, NSET=A\n1.,0.,0.,0.,1.,0.",
-            "another",
-            5,
-        ),
         ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 77\n*MASS, ELSET=P\n1.", "does not stand on one node", 2),
         ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n1, 5\n*MASS, ELSET=P\n1.", "element id 1 stands twice", 2),
-        ("*MASS, ELSET=P\n1.", "element set 'P' is not in the deck", 1),
         (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
-        ("*RIGID BODY, REF NODE=TOP, TIE NSET=TOP", "holds 4 nodes", 1),
-        ("*RIGID BODY, REF NODE=100", "holds no node", 1),
         ("*RIGID BODY", "has no REF NODE", 1),
-        ("*RIGID BODY, REF NODE=101, TIE NSET=TOP", "node 101 is not in the deck", 1),
-        ("*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC", "surface 'S' is not in the deck", 1),
         ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
         ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
-        ("*SURFACE, NAME=S\nE, S²", "'S²' is no facet of a hex8", 2),
-        ("*SURFACE, NAME=S\nE, S" + "9" * 5000, "is no facet of a hex8", 2),
         ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
-        ("*SURFACE, NAME=S\nF, S1", "element set 'F' is not", 2),
-        ("*MPC\nBEAM, 77, 100", "node 77", 2),
         (
             "*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2",
             "single components of node 5",
@@ -316,21 +254,6 @@ def test_a_pin_of_coincident_nodes_is_imported(read):
 def test_what_is_wrong_is_named_with_its_line(read, lines, what, line):
     with expect_refusal(DeckError, what, where=f"deck.inp:{BRICK.count(chr(10)) + line}", remedy=""):
         read(f"{BRICK}{lines}\n")
-
-
-@pytest.mark.parametrize(
-    "tie",
-    [
-        "*KINEMATIC COUPLING, REF NODE=100, ORIENTATION=O\nTOP, 1, 2",
-        "*KINEMATIC COUPLING, REF NODE=100, ORIENTATION=O\nTOP, 1, 4",
-        "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S, ORIENTATION=O\n*KINEMATIC\n1, 2",
-    ],
-)
-def test_single_components_along_an_orientation_are_refused(read, tie):
-    with pytest.raises(DeckError, match="single components along an ORIENTATION"):
-        read(f"{BRICK}{tie}\n")
-    whole = tie[: tie.rindex("1,")] + "1, 3\n"
-    assert read(BRICK + whole).rigid[0].components == (0, 1, 2)
 
 
 ROT = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n"
@@ -351,25 +274,3 @@ def test_a_mass_on_a_rotation_node_is_refused(read, element):
         read(BRICK + ROT + element.format(101))
 
 
-def test_reference_and_rotation_node_have_the_same_axes(read):
-    turn = "*NSET, NSET=A\n{}\n*TRANSFORM, NSET=A\n0., 1., 0., -1., 0., 0.\n"
-    assert pairs(read(f"{BRICK}{ROT}{turn.format('100, 101')}*BOUNDARY\n101, 1\n")) == {(8, 3)}
-    with pytest.raises(DeckError, match="different axes"):
-        read(BRICK + ROT + turn.format("101"))
-
-
-@pytest.mark.parametrize("option", ["USER", "MODE=DOF"])
-def test_constraints_of_the_user_or_by_degrees_of_freedom_are_counted(read, option):
-    mesh = read(f"{BRICK}*MPC, {option}\nBEAM, TOP, 100\nPIN, 1, 100\n")
-    assert mesh.rigid == ()
-    assert mesh.ignored == {f"*MPC, {option}": 2}
-
-
-def test_ties_are_named_as_the_deck_names_them(read):
-    mesh = read(
-        BRICK + "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*RIGID BODY, REF NODE=100, NSET=TOP\n*MPC\nBEAM, 1, 100\n"
-        "*KINEMATIC COUPLING, REF NODE=100\n2,\n"
-        "*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n*COUPLING, REF NODE=100, SURFACE=S\n*DISTRIBUTING\n"
-    )
-    assert [e.name for e in mesh.rigid] == ["*RIGID BODY", "*MPC", "*KINEMATIC COUPLING", "*COUPLING"]
-    assert [e.name for e in mesh.averaging] == ["*COUPLING"]

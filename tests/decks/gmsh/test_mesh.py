@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gzip
 import struct
 
 import meshio
 import numpy as np
 import pytest
 
-from strainsight.decks.gmsh.mesh import is_gmsh, read_gmsh
+from strainsight.decks.gmsh.mesh import read_gmsh
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import kind_of
 
@@ -140,32 +139,10 @@ def test_elements_outside_all_physical_volumes_are_a_region_of_their_own(read):
     assert mesh.notes == ("1 element in no physical volume: region 10",)
 
 
-def test_groups_of_several_dimensions_with_one_name_are_distinguished(read):
-    mesh = read(OLD.replace('"foot"', '"steel part"').replace("$PhysicalNames\n2", '$PhysicalNames\n3\n1 5 "spare"'))
-    assert {k: len(v) for k, v in mesh.node_sets.items()} == {"steel part (2d)": 3, "steel part (3d)": 5}
-    assert any("several dimensions" in note for note in mesh.notes)
-    assert "physical group 'spare' holds no elements" in mesh.notes
-
-
 def test_sections_that_are_not_imported_are_counted(read):
     extra = "$Comments\n$Nodes are below\n$EndComments\n" + OLD + '$NodeData\n1\n"u"\n0\n0\n$EndNodeData\n'
     assert read(extra).ignored == {"$NodeData": 1}
     check_same(read(extra), read(OLD))
-
-
-def test_a_file_of_gmsh_is_distinguished_from_others_of_its_ending(tmp_path):
-    path = tmp_path / "part.msh"
-    assert is_gmsh(REAL[0])
-    assert not is_gmsh(path)
-    path.write_text('(0 "GAMBIT to Fluent File")\n')
-    assert not is_gmsh(path)
-
-
-def test_a_packed_binary_mesh_is_the_mesh(tmp_path):
-    path = next(path for path in REAL if b"4.1 1 8" in path.read_bytes()[:60])
-    (tmp_path / "pin.msh.gz").write_bytes(gzip.compress(path.read_bytes()))
-    assert is_gmsh(tmp_path / "pin.msh.gz")
-    check_same(read_gmsh(tmp_path / "pin.msh.gz"), read_gmsh(path))
 
 
 # Elements of gmsh in our order: mid-side nodes on their edges, facets outward.
@@ -191,10 +168,7 @@ def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, 
 # What is wrong with a gmsh mesh is named with its line.
 BROKEN = {
     "missing node": (OLD, "7 30 4 5\n", "7 30 4 6\n", 21, "element 8 (4-node tetrahedron) refers to node 6"),
-    "missing node of a face": (OLD, "1 10 7 30\n6", "1 10 7 31\n6", 19, "refers to node 31"),
-    "missing node, 4.1": (NEW, "8 7 30 4 5", "8 7 30 4 6", 37, "refers to node 6"),
     "node twice": (OLD, "\n4 0 0 1", "\n7 0 0 1", 14, "node number 7 stands twice"),
-    "element twice": (OLD, "8 4 2 9", "6 4 2 9", 21, "element number 6 stands twice"),
     "same element again": (
         OLD,
         "2 7 30 4 5",
@@ -204,24 +178,15 @@ BROKEN = {
     ),
     "collapsed": (OLD, "2 7 30 4 5", "2 7 30 4 4", 21, "element 8 (tet4): a node stands twice"),
     "not finite": (OLD, "5 1 1 1", "5 1 nan 1", 15, "node 5 has a coordinate that is not a finite"),
-    "number 0": (OLD, "4 0 0 1\n5", "0 0 0 1\n5", 14, "node number 0 is not positive"),
     "a word": (OLD, "7 1 0 0", "7 1 O 0", 12, "'O' is no number"),
-    "a fraction": (OLD, "8 4 2 9", "8 4.5 2 9", 21, "4.5 stands where a whole number belongs"),
-    "run together": (OLD, "7 1 0 0", "7 1 0-0 0", 12, "'0-0' is no number"),
     "too many claimed": (OLD, "$Nodes\n5", "$Nodes\n900000000000", 11, "more numbers are claimed"),
-    "too few claimed": (OLD, "$Nodes\n5", "$Nodes\n4", 15, "numbers more than the counts claim"),
     "elements claimed": (OLD, "$Elements\n3", "$Elements\n4", 21, "4 elements are claimed, 3 are there"),
     "blocks claimed": (NEW, "2 5 4 30", "2 6 4 30", None, "6 nodes are claimed, the blocks hold 5"),
     "unknown type": (OLD, "8 4 2 9", "8 77 2 9", 21, "element type 77 is unknown"),
-    "no end": (OLD, "$EndElements\n", "", 17, "$Elements does not end"),
     "no nodes": (OLD, "Nodes", "Knots", 1, "there is no section $Nodes"),
-    "nodes twice": (OLD, "$Elements", "$Nodes\n0\n$EndNodes\n$Elements", 17, "$Nodes stands twice"),
-    "prose": (OLD, "$Elements", "Elements", 17, "a section ($Nodes) should begin here"),
     "format 1": (OLD, OLD, "$NOD\n0\n$ENDNOD\n", 1, "format 1 of gmsh"),
-    "format 5": (OLD, "2.2 0 8", "5.0 0 8", 2, "format 5.0 of gmsh"),
     "partitions": (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", None, "is partitioned"),
     "a dimension of many digits": (OLD, '3 9 "', "9" * 5000 + ' 9 "', None, "should read like"),
-    "a tag of many digits": (OLD, '3 9 "', "3 " + "9" * 5000 + ' "', None, "should read like"),
     "bad name": (OLD, '"foot"', "foot", 6, "should read like"),
 }
 
@@ -240,9 +205,7 @@ def test_what_is_wrong_is_named_with_its_line(read, case):
     ("number", "nodes", "name", "remedy"),
     [
         (12, 27, "27-node hexahedron", "Mesh.SecondOrderIncomplete = 1"),
-        (13, 18, "18-node prism", "Mesh.SecondOrderIncomplete = 1"),
         (14, 14, "14-node pyramid", "without pyramids"),
-        (19, 13, "13-node pyramid", "Mesh.ElementOrder = 1"),
         (29, 20, "20-node tetrahedron", "Mesh.ElementOrder = 2"),
     ],
 )
@@ -256,14 +219,6 @@ def test_solids_that_are_not_supported_are_refused_with_the_way_out(read, number
 def test_a_mesh_of_surfaces_is_refused(read):
     with expect_refusal(DeckError, r"no solid element \(1 3-node triangle\)", remedy="gmsh -3"):
         read(OLD.replace("$Elements\n3", "$Elements\n1").replace("\n6 4 2 9 1 10 7 30 4\n8 4 2 9 2 7 30 4 5", ""))
-
-
-@pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
-def test_a_truncated_file_is_refused(read, path):
-    content = path.read_bytes().rstrip()
-    for end in range(0, len(content), 97):
-        with pytest.raises(DeckError):
-            read(content[:end])
 
 
 def test_binary_counts_beyond_the_file_are_refused(read):

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
 
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
-from strainsight.fem.modes import modes
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.resized import resized
 from strainsight.records.thin import BeamSections
@@ -147,17 +145,6 @@ def test_yesa_has_the_places_of_end_a_and_equal_ends_are_one_section(read):
     assert own.shear == (0, 0)
 
 
-def test_the_line_of_places_of_stress_may_be_left_out(read):
-    own = read(deck(BEAM, "PBEAM,1,1,.01,2.-5,1.-5\n,NO,1.,.02\n,.5,.5")).sections[1]
-    assert own.points.shape == (0, 2)
-    assert (own.at_b.area, own.shear) == (0.02, (0.5, 0.5))
-
-
-def test_warping_is_noted(read):
-    (note,) = (n for n in read(deck(BEAM, ENDS + ",NO,1.\n,,,,,,,1.-9")).notes if "PBEAM" in n)
-    assert note.startswith("PBEAM 1: CW(A) (inertia about the axis, warping) have no effect")
-
-
 def test_shapes_of_bars(read):
     """A box of 60 by 80 mm with walls of 3 and 4 mm, by what its outline and its hollow have; a bar 30 wide and 50 high."""
     own = read(deck(pbar="PBARL,1,1,,BOX\n,.06,.08,.003,.004,5.")).sections[1]
@@ -232,20 +219,6 @@ def test_wtmass_scales_the_mass_of_both_ends(read):
 
 
 @pytest.mark.parametrize(
-    ("mat1", "nu", "note"),
-    [
-        ("MAT1,1,2.+11", 0, "MAT1 1 states E alone: NU = 0"),
-        ("MAT1,1,2.+11,8.+10,.3", 0.25, "MAT1 1: NU .3 does not go with E and G, which are all that beams and rods need: 0.25"),
-    ],
-)
-def test_a_material_of_beams_alone_is_e_and_g(read, mat1, nu, note):
-    text = BAR.replace("MAT1,1,2.1+11,,.3,7850.", mat1)
-    mesh = read(text)
-    assert mesh.materials[1].poisson_ratio == pytest.approx(nu)
-    assert [own.startswith(note) for own in (*mesh.notes, *mesh.doubts)] == [False, True]
-
-
-@pytest.mark.parametrize(
     ("mat1", "E", "G", "nu"),
     [
         ("MAT1,1,2.+11,6.+10,.3", 2e11, 6e10, 0.3),  # with a shell of it
@@ -274,94 +247,30 @@ def test_a_beam_twists_and_shears_with_the_g_of_its_material(read, mat1, E, G, n
     ("card", "pbar", "what", "line"),
     [
         ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
-        ("CBAR,10,1,1,9,0.,0.,1.", PBAR, "node 9 is not in the deck", 5),
         ("CBAR,10,1,1,2,9", PBAR, "node 9 is not in the deck", 5),
         ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
         ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
-        ("CBAR,10,1,1,2,0.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
-        ("CBAR,10,1,3,4,1", PBAR, "G0 or X1 to X3 lie on its axis", 5),
         ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.,GOO\n,,,.1", PBAR, "OFFT is GOO", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.\n,7", PBAR, "components '7'", 5),
         ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
-        ("CBEAM,10,1,1,2,0.,0.,1.,.5", "PBEAM,1,1,1.,1.,1.", "BIT is .5", 5),
         ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
-        ("CROD,10,1,1,2", PBAR, "property 1 is a PBAR, not a PROD", 5),
         ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
-        ("CROD,10,1,1,1", "PROD,1,1,.1", "both ends are on one node", 5),
         (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
         (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
         (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
         (CARD, "PBAR,1,8,1.,1.,1.", "material 8 is not in the deck", 6),
-        (CARD, "MAT9,8\nPBAR,1,8,1.,1.,1.", "material 8 is a MAT9", 7),
-        (CARD, PBAR + "\nPBAR,1,1,1.", "property id 1 stands twice", 7),
         ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
         ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
-        (BEAM, "PBEAM,1,1,1.,1.", "I2 .* is ''", 6),
         (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
-        (BEAM, ENDS + ",NO,1.5,.02", "X/XB is 1.5", 6),
         (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
-        (CARD, "PBARL,1,1,,HAT1\n,1.,1.", "the section HAT1 is not known", 6),
-        (CARD, "PBARL,1,1,OWN,BAR\n,1.,1.", "GROUP is OWN", 6),
-        (CARD, "PBARL,1,1,,BAR\n,1.", "DIM2 .* is ''", 6),
         (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
-        (CARD, "PBARL,1,1,,BAR\n,1.,1.,-1.", "NSM is -1", 6),
-        (CARD, LBEAM, "property 1 is a PBEAML, not a PBAR or PBARL", 5),
         (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
-        (BEAM, LBEAM + ",MAYBE,1.", "SO .* is MAYBE", 6),
-        (BEAM, LBEAM + ",NO,1.5", "X/XB is 1.5", 6),
         (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
-        (BEAM, ENDS + ",NO,1.\n,,,.1", r"S1 is 0.1: relief of shear by taper", 6),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_line(read, card, pbar, what, line):
     pbar = pbar.replace("\n\n", "\n,,\n")
     with expect_refusal(DeckError, what, where=f"deck.bdf:{line}", remedy=""):
         read(deck(card, pbar))
-
-
-def test_element_ids_are_one_of_a_kind_over_solids_too(read, tetrahedron):
-    with expect_refusal(DeckError, "element id 10 stands twice, a solid has it too", where=":9"):
-        read(tetrahedron + "CONROD,10,1,2,1,.1\n")
-    with pytest.raises(DeckError, match="element id 10 stands twice"):
-        read(deck(more="CONROD,10,1,2,1,.1\n"))
-
-
-def test_an_id_of_two_properties_is_an_error_where_elements_are_asked_for(read):
-    text = deck(more="CROD,11,1,1,2\nPROD,1,1,.1\n")
-    with expect_refusal(DeckError, "property id 1 stands twice", where=":11"):
-        read(text)
-    mesh = read(text, required=False)
-    assert [block.ids.tolist() for block in mesh.beams] == [[10]]
-    assert mesh.ignored["CROD"] == 1
-
-
-def test_nodes_of_beams_turn_and_those_of_rods_do_not(read):
-    more = "MOMENT,4,2,,1.,1.\nSPC1,1,456,2\n"
-    held = read(deck(more=more))
-    assert held.held.tolist() == [1]
-    assert not [note for note in held.notes if "MOMENT" in note]
-    loose = read(deck(ROD, PROD, more))
-    assert loose.held.tolist() == []
-    assert [note for note in loose.notes if "MOMENT on node 2 without rotations" in note]
-
-
-def test_a_space_truss_of_bars_whose_rotations_are_held_swings_as_by_hand(read):
-    """K = Σ EA/L e eᵀ + 12 EI/L³ (1 − e eᵀ), M = Σ ρAL (e eᵀ/3 + 13/35 (1 − e eᵀ)) of the tip."""
-    E, rho, A, I, tip = 2.1e11, 7850.0, 3e-4, 8e-9, np.array([0.3, 0.3, 1.0])
-    feet = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
-    text = "".join(f"GRID,{i},,{x},{y},{z},,456\n" for i, (x, y, z) in enumerate([*feet, tip], start=1))
-    text += "".join(f"CBAR,{i},1,{i},4,.1,.2,.9\n" for i in (1, 2, 3)) + f"PBAR,1,1,{A},{I},{I},{2 * I}\n"
-    model = build_model(read(text + f"MAT1,1,{E},,.3,{rho}\nSPC1,1,123,1,2,3\nENDDATA\n"))
-    K, M = np.zeros((3, 3)), np.zeros((3, 3))
-    for foot in feet:
-        L = np.linalg.norm(tip - foot)
-        along = np.outer(tip - foot, tip - foot) / L**2
-        K += E * A / L * along + 12 * E * I / L**3 * (np.eye(3) - along)
-        M += rho * A * L * (along / 3 + 13 / 35 * (np.eye(3) - along))
-    assert model.size == 3
-    found = modes(model.stiffness.constant, model.mass.constant, 3)[0]
-    np.testing.assert_allclose(found, np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi), rtol=1e-10)
 
 
 def test_rods_whose_rotations_are_held_are_as_without(read):
@@ -439,10 +348,10 @@ def test_rigid_motions_of_a_beam_whose_axes_run_apart_cost_nothing_and_have_its_
 
 
 def test_a_neutral_axis_that_runs_apart_is_that_of_many_short_beams(read):
-    """Tip motions of one element with N of both ends against two hundred with N between."""
+    """Tip motions of one element with N of both ends against a hundred with N between."""
     ends = np.array([[0.03, -0.02], [0.01, 0.05]])
     one = build_model(read(offset_beam(",0.,0.,0.,0.,.03,-.02,.01,.05\n")))
-    text, count = "", 200
+    text, count = "", 100
     for i in range(count):
         y, z = ends[0] + (i + 0.5) / count * (ends[1] - ends[0])
         text += f"CBEAM,{i + 1},{i + 1},{i + 1},{i + 2},0.,1.,0.\nPBEAM,{i + 1},1,{AREA},{I1},{I2},0.,{TORSION}\n"

@@ -62,11 +62,6 @@ def test_every_format_gives_the_same_fields(cards, form):
     assert card.line == 2
 
 
-def test_a_large_field_card_in_free_format_keeps_its_third_coordinate(read, tetrahedron):
-    mesh = read(tetrahedron.replace("GRID,4,,0.,0.,1.", "GRID*,4,,0.,0.,+\n*,1."))
-    np.testing.assert_array_equal(mesh.position[3], [0, 0, 1])
-
-
 @pytest.mark.parametrize(
     ("token", "value"),
     [
@@ -156,9 +151,7 @@ def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(ca
         (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
         (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
         (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
-        (line("CONM2", *MASS, mark="+M1") + "GRID,1\n" + line("+M1", ".02") * 2, "its mark also stands at", 3),
         (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
-        ("SPC1,1,3,1,2,3,4,5,6,+A,+B,8\n", "is followed by", 1),
         ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
     ],
 )
@@ -230,36 +223,22 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
     assert deck.after_end == 2
 
 
-def test_lines_after_enddata_are_counted(read, tetrahedron):
-    assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\nGRID,9,,9.,9.,9.\n").ignored == {"lines after ENDDATA": 1}
-
-
 @pytest.mark.parametrize(
     ("text", "what", "line"),
     [
         ("+,1,2\n", "continuation with no card", 1),
-        ("SPC1,1,3,1,2,3,4,5,6,+,7,8\n", r"mark '\+' in field 10 is followed by '7'", 1),
-        ("SPC1,1,3,1,2,3,4,5,6,+A,+B,8\n", "is followed by", 1),
         ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-        ("GRID,1\n1,2,3\n", "no bulk-data card", 2),
         ("=,*1,=\n", "repeats no card", 1),
-        ("GRID,1\n=(4)\n", "repeats no card", 2),
-        ("CHEXA,1,1,1,2,3,4,5,6\n,7,8\n=,*1,==\n", "repeats no card", 3),
         ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
-        ("GRID,1\n=,*x\n", "adds 'x' to '1'", 2),
         ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
-        ("GRID           1" + " " * 56 + "+A1\n+B2\n", "continuation", 2),
         ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
         ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
         ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
         ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-        ("INCLUDE '~/grids.bdf'\n", "not replaced", 1),
-        ("INCLUDE 'MODEL:grids.bdf'\n", "not replaced", 1),
         ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
         ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
         ("INCLUDE '../deck.bdf'\n", "leaves the folder", 1),
         ("INCLUDE '/etc/hostname'\n", "leaves the folder", 1),
-        ("INCLUDE 'no end\n", "no complete file name", 1),
     ],
 )
 def test_a_line_that_cannot_be_taken_is_named(cards, text, what, line):
@@ -287,20 +266,6 @@ def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 
 
-@pytest.mark.parametrize("kept", [0.3, 0.6, 0.9, 0.99])
-def test_a_deck_that_is_cut_off_anywhere_is_refused(read, tetrahedron, kept):
-    whole = f"SOL 103\nCEND\nSPC = 1\nBEGIN BULK\n{tetrahedron}ENDDATA\n"
-    read(whole)
-    with pytest.raises(DeckError):
-        read(whole[: int(kept * len(whole))])
-
-
-def test_bulk_data_without_begin_and_end_is_taken_with_a_note(read, tetrahedron):
-    (note,) = read(tetrahedron).notes
-    assert "no ENDDATA" in note
-    assert read(tetrahedron + "ENDDATA\n").notes == ()
-
-
 @pytest.mark.parametrize(
     ("content", "what"),
     [(b"", "empty"), (b" \n\n", "empty"), (b"GRID\0\0\x01\xff", "binary"), (b"$ only a comment\n", "no bulk data")],
@@ -308,13 +273,6 @@ def test_bulk_data_without_begin_and_end_is_taken_with_a_note(read, tetrahedron)
 def test_files_without_a_deck_are_refused(read, content, what):
     with pytest.raises(DeckError, match=what):
         read(content)
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path):
-    with pytest.raises(DeckError, match="no such file"):
-        read_nastran(tmp_path / "none.bdf")
-    with pytest.raises(DeckError, match="cannot be read"):
-        read_nastran(tmp_path)
 
 
 def test_an_include_is_read_in_its_place_and_errors_name_it(tmp_path, read, tetrahedron):
@@ -373,22 +331,6 @@ def test_a_packed_deck_beyond_the_limit_is_refused(tmp_path, monkeypatch):
         read_bytes(path)
 
 
-def test_a_name_that_no_file_can_have_is_no_file(cards, tmp_path):
-    (tmp_path / "circle").symlink_to("circle")
-    for name in ("x" * 300, "circle", "a" * 250 + "/b"):
-        with expect_refusal(DeckError, "no such file", where="deck.bdf:2"):
-            cards(f"GRID,1\nINCLUDE '{name}'\n")
-
-
-def test_a_link_to_a_file_elsewhere_is_not_followed(cards, tmp_path):
-    (tmp_path / "deck").mkdir()
-    (tmp_path / "secret.bdf").write_text("GRID,1\n")
-    (tmp_path / "deck" / "link.bdf").symlink_to(tmp_path / "secret.bdf")
-    (tmp_path / "deck" / "own.bdf").write_text("INCLUDE 'link.bdf'\n")
-    with pytest.raises(DeckError, match="leaves the folder"):
-        read_deck(tmp_path / "deck" / "own.bdf")
-
-
 def test_includes_that_multiply_are_refused(cards, tmp_path):
     """Sixteen files that each take in the next one twice are 65 000; a hundred in a row were too deep for Python."""
     for i in range(120):
@@ -402,6 +344,3 @@ def test_includes_that_multiply_are_refused(cards, tmp_path):
         cards("GRID,1\nINCLUDE 'twice0.bdf'\n")
 
 
-def test_the_number_of_a_set_may_be_too_large(read, tetrahedron):
-    with expect_refusal(DeckError, "too large", where="deck.bdf:1"):
-        read(f"SET {'9' * 5000} = 1, 2\nBEGIN BULK\n{tetrahedron}ENDDATA\n")

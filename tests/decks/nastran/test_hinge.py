@@ -45,6 +45,7 @@ def static(model):
     return nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, loads)))
 
 
+@pytest.mark.slow
 def test_it_is_of_solids_shells_and_bars_that_are_all_read(mesh):
     assert {block.kind: len(block.ids) for block in mesh.elements} == {
         "hex8": 824, "quad4": 1748, "tri3": 10, "beam": 288,
@@ -58,6 +59,7 @@ def test_it_is_of_solids_shells_and_bars_that_are_all_read(mesh):
         np.testing.assert_allclose(normal, expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_it_weighs_the_sum_of_its_parts(mesh):
     """In mm and t: web, stiffeners, gussets; foot, neck, and an eye that is half a square and half a circle, less its bore."""
     web, stiffeners, gussets = 432 * 324 * 3.0 * 1.6e-9, 6 * 432 * 96 * 2.81e-9, 2 * 450 * 3 * 2.81e-9
@@ -66,6 +68,7 @@ def test_it_weighs_the_sum_of_its_parts(mesh):
     assert mass_properties(mesh)[0] == pytest.approx(1000 * (web + stiffeners + gussets + fitting), rel=2e-4)
 
 
+@pytest.mark.slow
 def test_ten_frequencies_are_within_0_85_per_cent_of_mystran_on_the_same_mesh(model):
     """MYSTRAN 18.0, solids of reduced integration, RBE3 of rotations as MPC, mass and inertia of bars as CONM2."""
     mystran = [584.17, 618.12, 1041.87, 1063.38, 1491.65, 1712.67, 1754.53, 1899.09, 1906.33, 2046.19]
@@ -75,6 +78,7 @@ def test_ten_frequencies_are_within_0_85_per_cent_of_mystran_on_the_same_mesh(mo
     np.testing.assert_allclose(frequency[:3], [584.4, 618.6, 1045.3], rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_the_bolts_carry_all_of_the_force_at_the_pin_and_its_moment(mesh, static):
     """What holds the solids at their underside: a quarter of a pull each, and couples of a push 62 mm above."""
     forces = (assemble(mesh)[0].constant @ static).reshape(-1, 3, 3)
@@ -128,6 +132,7 @@ def ordered(place):
     return np.lexsort((place[:, 1].round(6), place[:, 0].round(6)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("along", [0, 1])
 def test_what_gauges_on_web_and_stiffeners_read_carries_the_force_at_the_pin(readings, along):
     """Around the fitting, along a rectangle through centres of elements: N = A ε of the middle of the web, the mean of its

@@ -45,12 +45,6 @@ def test_elements_arrive_in_blocks_of_a_kind_with_their_ids_and_lines(read):
     assert mesh.notes[1:] == ()
 
 
-def test_shells_beside_solids_keep_the_lines_of_both(read, tetrahedron):
-    mesh = read(tetrahedron + "CTRIA3,11,2,1,2,3\nPSHELL,2,1,.2\n")
-    assert [mesh.where("element", number)[-2:] for number in (10, 11)] == [":5", ":9"]
-    assert list(mesh.regions) == [1, 2]
-
-
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [
@@ -67,12 +61,6 @@ def test_a_property_is_thickness_bending_shear_and_mass(read, fields, expected):
     assert (section.thickness, section.bending, section.shear, section.nonstructural) == pytest.approx(expected)
 
 
-def test_wtmass_scales_the_mass_of_a_section(read):
-    mesh = read(changed("1,1,.1,1,,1", "1,1,.1,1,,1,,3.") + "PARAM,WTMASS,.5\n")
-    assert mesh.sections[1].nonstructural == 1.5
-    assert mesh.sections[1].thickness == 0.1
-
-
 @pytest.mark.parametrize(
     "card",
     [
@@ -80,7 +68,6 @@ def test_wtmass_scales_the_mass_of_a_section(read):
         "CQUAD4*               10               1               1               2*\n"
         "*                      3               4             30.             .25",
         "CQUAD4,10,1,1,2,3,4,30.,.25",
-        "CQUAD4  10,1,1,2,3,4,30.,.25".replace("CQUAD4  ", "CQUAD4,"),
         "CQUADR,10,1,1,2,3,4,30.,.25",
     ],
 )
@@ -111,11 +98,6 @@ def test_a_material_system_gives_its_x(read):
         read(text)
 
 
-def test_corners_as_thick_as_the_property_are_accepted(read):
-    for more in ("\n,,,.1,.1,.1,.1", "\n,,,.1", "\n,,1,1.,1.,1.,1."):
-        assert read(changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4" + more)).sections[1].thickness == 0.1
-
-
 def test_two_shells_on_the_same_nodes_are_noted(read):
     (note,) = read(FLAT + "CQUAD4,12,1,3,4,1,2\n").doubts
     assert note.startswith("CQUAD4 12 is on the nodes of CQUAD4 10 (1 such element)")
@@ -139,30 +121,17 @@ def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
     ("old", "new", "what", "line"),
     [
         ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3", "a node id .* is ''", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,9", "node 9 is not in the deck", 6),
         ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
         ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,9,1,2,3,4", r"property 9 is not in the deck \(PSHELL or PCOMP or PCOMPG\)", 6),
-        ("PSHELL,1,1,.1,1,,1", "PSOLID,1,1", "property 1 is a PSOLID, not a PSHELL", 6),
         ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4,6", "system 6 is no CORD1 or CORD2", 6),
         ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,1,1.,1.,2.,1.", "T3 makes it 0.2 thick", 6),
-        ("CTRIA3,11,2,2,5,3", "CTRIA3,11,2,1,2,5", "has no area", 7),
         ("CTRIA3,11,2,2,5,3", "CTRIA3,10,2,2,5,3", "element id 10 stands twice", 7),
         ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,,1,,1", "thickness T .* is ''", 8),
         ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
         ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is no MAT1, MAT2 or MAT8", 8),
         ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1, plane strain", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,2", r"material 2 of MID3 \(shear\) is no MAT1", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1\n,,,3", r"material 3 of MID4 \(coupling\) is no MAT1", 8),
         ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,,-1.", "NSM is -1", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,7,.1,7,,7", "material 7 is not in the deck", 8),
         ("PSHELL,2,1,.2", "PSHELL,2,1,.2\nPSHELL,2,1,.3", "property id 2 stands twice", 10),
-        ("PSHELL,2,1,.2", "PSHELL,2,1,.2\nPSOLID,2,1", "property id 2 stands twice", None),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,.3,7850.", "states NU alone", 10),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
@@ -170,25 +139,6 @@ def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
         read(changed(old, new))
     if line:
         assert caught.value.where.endswith(f"deck.bdf:{line}")
-
-
-@pytest.mark.parametrize("card", ["CQUAD4,10,9,1,2,3,4", "PSHELL,1,1,.1,2,,1"])
-def test_where_no_elements_are_asked_for_shells_that_cannot_be_had_are_counted(read, card):
-    old = "CQUAD4,10,1,1,2,3,4" if card[0] == "C" else "PSHELL,1,1,.1,1,,1"
-    mesh = read(changed(old, card), required=False)
-    assert [block.ids.tolist() for block in mesh.shells] == [[11]]
-    assert mesh.ignored["CQUAD4"] == 1
-    assert mesh.ignored["PSHELL that no element refers to"] == 1
-    assert mesh.unsupported["CQUAD4"].endswith("deck.bdf:6")
-
-
-def test_shells_that_are_left_out_take_their_properties_along(read):
-    mesh = read(FLAT, ignore=["CQUAD4", "CTRIA3"], required=False)
-    assert mesh.shells == ()
-    assert mesh.regions == {}
-    assert mesh.ignored == {
-        "CQUAD4": 1, "CTRIA3": 1, "PSHELL that no element refers to": 2, "MAT1 that no property refers to": 1,
-    }
 
 
 def totals(mesh, name):
@@ -225,14 +175,6 @@ def test_a_shell_on_a_solid_and_its_face_take_a_pressure_alike(read, tetrahedron
     a, b = (read(shell, ignore=ignore).loads["LOAD-1"] for ignore in ((), ("CTRIA3",)))
     np.testing.assert_array_equal(a.nodes, b.nodes)
     np.testing.assert_allclose(a.force, b.force)
-
-
-def test_nodes_of_shells_turn(read):
-    """So moments and inertia act there, a rotation that is held holds, and a tie of rotations is one."""
-    more = "MOMENT,4,3,,1.,1.\nCONM2,50,3,,2.,1.,,\n,1.,,1.,,,1.\nSPC1,1,456,4\nRBE2,60,1,456,5\n"
-    mesh = read(FLAT + more)
-    assert mesh.notes[1:] == ()
-    assert mesh.held.tolist() == [3]
 
 
 @pytest.mark.parametrize(
@@ -313,31 +255,15 @@ def test_weight_in_a_deck_of_weights(read):
     assert mesh.density_of(1) == pytest.approx((0.2 * 800 + 0.2 * 3925) / 0.4)
 
 
-def test_material_that_does_not_shear_and_damping_are_noted(read):
-    mesh = read(changed_plies("4.+9,3.+9,1600.", ",,1600.\n,,,,,,,,\n,.02"))
-    assert mesh.laminae[8].g1z == mesh.laminae[8].g2z == np.inf
-    assert any("MAT8 8 (GE .02)" in note for note in mesh.notes)
-    assert any("without G1Z or G2Z" in note for note in mesh.notes)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "what", "line"),
     [
         ("2.5,,,,,\n", "2.5,,,,,MEM\n", "LAM is MEM", 6),
-        ("-.1,2.5", "-.1,-2.5", "NSM is -2.5", 6),
-        (",8,.1,45.", ",,.1,45.", "material of ply 1 .* is ''", 6),
-        (",8,.1,45.", ",8,,45.", "thickness of ply 1 .* is ''", 6),
         (",8,.1,45.", ",8,0.,45.", "thickness of ply 1 is 0", 6),
-        (",1,.2,,YES\n", ",7,.2,,YES\n", "material 7 of its plies is not in the deck", 6),
         (",8,.1,45.,YES,,,-45.,\n,1,.2,,YES\n", "", "no plies", 6),
         ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of its plies is a MAT9", 6),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nMAT1,8,2.1+11,,.3", "material id 8 stands twice", 9),
         ("1.4+11,1.+10", "0.,1.+10", "E1 is 0, not positive", 9),
-        ("1.4+11,1.+10", "1.4+11,-1.", "E2 is -1", 9),
-        (".3,5.+9", ".3,", "G12 .* is ''", 9),
         (".3,5.+9", "4.,5.+9", "NU12 is 4, its square not below E1/E2 = 14", 9),
-        ("3.+9,1600.", "3.+9,-1.", "density is -1", 9),
-        ("30.,.5", "30.,.5\n,,,.4,.4,.5,.4", "T3 makes it 0.5 thick", 5),
     ],
 )
 def test_what_is_wrong_is_named_with_file_and_line_of_composites(read, old, new, what, line):

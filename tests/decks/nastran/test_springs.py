@@ -16,31 +16,7 @@ from strainsight.mesh.sanity import sanity_warnings
 
 from ...refusals import expect_refusal
 
-# Springs of a deck: chains by hand, bushes in their systems, and what cannot be taken.
-CHAIN = """\
-GRID,50,,2.,0.,0.
-GRID,51,,3.,0.,0.
-CONM2,90,50,,2.
-CONM2,91,51,,3.
-SPC1,1,23,50,51
-SPC1,1,123,4
-CELAS2,60,100.,50,1,51,1
-CELAS1,61,7,51,1
-PELAS,6,1.,,,7,50.
-"""
 """Two masses along x, m = 2 and 3 kg, k = 100 N/m between them, 50 N/m from the second to the ground."""
-
-
-def test_masses_on_springs_swing_as_by_hand(read, tetrahedron):
-    """Held at all its nodes but the chain, the tetrahedron does not take part."""
-    mesh = read(tetrahedron + CHAIN + "ENDDATA\n")
-    assert [str(own) for own in mesh.springs] == ["CELAS1 61", "CELAS2 60"]
-    model = build_model(mesh)
-    assert model.size == 2
-    K, M = np.array([[100.0, -100], [-100, 150]]), np.diag([2.0, 3])
-    found = modes(model.stiffness.constant, model.mass.constant, 2)[0]
-    np.testing.assert_allclose(found, np.sqrt(eigh(K, M, eigvals_only=True)) / (2 * np.pi), rtol=1e-10)
-    assert mesh.ignored == {}
 
 
 def matrix(mesh):
@@ -180,28 +156,16 @@ def test_a_spring_acts_along_the_system_of_its_node(read, tetrahedron):
     assert own.component.tolist() == [0, 1, 2]
 
 
-def test_damping_of_springs_is_a_note(read, tetrahedron):
-    notes = read(tetrahedron + "CELAS2,60,9.,4,3,,,.02\nCBUSH,61,7,4,,,,,0\nPBUSH,7,K,1.\n+,,B,2.\nENDDATA\n").notes
-    assert "GE of 1 CELAS is not imported: damping comes from the config" in notes
-    assert "B and GE of PBUSH are not imported: damping comes from the config" in notes
-
-
 @pytest.mark.parametrize(
     ("cards", "what"),
     [
         ("CELAS1,60,7,4,3\n", "property 7 is no PELAS"),
-        ("CELAS2,60,9.,4,7\n", "component 7 is not one"),
         ("CELAS2,60,9.,4,1,3,5\n", "one end is a translation, the other a rotation"),
         ("CELAS2,60,-9.,4,1\n", "negative"),
-        ("CELAS2,60,9.\n", "has no end on a node"),
-        ("CBUSH,60,7,4,,,,,0\n", "property 7 is no PBUSH"),
         ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "it has no axes of its own"),
-        ("CBUSH,60,7,4,3\nPBUSH,7,K,1.,2.\n", "neither CID, GO nor X1 to X3"),
         ("CBUSH,60,7,4,3,,,,0\n+,1.2\nPBUSH,7,K,1.\n", "S is 1.2"),
         ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID puts the spring"),
-        ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,RIGID\n", "a stiffness is RIGID"),
         ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", "has a mass M"),
-        ("CELAS2,60,9.,4,1\nCELAS2,60,9.,4,2\n", "element id 60 stands twice"),
     ],
 )
 def test_springs_that_cannot_be_taken_are_named(read, tetrahedron, cards, what):
@@ -240,14 +204,9 @@ def test_components_are_along_the_axes_of_the_node(read, tetrahedron):
     [
         ("", "MPC,3,4,1,0.,2,3,-1.", "the coefficient of the first term is 0", 9),
         ("", "MPC,3,4,7,1.", "component 7", 9),
-        ("", "MPC,3,4,,1.", "component 0", 9),
-        ("", "MPC,3,77,1,1.", "node 77 is not in the deck", 9),
-        ("", "MPC,3", "has no terms", 9),
         ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "'3' stands in field 9", 9),
-        ("", "SPOINT,99\nMPC,3,99,0,1.", "node 99 is a scalar point", 10),
         ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "2 sets of relations .3, 5. and no case control", 10),
         ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "set 6 has no MPC", 10),
-        ("", "MPCADD,5,6", "set 6 has no MPC", 9),
         ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects a set that is not in the deck", 1),
         ("SUBCASE 1\nMPC = 3\nSUBCASE 2\nMPC = 5\n", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "different relations .3, 5.", 4),
     ],
@@ -256,24 +215,6 @@ def test_relations_that_cannot_be_taken_are_named(read, tetrahedron, head, cards
     text = f"{head}BEGIN BULK\n{tetrahedron}{cards}\nENDDATA\n" if head else f"{tetrahedron}{cards}\n"
     with expect_refusal(DeckError, what, where=f":{line}", remedy=""):
         read(text)
-
-
-def test_an_error_of_the_model_names_the_line_of_the_card(read, tetrahedron):
-    mesh = read(f"{tetrahedron}RBAR,20,1,4,1236,45,,3\nMPC,3,4,1,1.,2,3,-1.\nMPC,3,4,1,1.,3,3,-1.\n")
-    with mesh.located(), pytest.raises(DeckError, match=r"node 4 is dependent in MPC 3 \(.*deck.bdf:10\) and in MPC 3"):
-        constraint_transform(mesh)
-    with pytest.raises(DeckError) as caught, mesh.located():
-        constraint_transform(mesh)
-    assert caught.value.where.endswith(":11")
-
-
-def test_relations_that_are_left_out_are_counted(read, tetrahedron):
-    cards = "MPC,3,4,1,1.\nMPCADD,5,3\n"
-    mesh = read(tetrahedron + cards, ignore=["MPC"])
-    assert (mesh.relations, mesh.ignored["MPC"]) == ((), 1)
-    mesh = read(f"CEND\nMPC = 5\nBEGIN BULK\n{tetrahedron}{cards}ENDDATA\n", ignore=["MPC", "MPCADD"])
-    assert (mesh.relations, mesh.ignored) == ((), {"MPC": 1, "MPCADD": 1})
-    assert mesh.effect == {"MPC": "structure", "MPCADD": "structure"}
 
 
 def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
@@ -293,11 +234,8 @@ def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
     [
         ("PARAM,POST,-1", "POST", "none"),
         ("PARAM,AUTOSPC,YES", "AUTOSPC", "none"),
-        ("PARAM,COUPMASS,1", "COUPMASS", "none"),
         ("PARAM,LGDISP,1", "LGDISP", "structure"),
-        ("PARAM,INREL,-1", "INREL", "structure"),
         ("PARAM,CM1,2.", "CM1", "structure"),
-        ("PARAM,CK1,1.1", "CK1", "structure"),
         ("PARAM,OWNNAME,3", "OWNNAME", None),
     ],
 )
@@ -323,20 +261,3 @@ def test_mass_of_solids_is_lumped_where_a_deck_says_so(read, tetrahedron, value,
     assert not any("lumped" in text for text in sanity_warnings(mesh))
 
 
-def test_beside_shells_lumped_mass_is_one_warning(read, tetrahedron):
-    more = "CTRIA3,70,7,1,2,3\nPSHELL,7,1,.1,1,,1\nPARAM,COUPMASS,-1\n"
-    mesh = read(f"{tetrahedron}{more}ENDDATA\n")
-    assert not mesh.lumped
-    assert sum("lumped" in text for text in sanity_warnings(mesh)) == 1
-
-
-def test_supports_that_no_line_of_the_case_control_selects_are_reported(read, tetrahedron):
-    for control, count in (
-        ("", 0),
-        ("SOL 103\nCEND\nDISP = ALL\nBEGIN BULK\n", 1),
-        ("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\n", 0),
-    ):
-        mesh = read(f"{control}{tetrahedron}ENDDATA\n")
-        notes = [note for note in mesh.doubts if "the case control selects no supports" in note]
-        assert len(notes) == count
-        assert len(mesh.fixed) > 0

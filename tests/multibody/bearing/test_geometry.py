@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import dblquad
 
 from strainsight.errors import UserError
-from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.bearing.hertz import (
     contact_ellipse,
     groove_contact,
@@ -42,12 +41,6 @@ def test_the_nominal_outlives_a_chain_of_changes():
     bearing = uneven(groove_centres="fixed")
     there_and_back = bearing.with_parameters(bearing.parameters * 1.0001).with_parameters(bearing.parameters)
     assert there_and_back == bearing
-
-
-def test_parameters_are_in_the_order_of_their_names():
-    bearing = uneven(preload=1e-5)
-    assert bearing.parameters.tolist() == [getattr(bearing, name) for name in PARAMETERS]
-    assert bearing.with_parameters(bearing.parameters) == bearing
 
 
 @pytest.mark.parametrize("place", [1, 2, 3, 4])
@@ -92,11 +85,6 @@ def test_a_ball_that_outgrows_its_grooves_is_refused():
 def test_bearings_that_cannot_be_built_are_refused_with_the_value(change, message):
     with pytest.raises(UserError, match=message):
         replace(pitch_bearing(), **change)
-
-
-def test_a_wrong_number_of_parameters_is_refused():
-    with pytest.raises(UserError, match=r"shape \(5,\)"):
-        pitch_bearing().with_parameters(np.ones(5))
 
 
 def test_balls_press_outwards_by_their_mass_and_orbit():

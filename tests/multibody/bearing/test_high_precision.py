@@ -111,8 +111,7 @@ STATES = {
 }
 
 
-@pytest.mark.parametrize("convention", ["follow", "fixed"])
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize(("state", "convention"), [*zip(STATES, ("follow", "fixed", "follow", "fixed"), strict=True)])
 def test_load_tangent_and_slopes_are_those_of_the_scalar_equations(state, convention):
     more, q = STATES[state]
     bearing = unequal(convention, **more)

@@ -34,7 +34,7 @@ def off_constraints(model, x):
     return np.abs(phi).max(), np.abs(B @ v).max() / np.abs(np.abs(B) @ np.abs(v)).max()
 
 
-@pytest.mark.parametrize("h", [0.02, 0.1, 0.3])
+@pytest.mark.parametrize("h", [0.02, 0.3])
 def test_loads_without_noise_on_the_filters_own_step(h):
     """Iterated below 1e-7 of the amplitude once the start, of badly known loads, has rung out; the update in one shot is off by
     what it leaves out."""
@@ -58,9 +58,8 @@ def test_loads_without_noise_on_the_filters_own_step(h):
     assert worst["one shot"] > 100 * worst["iterated"]
 
 
-@pytest.mark.parametrize("convention", ["follow", "fixed"])
-@pytest.mark.parametrize("part", PARTS)
-def test_a_bearing_parameter_from_one_percent_off_on_either_side(convention, part):
+@pytest.mark.parametrize(("part", "convention"), [*zip(PARTS, ("follow", "fixed", "follow", "fixed", "follow"), strict=True)])
+def test_a_bearing_parameter_from_one_percent_off_on_either_side(part, convention):
     b, h, steps = bench([part], convention), 0.11, 30
     u = loads(h, steps, 0.2)
     _, y = b.truth(u, h)

@@ -117,6 +117,7 @@ def test_on_constraints_and_from_a_wide_start_sigma_keeps_its_digits(corrected):
     np.testing.assert_array_equal(found.mean[-1], run.mean[-1])
 
 
+@pytest.mark.slow
 def test_sigma_of_drawn_loads_holds_and_is_smaller():
     """Six truths of the filter's own model."""
     b, h, steps = bench(), 0.02, 25
@@ -250,6 +251,7 @@ def walked(b, u, h):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_sigma_holds_of_loads_that_walk_within_the_step_and_not_where_the_step_is_taken_for_true():
     """Three walks drawn every millisecond, in steps of 20 ms; `benchmarks/bench_sigma.py` has 20, 10 and 50 ms, a modulus."""
     b, fine, every, size = bench(), 1e-3, 20, np.array([2e4, 1e4, 1.5e4])

@@ -14,7 +14,6 @@ from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.inverse import zeroed
 from strainsight.multibody.inverse.linear import linearised
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.inverse.start import start_covariance, white_force
@@ -170,19 +169,6 @@ def test_one_that_cannot_be_followed_is_sought(loaded, monkeypatch):
     monkeypatch.setattr("strainsight.multibody.inverse.zeroed.STEPS", 1)
     expected = sought(loaded, far)
     np.testing.assert_allclose(zero(far)[0], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
-
-
-def test_only_so_many_are_remembered_and_only_zeroed_channels_count(loaded, monkeypatch):
-    b, coordinates, q = loaded
-    monkeypatch.setattr(zeroed, "REMEMBERED", 2)
-    which = np.arange(9) < 4
-    zero = zero_at_rest(b.system, b.sensors, which, q, LOADS, coordinates)
-    xi = coordinates.xi(b.theta)
-    for k in range(4):
-        offset, slopes = zero(xi + 1e-3 * k)
-        assert np.all(offset[:4] != 0)
-        assert not offset[4:].any()
-        assert not slopes[4:].any()
 
 
 class Unknown:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from strainsight.report.bench.data import BenchMotion, BenchRun, BenchStress
-from strainsight.report.bench.motion import stress_figure
 from strainsight.report.bench.page import bench_figures, bench_page
 
 from ...models import compute_once
@@ -44,20 +43,3 @@ def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
     assert float(share[1]) == pytest.approx(58.68 / 40)
     assert answer.index('class="bad">Stress on hub: at most') < share.start() < answer.index("The time step follows loads")
-
-
-def test_the_figure_has_the_allowable_and_says_how_much_of_it():
-    drawn = stress_figure(BenchStress("hub", TIME, LARGEST, 6338, 240e6))
-    text = drawn.caption.replace("\u00a0", " ")
-    assert text.endswith("at 7 instants: at most 58.68 MPa, in element 6338, 24 % of the allowable 240 MPa.")
-    none = stress_figure(BenchStress("hub", TIME, LARGEST, 6338)).caption
-    assert none.endswith("no allowable is stated.")
-
-
-def test_a_heading_announces_stress_where_it_is_shown_and_a_picture_has_one_caption():
-    page = page_of(None, [("hubs: hub, von Mises stress [MPa]", b"png")])
-    assert "<h2>Gauges and stress on the body</h2>" in page
-    assert page.count(">hubs: hub, von Mises stress [MPa]<") == 1
-    run = BenchRun("hubs", "hubs", motion=BenchMotion(TIME, {}, (), (), {}))
-    page = bench_page(run, compute_once(bench_figures, run), (), [("hubs: hub, 4 gauges", b"png")])
-    assert "<h2>Gauges on the body</h2>" in page

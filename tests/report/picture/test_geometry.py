@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
 from strainsight.report.picture.layout import Arm, Gauge
-from strainsight.report.picture.markers import marker, shape
+from strainsight.report.picture.markers import marker
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 
@@ -85,20 +85,6 @@ def sensor(kind, directions, normal=UP):
     return Gauge("G1", 1, 1, AT, directions[0], np.asarray(normal), 0.0, kind=kind, directions=directions)
 
 
-def heights(meshes):
-    return np.concatenate([mesh.points for mesh in meshes])[:, 2] - AT[2]
-
-
-def test_a_strain_gauge_is_one_bar_and_a_rosette_a_tick_for_every_direction():
-    turn = np.radians([0, 45, 90])
-    fan = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(3)])
-    assert len(marker(sensor("strain gauge", X), 0.1)) == 1
-    ticks = marker(sensor("rosette", fan), 0.1)
-    for tick, along in zip(ticks, fan, strict=True):
-        assert np.ptp(tick.points @ along) == pytest.approx(0.1)
-        assert np.ptp(tick.points @ np.cross(UP, along)) < 0.02
-
-
 def test_a_bridge_is_a_bar_at_each_of_its_arms():
     down = AT - 0.2 * UP
     arms = (Arm(AT, X, UP, 1, 7, 1), Arm(down, np.array([0.0, 1, 0]), -UP, -1, 8, 2))
@@ -109,34 +95,3 @@ def test_a_bridge_is_a_bar_at_each_of_its_arms():
             (np.min(bar.points, axis=0) + np.max(bar.points, axis=0)) / 2, arm.position, atol=2e-3
         )
         assert np.max((bar.points - arm.position) @ arm.normal) > 0
-
-
-def test_a_gauge_without_stated_channels_has_its_one_direction():
-    assert Gauge("G1", 1, 1, AT, X, UP, 0.0).channels.tolist() == [[1.0, 0.0, 0.0]]
-
-
-@pytest.mark.parametrize("direction", [X, UP, -UP, (X - UP) / np.sqrt(2)])
-def test_accelerometers_and_displacement_sensors_stay_outside_the_body(direction):
-    cube, rod = marker(sensor("accelerometer", direction), 0.1)
-    assert cube.n_cells == 6
-    reach = np.abs((rod.points - AT) @ direction).max()
-    assert reach > np.abs((cube.points - AT) @ direction).max()
-    assert np.mean(heights([rod])) > 0
-    (cone,) = marker(sensor("displacement sensor", direction), 0.1)
-    assert np.linalg.norm(cone.points - AT, axis=1).min() < 1e-6
-    assert np.mean(heights([cone])) > -1e-9
-
-
-def test_what_has_no_normal_or_no_direction_has_a_mark_all_the_same():
-    for kind in ("strain gauge", "rosette", "accelerometer", "displacement sensor", "<b>"):
-        for directions in (X, UP, np.zeros(3), np.eye(3)):
-            for normal in (UP, np.zeros(3)):
-                meshes = marker(sensor(kind, directions, normal), 0.1)
-                assert meshes
-                assert all(np.isfinite(mesh.points).all() for mesh in meshes)
-
-
-def test_kinds_are_distinguished_and_others_are_bars():
-    kinds = ("strain gauge", "rosette", "accelerometer", "displacement sensor")
-    assert len({shape(kind) for kind in kinds}) == 4
-    assert shape("thermometer") == shape("strain gauge")

@@ -20,13 +20,6 @@ from strainsight.report.placement.data import Layout, Load
 from ..conftest import layout, mixed_layout
 
 NOWHERE = np.zeros(3)
-PLATE = Layout(
-    np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.2], [0, 1, 0], [2, 0.5, 0.1]], dtype=float),
-    np.array([[0, 1, 2, 3, -1, -1, -1, -1], [1, 4, 2, -1, -1, -1, -1, -1]]),
-    np.empty((0, 3)),
-    (),
-)
-"""Other facets, without loads, clamps, pool or gauges."""
 
 
 def without_facets(beam):
@@ -43,14 +36,13 @@ def without_facets(beam):
 def pictures():
     """Name → layout and picture, all by one child process."""
     beam = layout()
-    two = replace(beam, gauges=beam.gauges[:2])
-    shown = {"beam": beam, "sensors": mixed_layout(), "plate": PLATE, "no facets": without_facets(beam), "two gauges": two}
+    shown = {"beam": beam, "sensors": mixed_layout(), "no facets": without_facets(beam)}
     return {name: (shown[name], png) for name, png in zip(shown, scene.render_all(list(shown.values())), strict=True)}
 
 
-@pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,)), ("plate", ())])
+@pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,))])
 def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
-    """Four strain gauges; every kind of sensor; gauges of no direction at nodes without facets; a plate without gauges."""
+    """Four strain gauges; every kind of sensor; gauges of no direction at nodes without facets."""
     shown, png = pictures[name]
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGBA"))
     assert pixels.shape == (840, 1280, 4)
@@ -60,23 +52,9 @@ def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
         assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
 
 
-def test_the_last_picture_of_a_child_process_is_that_of_its_own(pictures):
-    two, png = pictures["two gauges"]
-    assert scene.render(two) == png
-
-
 def test_a_large_pool_is_thinned_and_a_small_one_is_not(beam):
     assert len(scene.thinned(replace(beam, pool=np.zeros((100_000, 3)))).pool) == scene.DOTS
     np.testing.assert_array_equal(scene.thinned(beam).pool, beam.pool)
-
-
-def test_layouts_look_alike_unless_something_that_is_drawn_differs(beam):
-    again = replace(beam, points=np.asfortranarray(beam.points), gauges=tuple(replace(g, without={}) for g in beam.gauges))
-    assert scene.look(again) == scene.look(beam)
-    first, *others = beam.gauges
-    for gauge in (replace(first, label="A"), replace(first, bonded=True), replace(first, position=first.position + 1e-3)):
-        assert scene.look(replace(beam, gauges=(gauge, *others))) != scene.look(beam)
-    assert scene.look(replace(beam, pool=beam.pool[1:])) != scene.look(beam)
 
 
 def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, monkeypatch, tmp_path):

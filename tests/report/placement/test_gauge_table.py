@@ -10,7 +10,6 @@ import pytest
 
 from strainsight.report.datum import Frame
 from strainsight.report.picture.layout import Arm
-from strainsight.report.placement.data import Case, Criteria
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_table
 
@@ -25,16 +24,6 @@ def rows(report):
             found += [{}] * (i == len(found))
             found[i] = found[i] | dict(zip(names, cells, strict=True))
     return found
-
-
-def test_given_gauges_have_a_number_in_place_of_an_element(full):
-    report = full()
-    gauges = tuple(replace(gauge, facet=0, element=101 + i) for i, gauge in enumerate(report.layout.gauges))
-    given = replace(report, layout=replace(report.layout, gauges=gauges))
-    assert [row["number"] for row in rows(given)] == ["101", "102", "103", "104"]
-    assert "Numbers are those of the table of the gauges" in gauge_table(given)
-    assert [row["element"] for row in rows(report)] == ["1201", "1202", "1203", "1204"]
-    assert "Ids are those of the mesh file" in gauge_table(report)
 
 
 def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
@@ -55,16 +44,6 @@ def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
     assert "|" not in other["element"] + other["x [m]"]
 
 
-def test_kind_bonded_and_mirror_image_are_reported(mixed):
-    assert [row["kind"] for row in rows(mixed())] == [
-        "strain gauge|mirrors G3", "rosette", "strain gauge|bonded already|mirrors G1", "accelerometer",
-        "accelerometer|bonded already", "displacement sensor",
-    ]  # fmt: skip
-    text = gauge_table(mixed())
-    assert text.count("background:#ffffff") == 2 * 2  # once in either table
-    assert "mirror image were placed as one" in text
-
-
 def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
     assert [row["training peak"] for row in rows(mixed())] == [
         "91 of 3000 µm/m|3.0\u00a0%", "240 of 200 µm/m|✕ beyond its range", "91 of 3000 µm/m|3.0\u00a0%", "41.2 m/s²",
@@ -73,64 +52,12 @@ def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):
     assert '<data value="0.00024" data-unit="strain">' in gauge_table(mixed())
 
 
-def test_every_direction_of_a_rosette_stands_on_its_own_line(mixed):
-    found = rows(mixed())
-    assert found[1]["direction"] == "1 0 0|0.7071 0.7071 0|0 1 0"
-    assert found[0]["direction"] == "1 0 0"
-    assert found[1]["angle"] == "0°|45°|90°"
-    assert found[3]["angle"] == "–"
-
-
 def test_places_directions_and_angles_keep_their_exact_values(mixed):
     exact = {float(value) for value in re.findall(r'<data value="([^"]+)"', gauge_table(mixed()))}
     for gauge in mixed().layout.gauges:
         assert {*gauge.position.tolist(), *np.ravel(gauge.channels).tolist()} <= exact
     assert {0.0, 45.0, 90.0} <= exact
     assert [rows(mixed())[0][f"{axis} [m]"] for axis in "xyz"] == ["0.1000", "0.0200", "0.1200"]
-
-
-def test_columns_that_would_be_empty_are_left_out(full, bare):
-    for report in (full(), bare):
-        assert "training peak" not in gauge_table(report)
-    assert "without it" not in gauge_table(full(unknowns=()))
-
-
-def test_ranges_and_peaks_that_are_no_numbers(mixed):
-    layout = mixed().layout
-    odd = ((np.inf, 1e-3), (1e-5, np.inf), (0.0, 0.0), (np.nan, np.nan), (1e-5, np.nan), (np.inf, None))
-    gauges = tuple(replace(g, peak=peak, range=most) for g, (peak, most) in zip(layout.gauges, odd, strict=True))
-    shown = [row["training peak"] for row in rows(mixed(layout=replace(layout, gauges=gauges)))]
-    assert shown[0] == "∞ of 1000 µm/m|✕ beyond its range"
-    assert shown[1].startswith("10 of ∞ µm/m")
-    assert shown[2:] == ["0 of 0 µm/m", "– of – m/s²", "1×10⁻⁵ of – m/s²", "∞ m"]
-
-
-def test_changes_on_a_finer_mesh_stand_with_their_sign_and_a_mark_where_they_are_too_large(mixed):
-    layout = mixed().layout
-    none = (None, None, False)
-    tested = ((0.002, 0.0, False), (-0.23, 0.0, True), (0.01, 0.3, True), none, (0.0, 0.0, False), none)
-    gauges = tuple(
-        replace(gauge, refined=refined, spread=spread, hot=hot)
-        for gauge, (refined, spread, hot) in zip(layout.gauges, tested, strict=True)
-    )
-    report = mixed(layout=replace(layout, gauges=gauges))
-    assert [row["strain on a finer mesh"] for row in rows(report)] == [
-        "+0.20\u00a0%", "−23\u00a0%|✕ hot spot", "+1.0\u00a0%|loads spread: +30\u00a0%|✕ hot spot", "–", "0.000\u00a0%", "–",
-    ]  # fmt: skip
-    assert "A hot spot changes by more than its share" in gauge_table(report)
-    assert "finer mesh" not in gauge_table(mixed())
-
-
-def test_what_is_to_be_looked_at_where_a_gauge_is_bonded_is_the_last_column_where_there_is_something(mixed):
-    layout = mixed().layout
-    notes = ("check access: 12 mm", "", "steep gradient here: <8 %; check access: 3 mm", *[""] * (len(layout.gauges) - 3))
-    gauges = tuple(replace(gauge, notes=note) for gauge, note in zip(layout.gauges, notes, strict=True))
-    report = mixed(layout=replace(layout, gauges=gauges))
-    shown = [row["where it is bonded"] for row in rows(report)]
-    assert shown[:3] == ["check access: 12 mm", "–", "steep gradient here: &lt;8 %|check access: 3 mm"]
-    assert set(shown[3:]) == {"–"}
-    assert "how much room there is over it" in gauge_table(report)
-    assert "where it is bonded" not in gauge_table(mixed())
 
 
 def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(full):
@@ -188,33 +115,6 @@ def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     assert "165\u00a0MPa" in text
 
 
-def test_what_cannot_be_observed_is_reported_in_words_and_what_the_caption_must_say_is_there(full):
-    text = criteria_table(full())
-    assert text.count("cannot observe<") == 1
-    assert "all scored by the same covariance" in text
-    assert "know no limits of the layout" in text
-
-
-def test_broken_and_missing_numbers_do_not_break_the_table(full):
-    nan = Criteria("broken", (np.nan,) * 3, {"tip": np.nan})
-    ours, fine = (
-        replace(nan, values=(np.inf, np.nan, np.nan), rule="ours"),
-        Criteria("fine", (2.0, 1.0, 1.0), {"E": 1.0}),
-    )
-    report = full(criteria=(ours, nan, fine))
-    rows = cells(criteria_table(report))
-    assert [row[0] for row in rows][2:] == ["fine", "broken"]
-    assert all(len(row) == 7 for row in rows)
-    assert "None" not in criteria_table(report)
-
-
-def test_without_criteria_the_chosen_set_still_stands_beside_its_bound(full, bare):
-    rows = cells(criteria_table(full(criteria=())))
-    assert [row[:2] for row in rows] == [["|chosen set|", 2.62], ["certified lower bound", 2.6187]]
-    assert len(cells(criteria_table(bare))) == 1
-    assert "other rules" not in criteria_table(bare)
-
-
 def test_cases_are_rows_and_excitations_are_columns(full):
     text = cases_table(full().cases)
     assert head(text) == ["unknown together", "training run", "35 Hz", "what is lost"]
@@ -224,10 +124,3 @@ def test_cases_are_rows_and_excitations_are_columns(full):
         ["tip, E, rho", 9e11, 1.8e12, "tip, E and rho scaled by one factor"],
     ]
     assert "at the same excitation" in text
-
-
-def test_what_is_lost_at_one_excitation_only_is_reported_of_that_one():
-    cases = (Case(("E",), "a", 1.0, 1.0, "E"), Case(("E",), "b", np.inf, np.nan, ""), Case((), "a", 2.0, 3.0))
-    rows = cells(cases_table(cases))
-    assert rows[0][2:] == [np.inf, "a: E"]
-    assert rows[1] == ["none", 2.0, "–", ""]

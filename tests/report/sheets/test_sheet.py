@@ -99,36 +99,6 @@ def test_part_and_gauge_are_to_the_scale_that_is_stated():
     assert math.degrees(math.atan2(-long[1], long[0])) % 180 == pytest.approx(TURN, abs=0.2)
 
 
-def test_a_grid_of_a_known_type_has_its_width_and_another_half_its_length():
-    for changed, wide, said in (({}, 1.5, "assumed"), ({"grid_width": 4.57, "carrier_of": "3/350"}, 4.57, "3/350")):
-        _, words, paths = parts(sheet_svg(sheet(**changed)))
-        enlarged = float(re.search(r"detail (\d+):1", " ".join(words))[1])
-        grid = enlarged * np.sort([wide, wide, 3.0, 3.0])
-        assert any(len(path) == 4 and np.allclose(np.sort(sides(path)), grid, atol=0.05) for path in paths)
-        assert f"8 × 4.5 mm, {said}" in words
-
-
-def test_a_datum_far_away_is_left_to_the_table():
-    far = Frame("mm", 1e-3, np.array([-9000.0, 0, 0]), np.eye(3))
-    away = np.array([9000.0, 0.0, 0.0])
-    views = [Projection(np.array([1.0, 0, 0]), up, plate() + away, np.zeros((0, 2, 3))) for up in np.eye(3)[1:]]
-    own = sheet((9300.0, 20.0, 10.0), frame=far, foot=np.array([[9300.0, 0, 10], [9400, 20, 10]]), front=views[0], side=views[1])
-    _, words, _ = parts(sheet_svg(own))
-    assert "x = 9300" not in words
-    assert "9300 mm" in words
-
-
-def test_a_sensor_without_foil_or_edges_has_its_directions():
-    nothing = np.full(2, np.nan)
-    own = sheet(
-        kind="accelerometer", strain=False, directions=np.eye(3), distance=nothing, angle=nothing,
-        foot=np.full((2, 3), np.nan), along=np.full((2, 3), np.nan), grid=0.0,
-    )  # fmt: skip
-    _, words, _ = parts(sheet_svg(own))
-    assert {"1", "2"} <= set(words)
-    assert not any("edge" in word or "foil" in word for word in words)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_paper_axes_are_right_handed_with_the_normal_toward_the_reader(seed):
     n = np.random.default_rng(seed).standard_normal(3) if seed > 5 else np.eye(3)[seed % 3] * (1 - 2 * (seed // 3))

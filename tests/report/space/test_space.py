@@ -11,10 +11,12 @@ import pytest
 import pyvista as pv
 
 from strainsight.report.picture.layout import Gauge, Layout, Load
-from strainsight.report.space.model import Shape, contour_of, space, straight, surface, vertex_shift
-from strainsight.report.space.section import SCRIPTS, STYLE, space_section
+from strainsight.report.space.model import Shape, contour_of, space, surface, vertex_shift
+from strainsight.report.space.section import space_section
 from strainsight.report.view.parts import _colours
 from strainsight.report.view.viewed import FACETS, Panel, View
+
+from ...shared import slowly
 
 NOTHING = np.empty((0, 3))
 
@@ -74,7 +76,7 @@ def test_mesh_lines_join_the_points_of_the_facets(cube):
     assert ends == own
 
 
-@pytest.mark.parametrize("largest", [2000, 8000])
+@pytest.mark.parametrize("largest", [2000, *slowly(8000)])
 def test_a_thinned_surface_stays_on_the_old_one(ball, largest):
     drawn = surface(np.asarray(ball.points, float), facets(ball), largest=largest)
     assert drawn.thinned
@@ -84,12 +86,6 @@ def test_a_thinned_surface_stays_on_the_old_one(ball, largest):
     corner = drawn.position[drawn.triangle]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
     assert area == pytest.approx(4 * np.pi * 2.0**2, rel=0.01)
-
-
-def test_straight_facets_keep_their_corners():
-    faces = np.array([[1, 2, 3, 4, 5, 6, -1, -1], [1, 2, 3, 4, 5, 6, 7, 8], [1, 2, 3, -1, -1, -1, -1, -1]])
-    kept = np.array([[1, 2, 3, *[-1] * 5], [1, 2, 3, 4, *[-1] * 4], [1, 2, 3, *[-1] * 5]])
-    assert (straight(faces) == kept).all()
 
 
 def test_vertices_move_with_the_points_they_stand_for(cube):
@@ -247,38 +243,3 @@ def test_hostile_names_stay_text(cube):
     assert "<img" not in page
     content, _ = unpacked(page)
     assert content["gauges"][0]["label"] == evil
-
-
-def test_matrices_without_solids_show_their_nodes():
-    nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0]])
-    layout = Layout(nodes, np.full((0, 8), -1), NOTHING, (gauge(position=nodes[1], normal=np.zeros(3)),), loose=nodes)
-    content, _ = unpacked(space_section([("", layout)]))
-    assert [part["primitive"] for part in content["parts"]] == ["points", "triangles"]
-    assert content["parts"][0]["count"] == 3
-
-
-def test_a_structure_without_extent_is_drawn_all_the_same():
-    nodes = np.zeros((1, 3))
-    content, arrays = unpacked(space_section([("", Layout(nodes, np.full((0, 8), -1), NOTHING, (), loose=nodes))]))
-    assert content["vertices"] == 1
-    assert not arrays[0].any()
-
-
-def test_scripts_and_styles_are_there():
-    from strainsight.report.page.document import own
-
-    assert all(len(own(name)) > 100 for name in (STYLE, *SCRIPTS))
-
-
-def test_gauges_of_several_layouts_can_be_chosen(cube):
-    one, other = gauge(), gauge(label="G9", position=(0.0, 0.5, 0.0), normal=(0.0, 1.0, 0.0))
-    layouts = [("1. input", layout_of(cube, gauges=(one,))), ("2. <E>", layout_of(cube, gauges=(other, one)))]
-    page = space_section(layouts)
-    content, _ = unpacked(page)
-    assert [entry["group"] for entry in content["gauges"]] == [0, 1, 1]
-    assert [part["group"] for part in content["parts"] if part["primitive"] == "triangles"] == [-1, 0, 1]
-    assert '<option value="1">2. &lt;E&gt;</option>' in page
-    assert page.count(" hidden>G") == 2
-    model = space([layout for _, layout in layouts])
-    for entry, anchor in zip(content["gauges"], model.anchor, strict=True):
-        assert np.linalg.norm(model.position[anchor] - entry["position"]) < 0.1

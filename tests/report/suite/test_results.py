@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.report.suite.cases import groups_of, numbered, series_of
-from strainsight.report.suite.comparisons import comparisons_answer, comparisons_table, side
+from strainsight.report.suite.cases import groups_of, series_of
+from strainsight.report.suite.comparisons import comparisons_answer, comparisons_table
 from strainsight.report.suite.data import (
     CONTRADICTED,
     HOLDS,
@@ -23,7 +23,6 @@ from strainsight.report.suite.data import (
     Suite,
 )
 from strainsight.report.suite.results import counts, results_of
-from strainsight.report.suite.statements import statements_table
 
 NAN = float("nan")
 
@@ -55,11 +54,6 @@ def row(theirs, ours):
 )
 def test_the_verdict(theirs, ours, verdict):
     assert row(theirs, ours).verdict == verdict
-
-
-def test_a_side_shows_its_number_and_its_bound():
-    assert side(row(0.5, None).as_printed) == "0.5 (below 1)"
-    assert side(None) == "–"
 
 
 def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
@@ -96,13 +90,6 @@ def test_a_row_that_does_not_hold_and_gives_no_reason_is_marked(verdict):
     assert "no reason" not in comparisons_table(Suite("s", "t", (run,), comparisons=(replace(row(0.5, 0.5), why=""),)))
 
 
-def test_so_is_a_statement():
-    run = SimpleNamespace(label="a run")
-    for value, why, marked in ((2.0, "", True), (2.0, "Because.", False), (0.5, "", False)):
-        claim = Statement("s", ((0, "n", value),), below=1.0, why=why)
-        assert ("no reason is given" in statements_table(Suite("s", "t", (run,), statements=(claim,)))) is marked
-
-
 def test_every_run_comes_to_what_its_numbers_say(suite):
     found = counts(suite())
     assert found == {"consistent": [1], "overconfident": [2, 3], "not identified": [2], "not estimated": [4]}
@@ -119,13 +106,6 @@ def test_a_smoothed_load_is_measured_by_its_smoothed_claim(suite):
     assert modulus.std == run.unknowns[1].std
 
 
-def test_a_load_without_smoothing_is_shown_as_filtered(suite):
-    run = suite().runs[1]
-    run = replace(run, unknowns=(replace(run.unknowns[0], smoothed_error=None),), repeats=())
-    (load,) = results_of(run)
-    assert (load.smoothed, load.error, load.std) == (False, run.unknowns[0].error, run.unknowns[0].std)
-
-
 def test_the_claim_that_decides_is_the_verdict(suite):
     run = suite().runs[0]
     held, repeated = run.unknowns[0].claims
@@ -139,12 +119,6 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         (result,) = results_of(own)
         assert (result.verdict, result.verdicts) == (verdict, wrong)
         assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
-
-
-def test_an_estimate_that_is_no_number_has_diverged(suite):
-    run = suite().runs[0]
-    run = replace(run, unknowns=(replace(run.unknowns[0], error=np.nan),), repeats=())
-    assert results_of(run)[0].verdicts == ("diverged",)
 
 
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
@@ -187,7 +161,3 @@ def test_singular_conditions_are_equal_whatever_their_digits(suite):
     noisy = tuple(replace(case, condition=case.condition * 1e5) if case.lost else case for case in one.cases)
     same = tuple(replace(case, condition=np.inf) if case.lost else case for case in other.cases)
     assert len(series_of(suite(runs=(replace(one, cases=noisy), replace(other, cases=same))))) == 2
-
-
-def test_numbers_of_runs_read_as_people_write_them():
-    assert [numbered((2,)), numbered((1, 2)), numbered((1, 2, 5))] == ["run 2", "runs 1 and 2", "runs 1, 2 and 5"]

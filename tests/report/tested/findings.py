@@ -9,7 +9,6 @@ import numpy as np
 from strainsight.report.arrays import History
 from strainsight.report.chart.posterior import Posterior
 from strainsight.report.page.filters import OtherFilter
-from strainsight.report.tested.campaign import CampaignFindings, RecordRow
 from strainsight.report.tested.data import (
     File,
     FileChannel,
@@ -156,18 +155,6 @@ def withheld():
     )
 
 
-def single():
-    own = findings()
-    return replace(
-        own,
-        unknowns=own.unknowns[:1],
-        histories=own.histories[:1],
-        readings=own.readings[:1],
-        residuals=own.residuals[:1],
-        posteriors=(),
-    )
-
-
 def sensors():
     """A rosette of three grids, an accelerometer of two axes and a displacement sensor besides a gauge."""
     kinds = [
@@ -202,33 +189,14 @@ def biased():
     return replace(own, readings=(replace(own.readings[0], offset=(3.1e-4, 2e-6)), *own.readings[1:]))
 
 
-def many():
-    """Fourteen channels of four gauges' marks."""
-    labels = [f"G{i + 1}" for i in range(14)]
-    return findings(
-        readings=tuple(reading(label, i % 4) for i, label in enumerate(labels)),
-        residuals=tuple(spectrum(label) for label in labels),
-    )
-
-
 def held_out():
     return findings(hold_out=(held("G1", 0), held("G2", 1)))
 
 
 def bare():
     """No surface, no notes, nothing besides the unknown."""
-    return findings(
-        moment=None,
-        notes=(),
-        budget={},
-        filters=(),
-        posteriors=(),
-        known=(),
-        residuals=(),
-        load_spectra=(),
-        facts={},
-        provenance={},
-    )
+    nothing = dict.fromkeys(("notes", "filters", "posteriors", "known", "residuals", "load_spectra"), ())
+    return findings(moment=None, budget={}, facts={}, provenance={}, **nothing)
 
 
 CASES = {
@@ -236,35 +204,10 @@ CASES = {
     "several loads": several_loads,
     "parameters only": parameters_only,
     "σ withheld": withheld,
-    "one channel": single,
     "sensors": sensors,
     "missing samples": missing,
     "offsets": biased,
-    "many channels": many,
     "held out": held_out,
     "bare": bare,
 }
 """What a page of a test may have to show."""
-
-
-def campaign():
-    """Three records, the second of which contradicts the model."""
-    own = findings()
-    loads = tuple(one for one in own.unknowns if one.kind == "load")
-    verdicts = {"low": "fits", "mid": "the record contradicts the model", "high": "fits"}
-    rows = tuple(
-        RecordRow(name, f"test-{name}.html", own.file, loads, 0.95, verdict, verdict == "fits")
-        for name, verdict in verdicts.items()
-    )
-    parameters = tuple(one for one in own.unknowns if one.kind == "parameter")
-    return CampaignFindings(
-        name=own.name,
-        title=own.title,
-        records=rows,
-        parameters=parameters,
-        alone={one.name: (0.99 * one.estimate, 1.3 * one.estimate, 1.01 * one.estimate) for one in parameters},
-        warnings=("Record mid: the record contradicts the model",),
-        posteriors=own.posteriors,
-        facts=own.facts,
-        provenance=own.provenance,
-    )

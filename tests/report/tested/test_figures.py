@@ -11,7 +11,6 @@ from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import kept
 from strainsight.report.chart.panels import about
 from strainsight.report.picture.geometry import at_points
-from strainsight.report.tested.data import peak_of
 from strainsight.report.tested.figures import load_figure, residual_figure
 from strainsight.report.tested.readings import reading_figure
 
@@ -46,24 +45,12 @@ def test_the_close_up_holds_the_largest_reading():
     assert max(drawn["measured: strain [µm/m] (2)"]) == pytest.approx(largest)
 
 
-def test_a_record_of_few_periods_has_no_close_up():
-    short = slice(0, 100)
-    own = reading()
-    own = replace(own, **{name: getattr(own, name)[short] for name in ("time", "measured", "estimated", "std")})
-    assert "measured: strain [µm/m] (2)" not in numbers(lambda: reading_figure(own))
-
-
 @pytest.mark.parametrize("at", [0, 10, 2000, 3999])
 def test_a_window_lies_within_the_record_and_about_its_instant(at):
     window = about(np.sin(np.arange(4000) / 20.0), at)
     assert 0 <= window.start <= at < window.stop <= 4000
     # five periods of 126 samples, to a crossing
     assert window.stop - window.start == pytest.approx(5 * 40 * np.pi, rel=0.02)
-
-
-def test_what_does_not_oscillate_is_shown_whole():
-    for values in (np.full(500, 3.0), np.full(500, np.nan), np.arange(500.0)):
-        assert about(values, 250) == slice(0, 500)
 
 
 def test_a_load_is_drawn_with_its_band_in_its_unit():
@@ -81,13 +68,6 @@ def test_the_noise_as_stated_is_a_line_at_the_root_of_its_density():
     (level,) = drawn["noise as stated: √density [nm/m/√Hz]"]
     assert level == pytest.approx(2.0)
     assert max(drawn["left over: √density [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))
-
-
-def test_extremes_are_the_first_of_equals_and_none_where_there_is_no_sample():
-    peak = peak_of(np.arange(5.0), np.array([1.0, np.nan, -3.0, 1.0, -3.0]))
-    assert (peak.low, peak.low_at, peak.high, peak.high_at) == (-3.0, 2.0, 1.0, 0.0)
-    assert peak.largest == (-3.0, 2.0)
-    assert np.isnan(peak_of(np.arange(3.0), np.full(3, np.nan)).high)
 
 
 def test_values_of_facets_become_those_of_their_points_and_keep_a_constant():

@@ -55,7 +55,7 @@ def step_slopes(
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
     by_all, by_u = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, len(p.u)))
     by_w = np.zeros((2 * n, n))
-    _times_columns(s, q, first, s.d**2 / h, by_all[:, :n])
+    _times_columns(s, q, first, s.d**2 / h, by_all)
     _times_columns(s, q, second, np.ones(n), by_w)
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
@@ -119,7 +119,7 @@ def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: n
 
 @inner
 def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
-    """out (r, n) = W Tᵀ diag(scale), of W (r, nt)."""
+    """The first n columns of out (r, :) = W Tᵀ diag(scale), of W (r, nt)."""
     for i in range(len(W)):
         for b in range(len(s.body)):
             moving, n0, t0, modes = s.body[b, 0], s.body[b, 1], s.body[b, 2], s.body[b, 3]
