@@ -18,7 +18,7 @@ from strainsight.decks.matrices.files import csv_columns
 from strainsight.errors import DeckError, UserError
 from strainsight.measurements.csv_file import read_csv
 from strainsight.report.chart.files import write_figures
-from strainsight.workflow.runner import locked
+from strainsight.workflow.lock import locked
 from strainsight.writing import make_folder, open_file, write_file
 from strainsight_cli import runlog
 from strainsight_cli.main import app

@@ -19,16 +19,17 @@ import pytest
 from strainsight.errors import ArtefactError
 from strainsight.workflow import reuse
 from strainsight.workflow.artefact import header_of
+from strainsight.workflow.lock import computing
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import computing, run
+from strainsight.workflow.runner import run
 from strainsight.workflow.seal import seal
 from strainsight.workflow.stage import Stage
 
 KEY = "0" * 14 + "7" + "0" * 49
 HOLDER = """
 import sys, time, pathlib
-from strainsight.workflow.runner import computing
+from strainsight.workflow.lock import computing
 with computing(pathlib.Path(sys.argv[1]), sys.argv[2]):
     print("held", flush=True)
     sys.stdin.read()

@@ -12,9 +12,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.lock import COMPUTING, NAME, computing, locked
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import Job, plan
-from strainsight.workflow.runner import COMPUTING, NAME, computing, locked, run
+from strainsight.workflow.runner import run
 from strainsight.workflow.slices import Slice, declared, differences, expand, look_up, prune
 from strainsight.workflow.stage import Stage
 
