@@ -49,6 +49,7 @@ validate:
   duration: 0.4
   initial_std: {lift: 1.0, drag: 1.0, twist: 1.0, E1: 0.1}
 filter: {compare: false}
+tolerances: {frequency: 0}
 estimate:
   file: record.csv
   time: {channel: time}
@@ -161,12 +162,13 @@ def estimated(folder, seed):
 
 @pytest.mark.slow
 def test_three_loads_and_the_modulus_along_the_fibres_are_found_beside_a_known_shaker(folder):
-    """Under the default tolerances. σ of E1 is of loads that are free; it holds no error of the mesh, by which frequencies are
-    0.1 % too high."""
+    """Under the default tolerances, but of frequencies, 0.1 % too high by the mesh. σ of E1 is of loads that are free."""
     found, histories = estimated(folder, seed=1)
     for name, off in (("lift", 0.01), ("drag", 0.03), ("twist", 0.02)):
         true = histories[name] * (1e-3 if LOADS[name][1] == "MOMENT" else 1)
-        error, std = found[f"/smoothed/{name}"] - true, found[f"/smoothed_std/{name}"]
+        # the known shaker is interpolated: several steps of the filter a sample
+        every = (len(found["/time"]) - 1) // (len(true) - 1)
+        error, std = found[f"/smoothed/{name}"][::every] - true, found[f"/smoothed_std/{name}"][::every]
         assert np.mean(np.abs(error) < 2 * std) > 0.98
         assert np.sqrt(np.mean(error**2)) < off * true.std()
     E, std = (float(found[f"/{what}/E1"][-1]) / (1e6 * SOFTER * GUESS) for what in ("estimate", "std"))
