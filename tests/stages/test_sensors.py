@@ -192,7 +192,7 @@ def test_covariances_as_printed_are_those_of_the_thesis(youngs, config):
     """(5.15-5.17): Q = (hδ)² of the parameter and R = σ², no intensities."""
     found = youngs("process_noise.rule=as_printed", "place.instants=1")
     place, screen = found["place"], found["screen"]
-    scale, h, delta = place["/augmented/scale"][0], 5e-4, 0.05
+    scale, h, delta = place["/augmented/scale"][0], 1e-3, 0.05
     assert place["/augmented/Q"][0, -1, -1] * scale[-1] ** 2 == pytest.approx((h * delta) ** 2, rel=1e-9)
     assert place["/augmented/R"][0] == pytest.approx(screen["/noise_std"][place["/pool/channel"]] ** 2, rel=1e-12)
     assert len(place["/augmented/F"]) == 1
