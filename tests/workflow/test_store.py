@@ -51,9 +51,12 @@ def output(scale: float = 1.0, **changes) -> Output:
     return Output(**(content | changes))
 
 
-def test_what_is_read_is_what_was_written(tmp_path):
+@pytest.mark.parametrize("held", [0, contents.IN_MEMORY])
+def test_what_is_read_is_what_was_written(tmp_path, monkeypatch, held):
+    monkeypatch.setattr(contents, "IN_MEMORY", held)
     written = write_artefact(tmp_path / "run" / "place.h5", output(), HEADER)
     artefact = Artefact(written.path)
+    assert (artefact._contents["/strain"].array is None) == (held == 0)
     assert artefact["/strain"].tolist() == output().datasets["/strain"].array.tolist()
     assert artefact["/name"].tolist() == ["σ", "G2"]
     assert artefact["/flag"].dtype == bool

@@ -19,8 +19,8 @@ from strainsight.errors import ArtefactError
 from strainsight.workflow.slices import canonical
 
 MAX_DEPTH, MAX_OBJECTS = 12, 1 << 16
-IN_MEMORY = 1 << 24
-"""[bytes] Arrays of larger files are read when asked for."""
+IN_MEMORY = 1 << 20
+"""[bytes] Arrays of larger files are read when asked for: a suite holds the artefacts of all its runs."""
 CHUNK = 1 << 24  # bytes hashed at a time
 # Attributes that h5py writes for dimension scales: object references, whose bytes depend on where the file put things.
 SCALE_ATTRIBUTES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "DIMENSION_LABELS"}
