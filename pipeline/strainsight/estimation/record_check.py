@@ -120,12 +120,14 @@ def _unmodelled_load(
 ) -> ResidualPattern | None:
     """The pattern of a load that the model does not have.
 
-    None where a fault, or loads of the model that change faster than stated, explain the measurements as well, and where channels
-    are too few to tell a pattern.
+    None where a fault leaves innovations as large as claimed, where a fault or loads of the model that change faster than stated
+    explain the measurements as well, and where channels are too few to tell a pattern.
     """
     as_it_is, bank = fit
     inputs, every = part.model.unknowns.inputs, part.model.every
-    if bank is None or part.samples.shape[1] < len(inputs) + 2:
+    samples = int(np.isfinite(part.samples).sum())
+    explains = any(judged(one.ratio, samples).verdict != OVERCONFIDENT for one in diagnosis.candidates)
+    if bank is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
     sampled = slice(every - 1, None, every)
     white, innovation = bank.run.whitened[sampled, 0], bank.run.innovation[sampled, 0]
