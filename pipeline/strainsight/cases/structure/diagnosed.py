@@ -291,7 +291,7 @@ def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
     order = np.argsort(-pattern.share, kind="stable")
     most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
     return (
-        f"an additional load, or another disturbance of {', '.join(most)}: along one pattern of channels, and along no other, "
+        f"an additional load, or another disturbance of {', '.join(most)}: mostly along one pattern of channels, "
         f"innovations are {pattern.size:.3g} times as large as claimed and slow (correlation {pattern.correlation:.2f}); "
         "add the missing load (loads), or check temperature, cables and supports"
     )
