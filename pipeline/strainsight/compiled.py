@@ -1,17 +1,20 @@
-"""Compiled code that is kept on disk and notices a change of every file that it is made of."""
+"""Compiled code that is kept on disk, notices a change of every file that it is made of, and is compiled by one process."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
+from strainsight.file_lock import lock_file
 from strainsight.imports import in_package_folder
 
 with in_package_folder():
     from numba import carray, cfunc, float64, int64, njit, types
     from numba.core import config
+    from numba.core.compiler_lock import global_compiler_lock
     from numba.extending import intrinsic
 
 config._config_fname = os.devnull  # type: ignore[attr-defined]  # numba reads it again whenever it compiles
@@ -27,10 +30,27 @@ def kept(*files: str, **options: Any) -> Callable[[F], F]:
     (`inner`), and of what its tuples are; what is divided by zero is not finite, which its caller looks for."""
 
     def compiled(function: F) -> F:
-        made: F = noticing(njit(cache=True, error_model="numpy", **options)(function), files)
+        made: F = _compiled_once(noticing(njit(cache=True, error_model="numpy", **options)(function), files))
         return made
 
     return compiled
+
+
+def _compiled_once(made: Any) -> Any:
+    """Other processes wait while one compiles a signature, and load it from the disk."""
+    index: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    if hasattr(index, "_index_path"):
+        compile_signature = made.compile
+
+        def compile_or_load(signature: Any) -> Any:
+            os.makedirs(index._cache_path, exist_ok=True)
+            with global_compiler_lock, open(f"{index._index_path}.lock", "ab") as lock:
+                with suppress(OSError):  # a disk without locks
+                    lock_file(lock.fileno(), wait=True)
+                return compile_signature(signature)
+
+        made.compile = compile_or_load
+    return made
 
 
 def inner(function: F, **options: Any) -> F:
