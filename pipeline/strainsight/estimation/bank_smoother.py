@@ -15,7 +15,6 @@ from strainsight.estimation.conditional import (
     damped,
     discrepancy,
     known_ends,
-    known_instants,
     linear_models,
     on_loads,
     theta_at,
@@ -33,6 +32,7 @@ from strainsight.estimation.settled import Settled, beginning
 from strainsight.estimation.smoothed import Keeping, Smoothed, Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import standard_deviation
+from strainsight.signals.histories import instant_values
 
 
 def smooth_bank(
@@ -374,4 +374,4 @@ def beyond_of(model: FilterModel, known: np.ndarray, nuisances: Nuisances, offse
     f = len(named)
     ahead = len(nuisances.sources(model.model.size)) - len(nuisances.source)
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
-    return Beyond(ahead + np.arange(f), np.pad(rows, [(0, 0), (0, offsets)]), known_instants(known) @ fed.T)
+    return Beyond(ahead + np.arange(f), np.pad(rows, [(0, 0), (0, offsets)]), instant_values(known) @ fed.T)

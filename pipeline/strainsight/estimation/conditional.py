@@ -111,11 +111,6 @@ def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> 
     return tuple(found)
 
 
-def known_instants(known: np.ndarray) -> np.ndarray:
-    """Loads [N] at the instants (T + 1, n), at the ends of the steps through which they are held (T, HOLD, n)."""
-    return np.concatenate([known[:, 0], known[-1:].sum(axis=1)])
-
-
 def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
     """w₁ (T, p₁) at the end of every step: the known loads [N], and the share t/T of the record behind them where something
     drifts; known (T, HOLD, n_known) of the whole record."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, general_fault, stiffness_fault
-from strainsight.mesh.composite_solids import STACKED
+from strainsight.mesh.composite_solids import STACKED, Layer
 from strainsight.mesh.kinds import facet_of, kind_of
-from strainsight.mesh.laminates import Lamina, Laminate
+from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import BeamBlock, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 
@@ -107,8 +109,7 @@ def _check_general(own: GeneralShell, region: Region) -> None:
         raise DeckError(f"{region} is {own.thickness:g} m thick", remedy="give a positive thickness")
     if fault := general_fault(own):
         raise DeckError(f"{region}: {fault[0]}", remedy=fault[1])
-    if not (own.density >= 0 and np.isfinite(own.density)):
-        raise DeckError(f"{region} has density {own.density:g} kg/m³", remedy="it must not be negative")
+    _check_density(region, own.density)
 
 
 def _check_composite(mesh: Mesh, region: Region) -> None:
@@ -126,21 +127,8 @@ def _check_composite(mesh: Mesh, region: Region) -> None:
             )
     if not own.layers:
         raise DeckError(f"{region} is a composite solid without layers", remedy="give it a layer")
-    for layer, material in zip(own.layers, mesh.layer_materials(region.id), strict=True):
-        if not (layer.thickness > 0 and np.isfinite(layer.thickness)):
-            raise DeckError(
-                f"a layer of {region} has the thickness {layer.thickness:g}", remedy="give a positive thickness"
-            )
-        if material is None:
-            raise DeckError(
-                f"a layer of {region} refers to material {layer.material}, which is not there",
-                where=mesh.source or None,
-                remedy="add it to the deck, isotropic or anisotropic",
-            )
-        if isinstance(material, Anisotropic):
-            _check_stiffness(material)
-        else:
-            _check_material(material)
+    remedy = "add it to the deck, isotropic or anisotropic"
+    _check_layers(mesh, f"a layer of {region}", "", own.layers, mesh.layer_materials(region.id), remedy)
 
 
 def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
@@ -156,28 +144,40 @@ def _check_anisotropic(mesh: Mesh, own: Anisotropic, region: Region) -> None:
 def _check_stiffness(own: Anisotropic) -> None:
     if fault := stiffness_fault(own.stiffness):
         raise DeckError(f"{own}: {fault[0]}", remedy=fault[1])
-    if not (own.density >= 0 and np.isfinite(own.density)):
-        raise DeckError(f"{own} has density {own.density:g} kg/m³", remedy="it must not be negative")
+    _check_density(own, own.density)
 
 
 def _check_laminate(mesh: Mesh, region: Region) -> None:
     laminate = mesh.laminate(region.id)
     assert laminate is not None
-    for ply, own in zip(laminate.plies, mesh.ply_materials(region.id), strict=True):
-        if not (ply.thickness > 0 and np.isfinite(ply.thickness)):
+    remedy = "add it to the deck (MAT8, MAT1)"
+    _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
+
+
+def _check_layers(
+    mesh: Mesh,
+    name: str,
+    unit: str,
+    layers: Sequence[Layer | Ply],
+    materials: Sequence[Anisotropic | Lamina | Material | None],
+    remedy: str,
+) -> None:
+    """Every layer has a thickness [unit] and a material; remedy: where its material is missing."""
+    for layer, material in zip(layers, materials, strict=True):
+        if not (layer.thickness > 0 and np.isfinite(layer.thickness)):
+            raise DeckError(f"{name} has the thickness {layer.thickness:g}{unit}", remedy="give a positive thickness")
+        if material is None:
             raise DeckError(
-                f"a ply of {region} has the thickness {ply.thickness:g} m", remedy="give a positive thickness"
-            )
-        if own is None:
-            raise DeckError(
-                f"a ply of {region} refers to material {ply.material}, which is not there",
+                f"{name} refers to material {layer.material}, which is not there",
                 where=mesh.source or None,
-                remedy="add it to the deck (MAT8, MAT1)",
+                remedy=remedy,
             )
-        if isinstance(own, Lamina):
-            _check_lamina(own)
+        if isinstance(material, Anisotropic):
+            _check_stiffness(material)
+        elif isinstance(material, Lamina):
+            _check_lamina(material)
         else:
-            _check_material(own)
+            _check_material(material)
 
 
 def _check_lamina(own: Lamina) -> None:
@@ -190,8 +190,7 @@ def _check_lamina(own: Lamina) -> None:
             f"{own} has nu12 {own.nu12:g}",
             remedy=f"it must be smaller than the root of e1/e2, {np.sqrt(own.e1 / own.e2):g}",
         )
-    if not (own.density >= 0 and np.isfinite(own.density)):
-        raise DeckError(f"{own} has density {own.density:g} kg/m³", remedy="it must not be negative")
+    _check_density(own, own.density)
 
 
 def _check_material(m: Material) -> None:
@@ -202,8 +201,12 @@ def _check_material(m: Material) -> None:
             f"{m} has Poisson's ratio {m.poisson_ratio:g}",
             remedy="it must lie between -1 and 0.5, at most 0.49 in practice",
         )
-    if not (m.density >= 0 and np.isfinite(m.density)):
-        raise DeckError(f"{m} has density {m.density:g} kg/m³", remedy="it must not be negative")
+    _check_density(m, m.density)
+
+
+def _check_density(owner: object, density: float) -> None:
+    if not (density >= 0 and np.isfinite(density)):
+        raise DeckError(f"{owner} has density {density:g} kg/m³", remedy="it must not be negative")
 
 
 def _check_midsides(mesh: Mesh, block: CellBlock) -> None:

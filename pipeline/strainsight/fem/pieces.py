@@ -9,11 +9,10 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
+from strainsight.mesh.unjoined import component_labels
 
 IN_LINE = 1e-6
 """Nodes lie on one line where their extent across it is no more of that along it."""
@@ -96,12 +95,7 @@ def _connected(n: int, connectivity: Sequence[IntArray]) -> IntArray:
         np.concatenate([np.zeros(0, dtype=np.int64), *(nodes[:, some].ravel() for nodes in connectivity)])
         for some in (slice(None, -1), slice(1, None))
     )
-    return _components(n, rows, columns)
-
-
-def _components(n: int, rows: IntArray, columns: IntArray) -> IntArray:
-    graph = sparse.csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(n, n))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
+    return component_labels(n, rows, columns)
 
 
 def _solids(mesh: Mesh) -> list[IntArray]:
@@ -119,7 +113,7 @@ def _solids(mesh: Mesh) -> list[IntArray]:
     key, element = np.concatenate(keys), np.concatenate(elements)
     order = np.lexsort(key.T)
     same = np.all(key[order[1:]] == key[order[:-1]], axis=1)
-    component = _components(count, element[order[:-1][same]], element[order[1:][same]])
+    component = component_labels(count, element[order[:-1][same]], element[order[1:][same]])
     return np.split(component, np.cumsum([len(block.ids) for block in mesh.blocks])[:-1])
 
 
@@ -133,7 +127,7 @@ def _merged(position: FloatArray, node: IntArray, piece: IntArray) -> IntArray:
             shared[pair].append(int(node[group[0]]))
     joined = [pair for pair, at in shared.items() if len(at) > 2 and _spread(position[at])]
     rows, columns = np.array(joined, dtype=np.int64).reshape(-1, 2).T
-    return _components(count, rows, columns)
+    return component_labels(count, rows, columns)
 
 
 def _spread(x: FloatArray) -> bool:

@@ -40,7 +40,7 @@ class Joints:
         ground = np.flatnonzero(np.bincount(np.unique(held[components < 3] * 3 + components[components < 3]) // 3) == 3)
         edges.append(np.column_stack([np.repeat(ground[:1], len(ground)), ground]))
         a, b = np.concatenate(edges).T
-        self._group = _components(n, a, b)
+        self._group = component_labels(n, a, b)
         pairs = np.sort(np.concatenate([np.zeros((0, 2), dtype=np.int64), *averaged]), axis=1)
         self._n, self._averaged = n, np.unique(pairs @ [n, 1])
 
@@ -65,7 +65,7 @@ class Coincident:
         apart = np.linalg.norm(mesh.position[found[:, 0]] - mesh.position[found[:, 1]], axis=1)
         near = apart <= APART * side[found].min(axis=1)
         found, apart = found[near], apart[near]
-        group = _components(len(mesh.position), *found.T)
+        group = component_labels(len(mesh.position), *found.T)
         self.place = np.unique(group, return_index=True)[1][group]
         loose = ~joints.between(*found.T)
         order = np.lexsort(found[loose].T[::-1])
@@ -123,7 +123,7 @@ def joined_parts(mesh: Mesh, joints: Joints) -> IntArray:
     links = [joints.edges]
     for nodes, _ in _corners(mesh):
         links.append(np.column_stack([np.repeat(nodes[:, 0], nodes.shape[1]), nodes.ravel()]))
-    return _components(len(mesh.position), *np.concatenate(links).T)
+    return component_labels(len(mesh.position), *np.concatenate(links).T)
 
 
 def shortest_sides(mesh: Mesh) -> FloatArray:
@@ -149,6 +149,7 @@ def _corners(mesh: Mesh) -> Iterator[tuple[IntArray, IntArray]]:
         yield beam.nodes, beam.nodes[:, :2]
 
 
-def _components(n: int, a: IntArray, b: IntArray) -> IntArray:
+def component_labels(n: int, a: IntArray, b: IntArray) -> IntArray:
+    """The connected component (n,) of every node of a graph with edges a–b."""
     graph = sparse.csr_array((np.ones(len(a), dtype=np.int8), (a, b)), shape=(n, n))
     return connected_components(graph, directed=False)[1].astype(np.int64)

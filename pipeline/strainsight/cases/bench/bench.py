@@ -96,7 +96,8 @@ def axes_of(pose: StatedPose) -> np.ndarray:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def _unit(direction: Sequence[float]) -> np.ndarray:
+def unit_vector(direction: Sequence[float]) -> np.ndarray:
+    """A direction (3,) of any length, made of length 1."""
     vector = np.asarray(direction, dtype=float)
     return np.asarray(vector / np.linalg.norm(vector))
 
@@ -148,9 +149,9 @@ def _force(
         case stated.Gravity():
             if entry.turns is None:
                 return Gravity(np.array(entry.acceleration), name)
-            return turning_gravity(name, bodies, np.array(entry.acceleration), _unit(entry.turns.axis))
+            return turning_gravity(name, bodies, np.array(entry.acceleration), unit_vector(entry.turns.axis))
         case stated.PointForce() | stated.PointMoment():
-            direction = _unit(entry.direction)
+            direction = unit_vector(entry.direction)
             if entry.axes == "frame":
                 follower = follower_force if entry.type == "force" else follower_moment
                 return follower(name, frames[entry.frame], direction)

@@ -24,7 +24,6 @@ from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.surface import Skin, Virtual, resultants_of, virtual_labels
 from strainsight.cases.structure.surface_in_test import grid_of, moment_of
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.conditional import known_instants
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.model import physical
 from strainsight.estimation.tuning import Tuning
@@ -35,6 +34,7 @@ from strainsight.records.budget import budget_of_shares
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Resultant, Source
 from strainsight.records.reduced import Reduced
+from strainsight.signals.histories import instant_values
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _estimated(
         whitened=run.whitened[sampled, 0],
         bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
-        known=dict(zip(given.problem.known, known_instants(test.known).T, strict=False)),
+        known=dict(zip(given.problem.known, instant_values(test.known).T, strict=False)),
         source=source,
         notes=notes,
         posterior={},

@@ -35,42 +35,44 @@ class Ramp(Section):
 Signal = Annotated[Constant | Ramp | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
 
 
-class Spherical(Section):
+class Between(Section):
+    """What joins two frames."""
+
+    type: str = Field(description="Kind of joint or force.")
+    frames: Frames = Field(description="Names of the two frames.")
+
+
+class Spherical(Between):
     """The origins of two frames coincide."""
 
     type: Literal["spherical"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
 
 
-class Revolute(Section):
+class Revolute(Between):
     """The origins coincide and the second frame turns about an axis of both."""
 
     type: Literal["revolute"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of both frames about which the joint turns.")
 
 
-class Prismatic(Section):
+class Prismatic(Between):
     """The second frame slides along an axis of the first, without turning."""
 
     type: Literal["prismatic"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of the first frame along which the joint slides.")
 
 
-class Cylindrical(Section):
+class Cylindrical(Between):
     """The second frame slides along an axis of both and turns about it."""
 
     type: Literal["cylindrical"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of both frames along and about which the joint moves.")
 
 
-class Universal(Section):
+class Universal(Between):
     """The origins coincide in a cross of two pins at right angles, one in each frame: a Cardan joint."""
 
     type: Literal["universal"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field(
         "x",
         description="Axis of both frames along their shafts; in the order x, y, z, x the axis after it is the pin of the first "
@@ -78,45 +80,40 @@ class Universal(Section):
     )
 
 
-class Pin(Section):
+class Pin(Between):
     """The origin of the second frame stays on an axis of the first and slides and turns freely there."""
 
     type: Literal["pin"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of the first frame.")
 
 
-class Fixed(Section):
+class Fixed(Between):
     """Origins and axes coincide."""
 
     type: Literal["fixed"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
 
 
-class Coincidence(Section):
+class Coincidence(Between):
     """Some components of the origins coincide, in global axes."""
 
     type: Literal["coincidence"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = Field(description="Global components.")
 
 
-class Perpendicular(Section):
+class Perpendicular(Between):
     """An axis of the first frame stays perpendicular to an axis of the second, or to the line between the origins."""
 
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field(description="Axis of the first frame.")
     to: Literal["x", "y", "z", "offset"] = Field(
         description="Axis of the second frame, or offset: the line from the first origin to the second."
     )
 
 
-class Distance(Section):
+class Distance(Between):
     """The origins of two frames stay a length apart: a rod without mass."""
 
     type: Literal["distance"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = Field(description="Length [m].")
 
 
@@ -146,30 +143,27 @@ class Drive(Section):
     )
 
 
-class DrivenAngle(Section):
+class DrivenAngle(Between):
     """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis,
     to 0.1 rad. It follows up to 1 rad in a time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of both frames.")
     drive: Drive = Field(description="Angle of the second frame about the axis of the first, any number of turns.")
 
 
-class DrivenDisplacement(Section):
+class DrivenDisplacement(Between):
     """The second origin is displaced along an axis of the first frame by what is given."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     axis: Axis = Field("x", description="Axis of the first frame.")
     drive: Drive = Field(description="Displacement.")
 
 
-class DrivenDistance(Section):
+class DrivenDistance(Between):
     """The origins are as far apart as is given: a cylinder that extends."""
 
     type: Literal["driven_distance"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames.")
     drive: Drive = Field(description="Length, above zero.")
 
 
@@ -214,21 +208,19 @@ class Gravity(Section):
     )
 
 
-class Spring(Section):
+class Spring(Between):
     """A spring and damper between the origins of two frames."""
 
     type: Literal["spring"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames.")
     stiffness: Annotated[NotNegative, STIFFNESS] = Field(description="Stiffness [N/m].")
     damping: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping [N s/m].")
     length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = Field(0.0, description="Length without force [m].")
 
 
-class Torsion(Section):
+class Torsion(Between):
     """A torsion spring and damper about an axis that a joint keeps common to two frames."""
 
     type: Literal["torsion"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames.")
     stiffness: Annotated[NotNegative, STIFFNESS] = Field(
         description="Stiffness [N m/rad]; above zero it turns by less than 3 rad."
     )
@@ -253,12 +245,11 @@ class Bushing(Section):
     )
 
 
-class Friction(Section):
+class Friction(Between):
     """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
     carries."""
 
     type: Literal["friction"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames.")
     motion: Literal["turn", "slide"] = Field("turn", description="Against a turn about the axis, or a slide along it.")
     coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = Field(
         description="Coulomb friction T [N m, of a slide N]."
@@ -283,11 +274,10 @@ class Torque(Section):
     signal: Signal = Field(description="Torque on the second frame [N m].")
 
 
-class Actuator(Section):
+class Actuator(Between):
     """A cylinder: a force that pushes two origins apart; an input of the bench."""
 
     type: Literal["actuator"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames.")
     signal: Signal = Field(description="Force that pushes them apart [N].")
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from strainsight.cases.bench.bench import unit_vector
 from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError, did_you_mean
@@ -99,7 +100,7 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
         if entry.layout is not None:
             given = _gauges_of(read(BenchPlaced, up["place"]).layout(entry.layout))
         else:
-            given = [(np.array(g.position, dtype=float), _unit(g.direction)) for g in entry.gauges]
+            given = [(np.array(g.position, dtype=float), unit_vector(g.direction)) for g in entry.gauges]
         places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(given, start=1)]
     if not places and "place" in up:
         given = _gauges_of(read(BenchPlaced, up["place"]).layout(PLACED))
@@ -112,11 +113,6 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
 
 def _gauges_of(layout: BenchLayout) -> list[tuple[np.ndarray, np.ndarray]]:
     return list(zip(layout.position[layout.bonded], layout.direction[layout.bonded], strict=True))
-
-
-def _unit(direction: Sequence[float]) -> np.ndarray:
-    d = np.asarray(direction, dtype=float)
-    return np.asarray(d / np.linalg.norm(d))
 
 
 def _normals(mesh: Mesh, position: np.ndarray) -> np.ndarray:

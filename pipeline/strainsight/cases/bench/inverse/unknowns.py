@@ -131,7 +131,7 @@ def _system_name(name: str, entry: EstimatedParameter) -> str:
 def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
     """Of all unknown loads in their order, in steps of h [s]."""
     models, amplitudes = [], []
-    for name, entry in _asked(config).inputs.items():
+    for name, entry in asked(config).inputs.items():
         walks = entry.model == "random_walk"
         frequency, amplitude = (1.0, 1.0) if walks else typical_of(config, name)
         models.append(input_model(entry.model, frequency, entry.kappa, entry.smoothness, entry.damping))
@@ -142,7 +142,7 @@ def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
     """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
     the other models about aωh, at most a."""
-    estimate, found = _asked(config), []
+    estimate, found = asked(config), []
     for name, entry in estimate.inputs.items():
         if entry.increment is not None:
             found.append(entry.increment * (h if estimate.increments == "second" else 1.0))
@@ -158,7 +158,7 @@ def increments_of(config: BenchConfig, h: float) -> np.ndarray:
 
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
-    entry, force = _asked(config).inputs[name], config.forces[name]
+    entry, force = asked(config).inputs[name], config.forces[name]
     assert isinstance(force, Load)
     sine = force.signal if isinstance(force.signal, Sine) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
@@ -166,8 +166,3 @@ def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     assert frequency is not None  # checked with the config
     assert amplitude is not None
     return frequency, amplitude
-
-
-def _asked(config: BenchConfig) -> Estimate:
-    assert config.estimate is not None
-    return config.estimate
