@@ -251,17 +251,6 @@ def test_none_is_missing(suite, kind, counts):
 
 
 @pytest.mark.slow
-def test_every_run_is_the_side_of_a_row(suite, runs):
-    """None is computed for nothing, but for what other runs take from it."""
-    sides = [side for row in suite.model.comparisons for side in (row.as_printed, row.ours) if side is not None]
-    used = {name for side in sides for name in ((side.run,) if isinstance(side.run, str) else side.run)}
-    used |= {side.against for side in sides if side.against is not None}
-    text = SUITE.read_text(encoding="utf-8")
-    taken = set(re.findall(r"from: ([\w-]+)", text))
-    assert {run.model.name for run in runs} == used | taken
-
-
-@pytest.mark.slow
 def test_the_settings_of_the_thesis_are_its_own(runs):
     """Of placements: the printed noise and columns, the plain trace, one instant, no tolerances, its own model as the truth."""
     placements = [run for run in runs if run.data["kind"] == "placement"]

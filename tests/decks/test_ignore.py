@@ -6,7 +6,6 @@ import pytest
 
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile, Tie
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.stages.pages.assumed import assumed_table
@@ -139,14 +138,6 @@ def test_heat_that_changes_no_stiffness_is_listed(tmp_path, name, text, card):
 def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
     text = ABAQUS.replace("*DENSITY", "1.9e11, .3, 400.\n*DENSITY") + "*STEP\n*TEMPERATURE\n4, 20.\n*END STEP\n"
     assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what
-
-
-def test_the_reader_of_a_deck_says_it(tmp_path):
-    path = tmp_path / "a.bdf"
-    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
-    mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD": 1, "PARAM POST": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD": "structure", "PARAM POST": "none", "PLOAD1": "none", "RSPLINE": "structure"}
 
 
 # A deck that asks for modes under a preload: an error by its name in every format, the first warning where it is ignored.

@@ -46,7 +46,7 @@ class Element:
 
 
 class Model:
-    """Every kind but two, a quadratic hexahedron beside a wedge, curved; numbers out of order."""
+    """Every kind, a quadratic hexahedron beside a wedge, curved; numbers out of order."""
 
     def __init__(self):
         self.x: dict[int, tuple[float, float, float]] = {}
@@ -61,6 +61,7 @@ class Model:
         self.add("tet10", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)])
         self.add("tet10", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)])
         self.add("pyra5", 11, [*((x, y, 2) for x, y in SQUARE), (0.5, 0.25, 3)])
+        self.add("tet4", 12, [(12, 0, 0), (13, 0, 0), (12, 1, 0), (12, 0, 1)])
         self.foot = self.elements[0].corners[:4]
 
     def add(self, kind, region, corners):

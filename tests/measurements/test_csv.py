@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from strainsight.errors import UserError
 from strainsight.measurements import csv_file
 from strainsight.measurements.csv_file import read_csv
-from strainsight.measurements.csv_layout import Layout, TextFormat
-from strainsight.measurements.csv_rows import plain_rows, rows_by_line
+from strainsight.measurements.csv_layout import TextFormat
 
 from ..refusals import expect_refusal
 
@@ -194,23 +191,3 @@ def test_settings_that_cannot_be():
     for wrong in ({"decimal": ";"}, {"delimiter": ",", "decimal": ","}, {"delimiter": "ab"}, {"header_line": 0}):
         with pytest.raises(UserError):
             TextFormat(**wrong)
-
-
-@pytest.mark.parametrize("mark", [";", ",", "\t", "^", "|"])
-def test_quotes_around_cells_are_taken_off_a_whole_block(mark):
-    """What the fast reader gives is what the one line by line gives; where quotes hold more than a cell it gives nothing."""
-    layout = Layout(mark, ("t", "note", "a"), (None, None, None), (0, 2), "")
-    form = TextFormat(delimiter=mark, comment="")
-    rows = [["0", '"good"', '"1.5"'], ['"1"', "", "2"], ['" 2 "', '""', '""'], ["3", '"x y"', '"nan"']]
-    block = "".join(mark.join(row) + "\n" for row in rows).encode()
-    fast, slow = plain_rows(block, 1, layout, form), rows_by_line(block, 1, layout, form, Path("a"))
-    np.testing.assert_array_equal(fast.values, slow.values)
-    np.testing.assert_array_equal(fast.values, [[0, 1.5], [1, 2], [2, np.nan], [3, np.nan]])
-    for odd in (
-        f'4{mark}"p{mark}q"{mark}5\n',
-        f'4{mark}"p""q"{mark}5\n',
-        f'4{mark}{mark}5"6\n',
-        f'4{mark}{mark}"5"6"\n',
-        f'4{mark}"p\n',
-    ):
-        assert plain_rows(block + odd.encode(), 1, layout, form) is None

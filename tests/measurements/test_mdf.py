@@ -112,7 +112,6 @@ def test_another_time_of_the_same_group(tmp_path):
 
 
 # Conversion rules of MDF channels give the physical values of the standard, or are refused; raw values never pass for them.
-pytest.importorskip("asammdf")
 RAW = np.arange(COUNT) % 40
 """Raw values 0 … 39."""
 

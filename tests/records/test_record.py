@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -40,32 +40,6 @@ class Run:
     bodies: dict[str, Body] = group("/bodies/<name>")
     first: Body = group("/first")
     bonded: np.ndarray | None = dataset("/glued", "m", "bonded", "distance", default=None)
-
-
-@dataclass(frozen=True)
-class Affine:
-    """As a kernel has it."""
-
-    constant: np.ndarray
-    slopes: dict[str, np.ndarray]
-
-
-@record
-class AffineForm:
-    constant: np.ndarray = dataset("/constant", "1/s", "row × row", "constant term")
-    slopes: dict[str, np.ndarray] = dataset("/<name>", "1/s per SI unit", "row × row", "slope in <name>")
-
-    @classmethod
-    def of(cls, value: Affine) -> AffineForm:
-        return cls(constant=value.constant, slopes=value.slopes)
-
-    def made(self) -> Affine:
-        return Affine(self.constant, self.slopes)
-
-
-@record
-class Model:
-    damping: Affine = group("/damping", AffineForm)
 
 
 @record
@@ -149,16 +123,6 @@ def test_lengths_that_contradict_each_other_in_a_file_are_named_where_they_are_r
     assert found.strain.shape == (4, 2)
     with pytest.raises(ArtefactError, match="/direction has 3 along 'channel' and /strain says 2"):
         _ = found.direction
-
-
-def test_a_dataclass_of_a_kernel_stands_through_its_form(tmp_path):
-    model = Model(damping=Affine(np.eye(2), {"E": np.ones((2, 2))}))
-    datasets = written(model)
-    assert sorted(datasets) == ["/damping/E", "/damping/constant"]
-    found = read(Model, stored(tmp_path, datasets)).damping
-    assert isinstance(found, Affine)
-    np.testing.assert_array_equal(found.constant, np.eye(2))
-    assert list(found.slopes) == ["E"]
 
 
 def test_a_record_that_was_read_goes_to_another_process_whole(tmp_path):

@@ -30,13 +30,6 @@ def held(coefficients: np.ndarray, s: float) -> np.ndarray:
     return coefficients[:, 0] + coefficients[:, 1] * s + coefficients[:, 2] * s * s
 
 
-def test_sine_starts_at_its_phase_and_repeats():
-    sine = Sine(frequency=20.0, amplitude=1e4, phase=0.3)
-    t = np.linspace(0, 0.2, 41)
-    np.testing.assert_allclose(evaluate(sine, t), 1e4 * np.sin(40 * np.pi * t + 0.3), rtol=0, atol=1e-9)
-    np.testing.assert_allclose(evaluate(sine, t + 0.05), evaluate(sine, t), rtol=0, atol=1e-7)
-
-
 def test_a_sweep_has_the_instantaneous_frequency_of_a_straight_line():
     sweep = Sweep(start=5.0, stop=50.0, duration=2.0, amplitude=3.0, phase=0.4)
     t = np.linspace(0.0, 3.0, 300_001)
@@ -99,13 +92,6 @@ def test_the_hold_meets_the_history_at_both_ends_and_in_the_middle():
         t = start + (np.arange(steps) + s) * h
         expected = np.stack([evaluate(signal, t) for signal in signals], axis=-1)
         np.testing.assert_allclose(held(u, s), expected, rtol=0, atol=1e-11)
-
-
-def test_the_hold_of_a_parabola_is_the_parabola_and_a_recorded_line_is_a_line():
-    record = FromSamples(np.linspace(0, 1, 11), 3 - 2 * np.linspace(0, 1, 11))
-    u = hold_coefficients([record], 0.0, 0.1, 10)
-    np.testing.assert_allclose(u[:, 1, 0], -0.2, atol=1e-14)
-    np.testing.assert_allclose(u[:, 2, 0], 0.0, atol=1e-14)
 
 
 def test_a_sweep_needs_a_duration_and_a_multi_sine_a_line():
@@ -302,8 +288,3 @@ def test_every_tenth_sample_missing_leaves_nothing_to_tell_and_says_so():
     for own in (values, np.full(50, np.nan), np.zeros(0), np.ones(5)):
         f, found = density(own, 0.1)
         assert len(f) == len(found) == 0
-
-
-def test_no_signal_has_no_power():
-    _, found = density(np.full(1000, 3.0), 0.1)
-    assert found.max() < 1e-25

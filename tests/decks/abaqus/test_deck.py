@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import meshio
 import numpy as np
 import pytest
 
@@ -58,13 +57,6 @@ def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, 
     assert block.kind == kind
     np.testing.assert_allclose(x, SOLIDS[kind].points(), atol=1e-14)
     assert facets_point_outward(x, kind_of(kind).facets)
-
-
-@pytest.mark.parametrize("kind", [kind for kind in OWN if kind not in ("wedge15", "pyra5")])  # meshio does not know these
-def test_connectivity_is_what_meshio_reads(read, kind, tmp_path):
-    mesh = read(one_element(kind))
-    other = meshio.read(tmp_path / "deck.inp", file_format="abaqus")
-    np.testing.assert_allclose(mesh.position[mesh.blocks[0].nodes[0]], other.points[other.cells[0].data[0]])
 
 
 def test_a_deck_in_full(read):
@@ -242,5 +234,3 @@ def test_what_calculix_passes_over_leaves_the_model_as_it_is(read, old, new):
     assert np.array_equal(mesh.blocks[0].nodes, plain.blocks[0].nodes)
     assert np.array_equal(mesh.fixed, plain.fixed)
     assert (len(mesh.materials), mesh.relations) == (len(plain.materials), ())
-
-

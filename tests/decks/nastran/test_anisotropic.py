@@ -90,22 +90,6 @@ def test_axes_of_a_curved_system_are_those_at_each_point(read, system):
     np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=1e-3)
 
 
-def test_mat1_written_as_mat9_is_the_same(read):
-    E, nu = 2.1e11, 0.3
-    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    C = np.diag([2 * mu] * 3 + [mu] * 3)
-    C[:3, :3] += lam
-    fields = [f"{v:.16e}" for v in C[np.triu_indices(6)]]
-    K, other = (
-        assemble_stiffness(read(deck(text, cordm)))
-        for text, cordm in (
-            (card("MAT1", 3, f"{E:.16e}", "", str(nu), "7850."), "5"),
-            (card("MAT9", 3, *fields, "7850."), "5"),
-        )
-    )
-    assert abs(K - other).max() < 1e-12 * abs(K).max()
-
-
 @pytest.mark.parametrize(
     ("material", "cordm", "what", "remedy"),
     [

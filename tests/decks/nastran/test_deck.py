@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import meshio
 import numpy as np
 import pytest
 
@@ -27,31 +26,6 @@ def one_element(kind: str, mirror: list[int] | None = None) -> str:
     for i in range(0, len(fields), 8):
         lines.append((solid.nastran if i == 0 else "+").ljust(8) + "".join(f"{f:>8}" for f in fields[i : i + 8]))
     return "\n".join([*lines, "PSOLID  1       1", "MAT1    1       2.1+11          .3      7850.", "ENDDATA", ""])
-
-
-@pytest.mark.parametrize("kind", OWN)
-def test_nodes_lie_where_vtk_says(read, kind):
-    mesh = read("BEGIN BULK\n" + one_element(kind))
-    (block,) = mesh.blocks
-    assert block.kind == kind
-    np.testing.assert_allclose(mesh.position[block.nodes[0]], SOLIDS[kind].points(), atol=1e-12)
-
-
-@pytest.mark.parametrize("kind", [kind for kind in OWN if kind != "wedge15"])  # meshio knows no quadratic wedge
-def test_connectivity_is_what_meshio_reads(read, kind, tmp_path):
-    mesh = read("BEGIN BULK\n" + one_element(kind))
-    other = meshio.read(tmp_path / "deck.bdf", file_format="nastran")
-    np.testing.assert_allclose(mesh.position[mesh.blocks[0].nodes[0]], other.points[other.cells[0].data[0]])
-
-
-def test_ids_of_the_file_are_kept_and_blocks_hold_one_kind_each(read, tetrahedron):
-    more = "GRID,20,,1.,1.,1.\nCTETRA,5,1,2,3,4,20\n"
-    mesh = read(tetrahedron + more)
-    assert list(mesh.node_ids) == [1, 2, 3, 4, 20]
-    assert [block.kind for block in mesh.blocks] == ["tet4"]
-    assert list(mesh.blocks[0].ids) == [10, 5]
-    assert mesh.node_index(20) == 4
-    assert mesh.regions[1].material == 1
 
 
 def test_a_blank_property_id_is_the_element_id(read, tetrahedron):
@@ -118,16 +92,6 @@ def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
     assert read(deck + "ENDDATA\n").materials[1].density == 3925.0
     with expect_refusal(DeckError, r"the factor is 0.5, and 0.2 at .*deck.bdf:14", where="deck.bdf:3"):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
-
-
-def test_every_card_not_imported_is_counted(read, tetrahedron):
-    mesh = read(
-        tetrahedron
-        + "PLOAD1,1,10,FX,FR,0.,1.\nTEMP,9,1,1.\nCQUAD,70,2,1,2,3,4\nCQUAD,71,2,1,2,3,4\n"
-        "MAT1,9,1.,,.3\nEIGRL,1\n"
-    )
-    expected = {"PLOAD1": 1, "TEMP": 1, "CQUAD": 2, "MAT1 that no property refers to": 1, "EIGRL": 1}
-    assert mesh.ignored == expected
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.fem.shells import shell_axes
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.zones import NormalCone
@@ -43,20 +42,6 @@ def static(model):
     """Displacements (3n, 3) under a newton along x, y and z at the pin."""
     loads = [PointLoad(name, tuple(axis), node_id=2) for name, axis in zip("xyz", np.eye(3), strict=True)]
     return nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, loads)))
-
-
-@pytest.mark.slow
-def test_it_is_of_solids_shells_and_bars_that_are_all_read(mesh):
-    assert {block.kind: len(block.ids) for block in mesh.elements} == {
-        "hex8": 824, "quad4": 1748, "tri3": 10, "beam": 288,
-    }
-    assert not mesh.ignored
-    assert not mesh.unsupported
-    assert sorted({len(own.nodes) for own in mesh.averaging}) == [3, 4, 128]
-    for shells in mesh.shells:
-        normal = shell_axes(mesh.position[shells.nodes], shells.ids)[:, :, 2]
-        expected = np.where((shells.region == 3)[:, None], [0, 0, 1], [1, 0, 0])
-        np.testing.assert_allclose(normal, expected, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -170,29 +170,6 @@ def test_a_pressure_varies_between_the_corners_and_may_act_along_a_vector(read):
     np.testing.assert_allclose(total, [0, -6, 0], atol=1e-15)
 
 
-def test_a_shell_on_a_solid_and_its_face_take_a_pressure_alike(read, tetrahedron):
-    shell = tetrahedron + "CTRIA3,11,2,2,3,4\nPSHELL,2,1,.2\nPLOAD2,1,2.,11\n"
-    a, b = (read(shell, ignore=ignore).loads["LOAD-1"] for ignore in ((), ("CTRIA3",)))
-    np.testing.assert_array_equal(a.nodes, b.nodes)
-    np.testing.assert_allclose(a.force, b.force)
-
-
-@pytest.mark.parametrize(
-    "element",
-    [
-        "CQUAD4,1,1,1,2,3,4,7", "CTRIA3,1,1,1,2,3,7", "CQUAD8,1,1,1,2,3,4,5,6\n,7,8,,,,,7",
-        "CTRIA6,1,1,1,2,3,5,6,9\n,7",
-    ],
-)
-def test_the_system_of_a_material_axis_is_used(read, element):
-    """MCID as the quick reference of Nastran has it: field 8, 7, 16 and 10."""
-    at = [(0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1), (1, 1)]
-    grids = "".join(f"GRID,{i},,{x}.,{y}.,0.\n" for i, (x, y) in enumerate(at, 1))
-    system = "CORD2R,7,,0.,0.,0.,0.,0.,1.\n,0.,1.,0.\n"
-    mesh = read(f"BEGIN BULK\n{grids}{system}{element}\nPSHELL,1,1,.02,1,,1\nMAT1,1,2.1E11,,.3,7850.\nENDDATA\n")
-    assert mesh.ignored == {}
-
-
 # PCOMP, PCOMPG, MAT8 and shells of them: plies by their definitions, errors with their remedy, and what is kept of a deck.
 DECK = """\
 GRID,1,,0.,0.,0.
