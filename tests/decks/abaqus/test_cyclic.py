@@ -19,7 +19,7 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 
-from ...refusals import expect_refusal
+from ...refusals import refusal_table
 from .test_loads import bar, displacement
 
 # *EQUATION: the displacements that CalculiX finds of the same deck, sets, and what cannot be taken.
@@ -102,22 +102,15 @@ def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(re
     assert "the equations of step 2" in mesh.notes[-1]
 
 
-@pytest.mark.parametrize(
-    ("cards", "what", "line"),
-    [
-        ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
-        ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
-        ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
-        ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
-        ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
-        ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
-        ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
-    ],
-)
-def test_equations_that_cannot_be_taken_are_named(read, cards, what, line):
-    text = bar()
-    with expect_refusal(DeckError, what, where=f":{text.count(chr(10)) + line}", remedy=""):
-        read(text + cards)
+test_equations_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + cards, [
+    ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
+    ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
+    ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
+    ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
+    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
+    ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
+    ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
+], before=bar().count("\n"))
 
 
 # *CYCLIC SYMMETRY MODEL: a sector of a wheel made whole, beside the wheel written whole, and CalculiX.

@@ -14,7 +14,7 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 
-from ...refusals import expect_refusal
+from ...refusals import refusal_table
 
 FLAT = """\
 *NODE
@@ -163,26 +163,20 @@ def test_what_shells_are_not_the_same_without_is_listed(read):
     assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S9R5"}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "what", "line"),
-    [
-        ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
-        ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
-        ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
-        (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
-        (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
-        (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
-        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
-        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
-        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
-        (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
-    ],
-)
-def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
-    with expect_refusal(DeckError, what, where=f"deck.inp:{line}", remedy=""):
-        read(changed(old, new))
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+    ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
+    ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
+    ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
+    (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
+    ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
+    (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
+])
 
 
 def strip() -> str:

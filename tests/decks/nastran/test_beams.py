@@ -11,7 +11,7 @@ from strainsight.fem.thin import thin_operators
 from strainsight.mesh.resized import resized
 from strainsight.records.thin import BeamSections
 
-from ...refusals import expect_refusal
+from ...refusals import refusal_table
 
 BAR = """\
 GRID,1,,0.,0.,0.
@@ -243,34 +243,27 @@ def test_a_beam_twists_and_shears_with_the_g_of_its_material(read, mat1, E, G, n
         assert "G = 6e+10 is 0.78 times E/2(1 + NU)" in mesh.doubts[-1]
 
 
-@pytest.mark.parametrize(
-    ("card", "pbar", "what", "line"),
-    [
-        ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
-        ("CBAR,10,1,1,2,9", PBAR, "node 9 is not in the deck", 5),
-        ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
-        ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
-        ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
-        ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
-        (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
-        (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
-        (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
-        (CARD, "PBAR,1,8,1.,1.,1.", "material 8 is not in the deck", 6),
-        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
-        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
-        (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
-        (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
-        (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
-        (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
-        (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
-    ],
-)
-def test_what_is_wrong_is_named_with_file_and_line(read, card, pbar, what, line):
-    pbar = pbar.replace("\n\n", "\n,,\n")
-    with expect_refusal(DeckError, what, where=f"deck.bdf:{line}", remedy=""):
-        read(deck(card, pbar))
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(lambda card, pbar: deck(card, pbar.replace("\n\n", "\n,,\n")), [
+    ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
+    ("CBAR,10,1,1,2,9", PBAR, "node 9 is not in the deck", 5),
+    ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
+    ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
+    ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
+    ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
+    ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
+    ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
+    (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
+    (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
+    (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
+    (CARD, "PBAR,1,8,1.,1.,1.", "material 8 is not in the deck", 6),
+    ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
+    ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
+    (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
+    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
+    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
+    (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
+    (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
+])
 
 
 def test_rods_whose_rotations_are_held_are_as_without(read):

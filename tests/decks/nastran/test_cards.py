@@ -14,7 +14,7 @@ from strainsight.decks.numbers import parse_integer, parse_real
 from strainsight.decks.text import read_bytes
 from strainsight.errors import DeckError
 
-from ...refusals import expect_refusal
+from ...refusals import expect_refusal, refusal_table
 
 
 @pytest.fixture
@@ -145,19 +145,13 @@ def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(ca
     assert deck["SPC1"][1].fields == ["2", "1", "703", *[""] * 5]
 
 
-@pytest.mark.parametrize(
-    ("text", "what", "at"),
-    [
-        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
-        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
-        (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
-        (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
-        ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
-    ],
-)
-def test_marks_without_their_other_end_or_with_two_are_named(cards, text, what, at):
-    with expect_refusal(DeckError, what, where=f"deck.bdf:{at}"):
-        cards(text)
+test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
+    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
+    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
+    ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
+])
 
 
 def test_equal_marks_of_lines_in_order_and_numbers_of_lines_are_no_fault(cards):
@@ -223,25 +217,19 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
     assert deck.after_end == 2
 
 
-@pytest.mark.parametrize(
-    ("text", "what", "line"),
-    [
-        ("+,1,2\n", "continuation with no card", 1),
-        ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-        ("=,*1,=\n", "repeats no card", 1),
-        ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
-        ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
-        ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
-        ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
-        ("BEGIN BULK\nENDDATA\n", "no bulk data", None),
-        ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-        ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
-        ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
-    ],
-)
-def test_a_line_that_cannot_be_taken_is_named(cards, text, what, line):
-    with expect_refusal(DeckError, what, where="deck.bdf" if line is None else f"deck.bdf:{line}", remedy=""):
-        cards(text)
+test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
+    ("+,1,2\n", "continuation with no card", 1),
+    ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
+    ("=,*1,=\n", "repeats no card", 1),
+    ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
+    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
+    ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
+    ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
+    ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
+    ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
+    ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
+    ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
+])
 
 
 @pytest.mark.parametrize(
