@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-import re
-import shutil
-import subprocess
-
 import numpy as np
 import pytest
 
 from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.fem.body_forces import with_body_forces
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape
-from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import modes
 from strainsight.mesh.kinds import kind_of
 
 from ...bodies import body
 from ...refusals import expect_refusal, refusal_table
 from ...solids import SOLIDS
+from ..programs import displacements, frequencies, needs_calculix, printed_displacements, printed_frequencies
 
 # Loads of Abaqus decks: what CalculiX makes of the same deck, and resultants by hand.
 LOADS = {
@@ -51,15 +44,7 @@ def bar():
     return "\n".join([*lines, ""])
 
 
-def displacement(deck):
-    """Of every node by CalculiX, along its own axes where it has some (a line that ends in L)."""
-    folder = deck.parent
-    subprocess.run(["ccx", deck.stem], cwd=folder, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    rows = [line.split() for line in (folder / f"{deck.stem}.dat").read_text().splitlines()]
-    return np.array([[float(v) for v in row[1:4]] for row in rows if len(row) - ("L" in row) == 4 and row[0].isdigit()])
-
-
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@needs_calculix
 def test_displacements_under_each_load_are_those_of_calculix(tmp_path):
     path = tmp_path / "bar.inp"
     steps = [f"*STEP\n*STATIC\n{load}*NODE PRINT, NSET=NALL\nU\n*END STEP\n" for load in LOADS.values()]
@@ -67,13 +52,9 @@ def test_displacements_under_each_load_are_those_of_calculix(tmp_path):
     steps[-1] = steps[-1].replace("*DSLOAD", "*DLOAD, OP=NEW\n*DSLOAD")
     path.write_text(bar() + "".join(steps))
     mesh = with_body_forces(read_abaqus(path))
-    found = displacement(path).reshape(len(LOADS), -1, 3)
-    model = build_model(mesh)
-    solve = factorise(model.stiffness.constant).solve
     names = [name for name in mesh.loads if mesh.loads[name].force.size]
-    assert len(names) == len(LOADS)
-    for name, expected in zip(names, found, strict=True):
-        u = nodal(model, solve(input_shape(model, [PointLoad(name, deck_load=name, factor=True)]))).reshape(-1, 3)
+    printed = printed_displacements(path).reshape(len(LOADS), -1, 3)
+    for u, expected in zip(displacements(mesh, *names), printed, strict=True):
         np.testing.assert_allclose(u, expected, atol=2e-6 * np.abs(expected).max())
 
 
@@ -158,21 +139,13 @@ DECKS = {
 }
 
 
-def frequencies(mesh) -> np.ndarray:
-    model = build_model(mesh)
-    return modes(model.stiffness.constant, model.mass.constant, 4)[0]
-
-
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@needs_calculix
 @pytest.mark.parametrize("name", DECKS)
 def test_frequencies_are_those_of_calculix(read, tmp_path, name):
     mesh = read(ROW + DECKS[name])
     assert not mesh.unsupported
     assert not mesh.ignored
-    subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    table = (tmp_path / "deck.dat").read_text().partition("E I G E N V A L U E   O U T P U T")[2]
-    found = [float(row[3]) for row in re.findall(r"^ +\d+ +(\S+) +(\S+) +((\S+)) +", table, re.MULTILINE)][:4]
-    np.testing.assert_allclose(frequencies(mesh), found, rtol=1e-5)
+    np.testing.assert_allclose(frequencies(mesh, 4), printed_frequencies(tmp_path / "deck.inp", 4), rtol=1e-5)
 
 
 def test_what_is_removed_is_in_no_set_region_or_mass(read):
@@ -264,17 +237,13 @@ def free(text):
     return text[:start] + text[text.index("*SURFACE", start) :]
 
 
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@needs_calculix
 def test_frequencies_on_springs_are_those_of_calculix(tmp_path):
     path = tmp_path / "bar.inp"
     path.write_text(free(bar()) + SPRINGS + "*STEP\n*FREQUENCY\n8\n*END STEP\n")
-    subprocess.run(["ccx", "bar"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    rows = [line.split() for line in (tmp_path / "bar.dat").read_text().splitlines()]
-    expected = np.sqrt([float(row[1]) for row in rows if len(row) == 5 and row[0].isdigit()][:8]) / (2 * np.pi)
     mesh = read_abaqus(path)
     assert [str(own) for own in mesh.springs][-2:] == ["SPRINGA 85", "SPRING2 86"]
-    model = build_model(mesh)
-    np.testing.assert_allclose(modes(model.stiffness.constant, model.mass.constant, 8)[0], expected, rtol=2e-6)
+    np.testing.assert_allclose(frequencies(mesh, 8), printed_frequencies(path, 8), rtol=2e-6)
 
 
 test_springs_that_cannot_be_taken_are_named = refusal_table((free(bar()) + SPRINGS).replace, [
