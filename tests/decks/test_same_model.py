@@ -147,33 +147,6 @@ def gmsh_2(path, binary):
     return read_gmsh(path)
 
 
-def gmsh_4(path, binary):
-    """Numbers as (kind, values): int, size and double are distinguished only in binary."""
-
-    def body(*parts: tuple[str, list]) -> bytes:
-        if binary:
-            return b"".join(
-                struct.pack(f"<{len(v)}{ {'int': 'i', 'size': 'Q', 'double': 'd'}[k] }", *v) for k, v in parts
-            )
-        return "\n".join(" ".join(map(repr, values)) for _, values in parts).encode()
-
-    entities = [("size", [0, 0, 1, 2])]
-    for tag, group, bounds in ((1, 4, 1), (1, 11, 0), (2, 12, 0)):
-        entities += [("int", [tag]), ("double", [0.0] * 6), ("size", [1]), ("int", [group]), ("size", [bounds])]
-        entities += [("int", [7] * bounds)]
-    ids = list(MODEL.x)
-    nodes = [("size", [1, len(ids), min(ids), max(ids)]), ("int", [3, 1, 0]), ("size", [len(ids)]), ("size", ids)]
-    nodes += [("double", list(MODEL.x[i])) for i in ids]
-    elements = [("size", [1 + len(MODEL.elements), 1 + len(MODEL.elements), 1, 900])]
-    elements += [("int", [2, 1, QUADRANGLE]), ("size", [1]), ("size", [1, *MODEL.foot])]
-    for e in MODEL.elements:
-        elements += [("int", [3, e.region - 10, e.solid.gmsh]), ("size", [1]), ("size", [e.id, *e.nodes("gmsh")])]
-    head = b"4.1 1 8\n" + struct.pack("<i", 1) if binary else b"4.1 0 8"
-    parts = [section(n, body(*p)) for n, p in (("Entities", entities), ("Nodes", nodes), ("Elements", elements))]
-    path.write_bytes(section("MeshFormat", head) + NAMES.encode() + b"".join(parts))
-    return read_gmsh(path)
-
-
 def grid(path, binary=True):
     """VTK's wedges are written mirrored: the normal of their first triangle points out of the cell."""
     index = {i: k for k, i in enumerate(MODEL.x)}
@@ -200,8 +173,6 @@ FORMATS = {
     "abaqus": lambda folder: abaqus(folder / "part.inp"),
     "gmsh 2.2": lambda folder: gmsh_2(folder / "part.msh", False),
     "gmsh 2.2 binary": lambda folder: gmsh_2(folder / "part.msh", True),
-    "gmsh 4.1": lambda folder: gmsh_4(folder / "part.msh", False),
-    "gmsh 4.1 binary": lambda folder: gmsh_4(folder / "part.msh", True),
     "vtu": lambda folder: grid(folder / "part.vtu"),
     "vtu text": lambda folder: grid(folder / "part.vtu", False),
     "vtk": lambda folder: grid(folder / "part.vtk"),

@@ -12,8 +12,10 @@ from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
 
 from ...anisotropy import CONSTANTS, TURN, flexibility, strains, tensor, triclinic, turned, work, works_of
+from ...bodies import body
 from ...refusals import expect_refusal
 from ..programs import frequencies, needs_calculix, printed_frequencies
+from .test_loads import bricks
 
 # *ELASTIC of anisotropic solids along *ORIENTATION, against tensors with four indices and CalculiX; errors with their remedy.
 ABAQUS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -149,32 +151,16 @@ def test_what_is_wrong_is_named_with_its_remedy(read, old, new, what, remedy):
         read(text)
 
 
-def bar(orientation):
+def arc(orientation):
     """A clamped arc of C3D20, 60° of a ring of 0.1 × 0.1 and a mean radius of 1."""
-    n, cells, at = [], [], {}
-    radial, around = 1, 8
 
-    def node(i, j, k):
-        if (i, j, k) not in at:
-            r, angle = 0.95 + 0.05 * i / radial, np.radians(60) * j / (2 * around)
-            at[i, j, k] = len(at) + 1
-            n.append((r * np.cos(angle), r * np.sin(angle), 0.05 * k))
-        return at[i, j, k]
+    def place(u, v, w):
+        r, angle = 0.95 + 0.1 * u, np.radians(60) * v / 8
+        return r * np.cos(angle), r * np.sin(angle), 0.1 * w
 
-    corners = [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2)]
-    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
-    for j in range(around):
-        own = [node(a, b + 2 * j, c) for a, b, c in corners]
-        own += [node(*((np.array(corners[a]) + corners[b]) // 2 + (0, 2 * j, 0)).tolist()) for a, b in edges]
-        cells.append(own)
-    held = [i for (_, j, _), i in at.items() if j == 0]
-    lines = ["*NODE", *(f"{i}, {x:.12e}, {y:.12e}, {z:.12e}" for i, (x, y, z) in enumerate(n, start=1))]
-    lines += ["*ELEMENT, TYPE=C3D20, ELSET=ALL"]
-    for e, own in enumerate(cells, start=1):
-        lines += [", ".join(map(str, [e, *own[:10]])) + ",", ", ".join(map(str, own[10:]))]
-    lines += ["*MATERIAL, NAME=M", ENGINEERING, "*DENSITY", "1600.", *orientation]
-    lines += ["*SOLID SECTION, ELSET=ALL, MATERIAL=M, ORIENTATION=O", "*BOUNDARY", *(f"{i}, 1, 3" for i in held)]
-    return "\n".join([*lines, "*STEP", "*FREQUENCY", "8", "*END STEP", ""])
+    mesh = body("hex20", (1, 8, 1), place)
+    material = "\n".join([ENGINEERING, "*DENSITY\n1600.", *orientation])
+    return bricks(mesh, mesh.position[:, 1] == 0, material, ", ORIENTATION=O") + "*STEP\n*FREQUENCY\n8\n*END STEP\n"
 
 
 ARC = {
@@ -188,7 +174,7 @@ ARC = {
 @pytest.mark.parametrize("name", list(ARC))
 def test_frequencies_are_those_of_calculix(tmp_path, read, name):
     """Both integrate C3D20 with 27 points, and turn the axes at each: they agree to the digits that CalculiX prints."""
-    text = bar(ARC[name])
+    text = arc(ARC[name])
     (tmp_path / "arc.inp").write_text(text)
     expected = printed_frequencies(tmp_path / "arc.inp", 8)
     np.testing.assert_allclose(frequencies(read(text), 8), expected, rtol=1e-6)

@@ -182,12 +182,6 @@ def _instances(count: int, parts: int) -> str:
 MANY = {
     "instances": lambda n: _instances(n, 1),
     "sets": lambda n: _row(n) + OF_CUBE + OF_ALL + "".join(f"*ELSET,ELSET=S{i}\n{i + 1}\n" for i in range(n)),
-    "steps": lambda n: _row(n) + OF_CUBE + OF_ALL + "".join(
-        f"*STEP\n*STATIC\n*CLOAD\n{i + 1},3,1.\n*END STEP\n" for i in range(n)
-    ),
-    "keywords": lambda n: "".join(f"*NODE{line}" for line in _row(n).partition("*ELEMENT")[0].splitlines(True)[1:]).replace(
-        "*NODE", "*NODE\n"
-    ) + "*ELEMENT" + _row(n).partition("*ELEMENT")[2] + OF_CUBE + OF_ALL,
 }
 
 

@@ -72,26 +72,38 @@ def test_a_deck_in_full(read):
     assert mesh.where("element", 10).endswith("deck.inp:10")
 
 
-@pytest.mark.parametrize(
-    "alter",
-    [
-        str.lower,
-        lambda text: text.replace("\n", "\r\n"),
-        lambda text: text.replace(", ", " ,\t"),
-        lambda text: text.replace("\n", "\n** between\n\n"),
-        lambda text: text.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", "*ELEMENT,\nTYPE=C3D4,\n ELSET=EALL"),
-        lambda text: text.replace("2.1e11", "2.1D+11").replace("1., 0., 0.\n", "1.D0,,\n"),
-        lambda text: "\ufeff" + text,
-    ],
-)
-def test_case_blanks_comments_and_continuations_do_not_matter(read, alter):
-    plain, altered = read(TETRAHEDRON), read(alter(TETRAHEDRON))
+def with_commas(comma):
+    """CalculiX decks end keywords so: what follows is data where it begins with a number, or has one behind the name of a set."""
+    text = TETRAHEDRON.replace("*ELASTIC", f"*ELASTIC{comma}").replace("*BOUNDARY", f"*BOUNDARY{comma}")
+    return text.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", f"*ELEMENT{comma}\nTYPE=C3D4,\n  ELSET=EALL{comma}")
+
+
+SAME = [
+    TETRAHEDRON.lower(),
+    TETRAHEDRON.replace("\n", "\r\n"),
+    TETRAHEDRON.replace(", ", " ,\t"),
+    TETRAHEDRON.replace("\n", "\n** between\n\n"),
+    TETRAHEDRON.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", "*ELEMENT,\nTYPE=C3D4,\n ELSET=EALL"),
+    TETRAHEDRON.replace("2.1e11", "2.1D+11").replace("1., 0., 0.\n", "1.D0,,\n"),
+    "\ufeff" + TETRAHEDRON,
+    *map(with_commas, (",", " , ", ",,")),
+    # what CalculiX passes over
+    TETRAHEDRON.replace("NAME=Steel\n", "NAME=STEEL   # what it is made of\n# and more\n"),
+    TETRAHEDRON.replace("*BOUNDARY\n", "*EQUATION\n2\n1, 11, 1., 2, 11, -1.\n*BOUNDARY\n"),
+    TETRAHEDRON.replace("10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4, 77, 78,\n"),
+]
+
+
+@pytest.mark.parametrize("text", SAME)
+def test_case_blanks_comments_commas_and_continuations_do_not_matter(read, text):
+    plain, altered = read(TETRAHEDRON), read(text)
     np.testing.assert_array_equal(altered.position, plain.position)
     np.testing.assert_array_equal(altered.blocks[0].nodes, plain.blocks[0].nodes)
     np.testing.assert_array_equal(altered.fixed, plain.fixed)
     assert replace(altered.materials[1], name="") == replace(plain.materials[1], name="")
     assert altered.materials[1].name.lower() == "material steel"
-    assert altered.ignored == {}
+    assert (len(altered.materials), altered.relations) == (1, ())
+    assert altered.ignored == {} or "EQUATION" in text
 
 
 def test_included_files_and_data_in_files_of_their_own(read, tmp_path):
@@ -196,19 +208,6 @@ def test_names_in_the_code_page_of_windows_are_kept(read):
     assert list(read(hole).element_sets) == ["N\x81ü"]
 
 
-@pytest.mark.parametrize("comma", [",", " , ", ",,"])
-def test_a_comma_at_the_end_of_a_keyword_goes_on_only_with_parameters(read, comma):
-    """CalculiX decks end lines so: what follows is data where it begins with a number, or has one behind the name of a set."""
-    whole = read(TETRAHEDRON)
-    text = TETRAHEDRON.replace("*ELASTIC", f"*ELASTIC{comma}").replace("*BOUNDARY", f"*BOUNDARY{comma}")
-    text = text.replace("*ELEMENT, TYPE=C3D4, ELSET=EALL", f"*ELEMENT{comma}\nTYPE=C3D4,\n  ELSET=EALL{comma}")
-    mesh = read(text)
-    assert mesh.materials == whole.materials
-    np.testing.assert_array_equal(mesh.blocks[0].nodes, whole.blocks[0].nodes)
-    np.testing.assert_array_equal(mesh.fixed, whole.fixed)
-    assert mesh.notes == whole.notes
-
-
 def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(read):
     """CalculiX passes over it; numbers are data whose keyword is missing."""
     mesh = read(f">**\nmade by hand\n{TETRAHEDRON}")
@@ -218,19 +217,3 @@ def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(rea
     for text in ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n", f"a title\n4, 0., 0., 1.\n{TETRAHEDRON}"):
         with expect_refusal(DeckError, "stands before the first keyword", remedy="mesh.format: nastran"):
             read(text)
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("NAME=Steel\n", "NAME=STEEL   # what it is made of\n# and more\n"),
-        ("*BOUNDARY\n", "*EQUATION\n2\n1, 11, 1., 2, 11, -1.\n*BOUNDARY\n"),
-        ("10, 1, 2, 3, 4\n", "10, 1, 2, 3, 4, 77, 78,\n"),
-    ],
-)
-def test_what_calculix_passes_over_leaves_the_model_as_it_is(read, old, new):
-    assert old in TETRAHEDRON
-    plain, mesh = read(TETRAHEDRON), read(TETRAHEDRON.replace(old, new))
-    assert np.array_equal(mesh.blocks[0].nodes, plain.blocks[0].nodes)
-    assert np.array_equal(mesh.fixed, plain.fixed)
-    assert (len(mesh.materials), mesh.relations) == (len(plain.materials), ())

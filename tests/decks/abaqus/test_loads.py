@@ -28,9 +28,11 @@ def bent(u, v, w):
     return 0.4 * u, 0.3 * v + 0.05 * u, 0.25 * w + 0.02 * u * u
 
 
-def bar():
-    """Two C3D20 in a row, bent, held at x = 0."""
-    mesh = body("hex20", (2, 1, 1), bent)
+STEEL = "*ELASTIC\n2.1E11, .3\n*DENSITY\n7850."
+
+
+def bricks(mesh, held, material=STEEL, section=""):
+    """A deck of C3D20, held at some nodes (n,)."""
     lines = ["*NODE, NSET=NALL"]
     lines += [f"{n}, {x!r}, {y!r}, {z!r}" for n, (x, y, z) in zip(mesh.node_ids, mesh.position.tolist(), strict=True)]
     lines += ["*ELEMENT, TYPE=C3D20, ELSET=ALL"]
@@ -38,10 +40,14 @@ def bar():
     assert len(kind_of(block.kind).nodes) == 20
     for e, nodes in zip(block.ids, mesh.node_ids[block.nodes], strict=True):
         lines += [", ".join(map(str, (e, *nodes[:15]))) + ",", ", ".join(map(str, nodes[15:]))]
-    lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "2.1E11, .3", "*DENSITY", "7850.", "*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL"]
-    held = mesh.node_ids[mesh.position[:, 0] == 0]
-    lines += ["*BOUNDARY", *(f"{n}, 1, 3" for n in held), "*SURFACE, NAME=END", "2, S4"]
-    return "\n".join([*lines, ""])
+    lines += ["*MATERIAL, NAME=STEEL", material, f"*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL{section}"]
+    return "\n".join([*lines, "*BOUNDARY", *(f"{n}, 1, 3" for n in mesh.node_ids[held]), ""])
+
+
+def bar():
+    """Two C3D20 in a row, bent, held at x = 0."""
+    mesh = body("hex20", (2, 1, 1), bent)
+    return bricks(mesh, mesh.position[:, 0] == 0) + "*SURFACE, NAME=END\n2, S4\n"
 
 
 @needs_calculix

@@ -56,31 +56,25 @@ def test_the_rest_of_a_pbar(read):
     assert own.shear == (0.83, 0.7)
 
 
+Z_AND_X = [[0, 1, 0], [np.sqrt(0.5), 0, np.sqrt(0.5)]]
+"""(1, 0, 1) in system 6 is z + x of the basic one."""
+
+
 @pytest.mark.parametrize(
-    "card",
+    ("card", "x_and_y"),
     [
-        "CBAR          10       1       3       4      1.      0.      1.",
-        "CBAR*                 10               1               3               4\n"
-        "*                     1.              0.              1.",
-        "CBEAM,10,1,3,4,1.,0.,1.",
+        ("CBAR          10       1       3       4      1.      0.      1.", Z_AND_X),
+        ("CBAR*                 10               1               3               4\n"
+         "*                     1.              0.              1.", Z_AND_X),
+        ("CBEAM,10,1,3,4,1.,0.,1.", Z_AND_X),
+        ("CBAR,10,1,3,4,1.,0.,0.,BGG", [[0, 1, 0], [1, 0, 0]]),
+        ("CBAR,10,1,1,2,4", [[1, 0, 0], [0, 1, 0]]),
     ],
-)
-def test_the_orientation_is_along_the_system_of_end_a_in_every_format(read, card):
-    """(1, 0, 1) in system 6 is z + x of the basic one."""
+)  # fmt: skip
+def test_the_orientation_is_along_the_system_of_end_a_or_basic_or_by_a_node(read, card, x_and_y):
     axes = read(deck(card, PBAR if "BAR" in card else "PBEAM,1,1,.01,2.-5,1.-5,,3.-5")).beams[0].axes[0]
-    np.testing.assert_allclose(axes[:, 0], [0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(axes[:, 1], [np.sqrt(0.5), 0, np.sqrt(0.5)], atol=1e-15)
+    np.testing.assert_allclose(axes[:, :2].T, x_and_y, atol=1e-15)
     assert np.linalg.det(axes) == pytest.approx(1)
-
-
-def test_bgg_takes_it_along_the_basic_axes(read):
-    axes = read(deck("CBAR,10,1,3,4,1.,0.,0.,BGG")).beams[0].axes[0]
-    np.testing.assert_allclose(axes[:, 1], [1, 0, 0], atol=1e-15)
-
-
-def test_a_node_gives_the_plane_from_end_a(read):
-    axes = read(deck("CBAR,10,1,1,2,4")).beams[0].axes[0]
-    np.testing.assert_allclose(axes, np.eye(3), atol=1e-15)
 
 
 def test_offsets_are_along_the_systems_of_their_nodes_and_move_the_axis(read):
