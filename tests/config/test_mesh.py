@@ -63,6 +63,7 @@ def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
     [
         ("{set: root}", "{set: root, node: 3}", "mesh.supports[0]"),
         ("[1, 6]", "[1, 7]", "mesh.supports[1].components"),
+        ("  matrices:", "  mass: lumped\n  matrices:", "mesh.mass"),
         ("poisson_ratio: 0.3", "poisson_ratio: 0.5", "mesh.materials.steel.poisson_ratio"),
         ("materials: {steel", "materials: {lead: {regions: [1], " + LEAD, "mesh.materials"),
         ("parameter: E, at", "parameter: Ee, at", "mesh.matrices.stiffness[0].parameter"),
@@ -133,11 +134,6 @@ def test_a_section_is_that_of_a_shell_or_of_a_beam(load, text, key, what):
     with expect_refusal(ConfigError, what, remedy="", key=f"mesh.sections.own{key}") as caught:
         load(sections(f"{{own: {{{text}}}}}"))
     assert not caught.value.others
-
-
-def test_a_choice_of_mass_beside_matrices_is_refused(load):
-    with expect_refusal(ConfigError, r"the mass is that of mesh\.matrices", key="mesh.mass"):
-        load(CONFIG.replace("  matrices:", "  mass: lumped\n  matrices:"))
 
 
 # What a config may say of load cases.

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from strainsight.cases.structure.damage import curve_of
 from strainsight.config.bench.bearing import BearingConfig
@@ -148,7 +148,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 BOX = "box: [[x, y, z], [x, y, z]]: lower and upper corner [m]."
 
 
-def refused(name: str, override: str) -> list[ConfigError]:
+def refused(name: str, override: str | Override) -> list[ConfigError]:
     with pytest.raises(ConfigError) as caught:
         load_config(CONFIGS / name, [override])
     return [caught.value, *caught.value.others]
@@ -207,17 +207,8 @@ def test_a_mistake_has_a_line_and_a_remedy(text, line, remedy):
 
 
 # What an override makes wrong is placed at the override, and a misspelt section is recognised.
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
-
-
-def errors_of_override(override: str | Override) -> list[ConfigError]:
-    with pytest.raises(ConfigError) as caught:
-        load_config(CONFIG, [override])
-    return [caught.value, *caught.value.others]
-
-
 def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
-    errors = errors_of_override("loads.tipp.signal.amplitude=3")
+    errors = refused("cantilever-youngs-modulus.yaml", "loads.tipp.signal.amplitude=3")
     assert {error.key for error in errors} == {"loads.tipp.known", "loads.tipp.signal"}
     for error in errors:
         assert error.where == "--set loads.tipp.signal.amplitude"
@@ -225,7 +216,7 @@ def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
 
 
 def test_a_section_that_only_an_override_made_has_to_be_added():
-    (error,) = errors_of_override(Override("estimate.file", "a.csv", "--measurements"))
+    (error,) = refused("cantilever-youngs-modulus.yaml", Override("estimate.file", "a.csv", "--measurements"))
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
     assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
     assert "docs/estimation.md" in error.remedy
@@ -235,41 +226,23 @@ def test_a_section_that_only_an_override_made_has_to_be_added():
 LINE = {"slope": 3.0, "stress": 1e8}
 
 
-def problems(curve=(), mean=()):
-    own = DamageSettings(curve=SNCurve(**(LINE | dict(curve))), mean_stress=MeanStress(**dict(mean)))
-    return [problem.key for problem in damage_problems(own, "estimate.damage")]
-
-
 @pytest.mark.parametrize(
-    ("curve", "mean"),
+    ("curve", "mean", "keys"),
     [
-        ({}, {}),
-        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}),
-        ({}, {"rule": "fkm", "sensitivity": 0.0}),
+        ({}, {}, []),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}, []),
+        ({}, {"rule": "fkm", "sensitivity": 0.0}, []),
+        ({"second_slope": 5.0}, {}, ["curve.second_slope"]),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 5e6}, {}, ["curve.cut_off"]),
+        ({"knee": 5e6, "cut_off": 1e8}, {}, ["curve.cut_off"]),
+        ({}, {"rule": "goodman"}, ["mean_stress"]),
+        ({}, {"rule": "fkm", "tensile_strength": 5e8, "sensitivity": 0.1}, ["mean_stress.tensile_strength"]),
+        ({}, {"sensitivity": 0.1}, ["mean_stress.sensitivity"]),
     ],
 )
-def test_what_fits_together_is_taken(curve, mean):
-    assert problems(curve, mean) == []
-
-
-@pytest.mark.parametrize(
-    ("curve", "mean", "key"),
-    [
-        ({"second_slope": 5.0}, {}, "curve.second_slope"),
-        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 5e6}, {}, "curve.cut_off"),
-        ({"knee": 5e6, "cut_off": 1e8}, {}, "curve.cut_off"),
-        ({}, {"rule": "goodman"}, "mean_stress"),
-        ({}, {"rule": "fkm", "tensile_strength": 5e8, "sensitivity": 0.1}, "mean_stress.tensile_strength"),
-        ({}, {"sensitivity": 0.1}, "mean_stress.sensitivity"),
-    ],
-)
-def test_what_does_not_is_named(curve, mean, key):
-    assert problems(curve, mean) == [f"estimate.damage.{key}"]
-
-
-def test_fewer_draws_than_an_interval_needs_are_refused():
-    with pytest.raises(ValidationError, match="greater than or equal to 40"):
-        DamageSettings(curve=SNCurve(**LINE), draws=39)
+def test_what_does_not_fit_together_is_named(curve, mean, keys):
+    own = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
+    assert [problem.key for problem in damage_problems(own, "estimate.damage")] == [f"estimate.damage.{key}" for key in keys]
 
 
 def test_an_amplitude_is_half_a_range():

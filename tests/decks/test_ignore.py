@@ -151,9 +151,7 @@ ASKED = {
     ),
     "PERTURBATION": (inp(more=f"*STEP\n{LOADED}*STEP, PERTURBATION\n{MODES}"), "*STEP, PERTURBATION", "*STEP, PERTURBATION"),
     "STATSUB": (bar(case=CASES.format("LOAD = 2", "STATSUB = 1\nMETHOD = 3")), "STATSUB = 1", "STATSUB"),
-    "SOL 106": (
-        bar("PARAM,LGDISP,1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"), "METHOD = 3", "SOL 106",
-    ),
+    "SOL 106": (bar("PARAM,LGDISP,1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"), "METHOD = 3", "SOL 106"),
     "SOL 400": (
         bar(case=CASES.format("ANALYSIS = NLSTATICS", "ANALYSIS = MODES")).replace("SOL 103", "SOL 400"),
         "ANALYSIS = MODES",

@@ -120,25 +120,16 @@ FAULTS = {
     "table": (lambda file: file.__setitem__("a", np.zeros((100, 3))), "has 3 columns"),
     "shorter": (lambda file: file.__setitem__("a", A[:99]), "has 99 samples, the clock 100"),
     "absurd": (lambda file: file.create_dataset("a", (10**15,), float, chunks=(1000,)), "claims 1000000000000000"),
-    "chunks": (
-        lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)),
-        "stored in chunks",
-    ),
+    "chunks": (lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)), "stored in chunks"),
     "gaps for a whole disk": (
         lambda file: file.create_dataset("a", (10**8,), float, chunks=(10**6,), fillvalue=np.nan),
         "claims 800000000 bytes in a file of|has 100000000 samples",
     ),
     "half written": (hole, "5 of 10 blocks"),
-    "infinite": (
-        lambda file: file.__setitem__("a", np.where(np.arange(100) == 4, np.inf, A)),
-        "sample 5 of 'a' is infinite",
-    ),
+    "infinite": (lambda file: file.__setitem__("a", np.where(np.arange(100) == 4, np.inf, A)), "sample 5 of 'a' is infinite"),
     "two units": (two_units, "states the units"),
     "packed": (packed, "packed values"),
-    "time missing": (
-        lambda file: (file.__setitem__("a", A), file.__setitem__("time", T + np.nan)),
-        "say the unit|missing",
-    ),
+    "time missing": (lambda file: (file.__setitem__("a", A), file.__setitem__("time", T + np.nan)), "say the unit|missing"),
 }
 
 

@@ -140,10 +140,7 @@ def a_table(file):
         (never_written, "0 of 4 blocks"),
         (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "a link to another file"),
         (lambda file: file.__setitem__("a", h5py.SoftLink("/a")), "more than 16 links"),
-        (
-            lambda file: file.create_dataset("a", (1, COUNT), float, external=[("o.raw", 0, 8 * COUNT)]),
-            "from another file",
-        ),
+        (lambda file: file.create_dataset("a", (1, COUNT), float, external=[("o.raw", 0, 8 * COUNT)]), "from another file"),
         (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "claims 1000000000000 samples"),
         (a_table, "a table or an object of MATLAB"),
     ],

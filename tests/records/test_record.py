@@ -16,7 +16,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import MeshColumns, mesh_from
-from strainsight.records.record import Place, dataset, group, listed, read, record, written
+from strainsight.records.record import Place, dataset, group, read, record, written
 from strainsight.rom.inertia import InertiaInvariants
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output
@@ -40,16 +40,6 @@ class Run:
     bodies: dict[str, Body] = group("/bodies/<name>")
     first: Body = group("/first")
     bonded: np.ndarray | None = dataset("/glued", "m", "bonded", "distance", default=None)
-
-
-@record
-class History:
-    value: np.ndarray = dataset("/value", "<unit>", "sample", "history of <what>")
-
-
-@record
-class Histories:
-    loads: dict[str, History] = group("/loads/<name>", unit="unit of <name>", what="<name>")
 
 
 def run_of(**changes) -> Run:
@@ -94,16 +84,6 @@ def test_units_names_and_labels_of_axes_are_those_of_the_fields():
     assert datasets["/strain"].scales == ("/time", "")
     assert datasets["/time"].scales == ()
     assert "/glued" not in datasets
-
-
-def test_records_by_name_take_unit_and_words_of_their_name():
-    loads = {name: History(value=np.zeros(2)) for name in ("E", "tip")}
-    datasets = written(Histories(loads=loads), UNITS)
-    assert {path: (own.unit, own.description) for path, own in datasets.items()} == {
-        "/loads/E/value": ("Pa", "history of E"),
-        "/loads/tip/value": ("N", "history of tip"),
-    }
-    assert listed(Histories) == [("/loads/<name>/value", "sample", "unit of <name>", "history of <name>")]
 
 
 def test_lengths_that_contradict_each_other_are_not_written():

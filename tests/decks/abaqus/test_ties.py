@@ -242,11 +242,7 @@ test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK
     ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
     ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
     ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
-    (
-        "*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2",
-        "single components of node 5",
-        4,
-    ),
+    ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
 ], before=BRICK.count("\n"))
 
 
