@@ -18,7 +18,6 @@ from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.joints import JOINTS
 from strainsight.multibody.laws.kinds import LAWS
 
-# What the fields of a bench and its bearings demand of one another.
 FULL = Path(__file__).parents[2] / "configs" / "bench-full.yaml"
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
 OF_THE_BEARING = "bearings.pitch-bearing"
@@ -158,7 +157,6 @@ UNIONS = {"joints": Joint, "forces": Force, "sensors": Sensor}
 
 
 def kinds(section):
-    """Kind → model."""
     members = get_args(get_args(UNIONS[section])[0])
     return {get_args(model.model_fields["type"].annotation)[0]: model for model in members}
 
@@ -175,7 +173,6 @@ def every_kind(**changed):
 
 
 def keys_naming(*frames):
-    """Those of the entries that name all these frames."""
     return {
         f"{section}.{kind}-extra" for section, examples in EXAMPLES.items() for kind, keys in examples.items()
         if all(frame in keys for frame in frames)
@@ -216,7 +213,6 @@ def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(sec
         assert models[kind].model_fields.keys() - {"drive", "signal"} == {"type", "frames", *own}
 
 
-# The section `estimate` of a config.
 @pytest.mark.parametrize(
     ("stated", "hertz"),
     [({"rate": 100}, 100.0), ({"rate": 100, "unit": "Hz"}, 100.0), ({"rate": 1.2, "unit": "kHz"}, 1200.0), ({}, None)],

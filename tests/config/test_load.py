@@ -15,7 +15,6 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
 
-# A config is checked whole: every problem at once, each with its place and its remedy.
 CONFIGS = Path(__file__).parents[2] / "configs"
 EXAMPLE = (CONFIGS / "cantilever-youngs-modulus.yaml").read_text(encoding="utf-8")
 
@@ -240,7 +239,6 @@ def test_none_is_missing(suite, kind, counts):
 
 @pytest.mark.slow
 def test_the_settings_of_the_thesis_are_its_own(runs):
-    """Of placements: the printed noise and columns, the plain trace, one instant, no tolerances, its own model as the truth."""
     placements = [run for run in runs if run.data["kind"] == "placement"]
     printed = [run.model for run in placements if run.model.name.startswith("thesis-")]
     assert len(printed) == len(placements) / 2

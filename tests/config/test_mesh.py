@@ -17,7 +17,6 @@ from strainsight.errors import ConfigError
 from ..edges.beam import PLACEMENT_CONFIG
 from ..refusals import expect_refusal
 
-# What the mesh of a config may say, and what contradicts it.
 CONFIG = """\
 kind: placement
 name: own
@@ -94,7 +93,6 @@ def test_without_matrices_a_parameter_needs_its_region(load):
 
 
 def sections(text: str) -> str:
-    """The config without matrices, with these sections."""
     start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
     plain = CONFIG[:start] + f"  sections: {text}\n" + CONFIG[end:]
     return plain.replace("youngs_modulus, guess", "youngs_modulus, region: 1, guess").replace(
@@ -203,7 +201,6 @@ OWN = {"grid_length": 0.002, "grid_width": 0.002, "carrier_length": 0.006, "carr
 
 @pytest.fixture
 def load_typed(tmp_path):
-    """load_typed(*overrides): a config of a placement that states no spacing."""
     data = copy.deepcopy(PLACEMENT_CONFIG)
     data["screen"] = {"keep": 8}
     (tmp_path / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
@@ -273,7 +270,6 @@ def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(load_
 
 
 def test_the_catalogue_is_sound_by_its_own_names():
-    """A name says grid in mm and resistance; a carrier holds its grids; a range, a factor and a gain are those of foil gauges."""
     for name, own in CATALOGUE.items():
         grid, resistance = name.removesuffix("-rosette").split("/")
         assert own.grid_length == pytest.approx(1e-3 * float(grid), rel=0.07)

@@ -25,7 +25,6 @@ from strainsight.errors import ConfigError
 from ..refusals import expect_refusal
 from ..robustness.small import BENCH, PLACEMENT
 
-# Every number of a config has a plausible range, beyond which a warning says where it stands and what was meant.
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted([*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "docs").rglob("*.yaml")])
 BEARING = """
@@ -39,7 +38,6 @@ cases: {pull: {force: [1.0e+5, 0, 0]}}
 
 
 def parts_of(*annotations):
-    """Every type and every piece of metadata in annotations."""
     for item in annotations:
         yield item
         yield from parts_of(*get_args(item), *getattr(item, "metadata", ()))
@@ -64,7 +62,6 @@ def every_number():
 
 
 def bounded(inside) -> bool:
-    """Whether a number is bounded from both sides."""
     below = any(hasattr(part, "ge") or hasattr(part, "gt") for part in inside if not isinstance(part, type))
     above = any(hasattr(part, "le") or hasattr(part, "lt") for part in inside if not isinstance(part, type))
     return below and above
@@ -186,7 +183,6 @@ def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
 
-# What is no YAML is refused at its line with what to do about it.
 @pytest.mark.parametrize(
     ("text", "line", "remedy"),
     [
@@ -206,7 +202,6 @@ def test_a_mistake_has_a_line_and_a_remedy(text, line, remedy):
     assert caught.value.line == line
 
 
-# What an override makes wrong is placed at the override, and a misspelt section is recognised.
 def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
     errors = refused("cantilever-youngs-modulus.yaml", "loads.tipp.signal.amplitude=3")
     assert {error.key for error in errors} == {"loads.tipp.known", "loads.tipp.signal"}
@@ -222,7 +217,6 @@ def test_a_section_that_only_an_override_made_has_to_be_added():
     assert "docs/estimation.md" in error.remedy
 
 
-# What an S-N curve and a rule of the mean stress demand of each other.
 LINE = {"slope": 3.0, "stress": 1e8}
 
 

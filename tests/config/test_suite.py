@@ -11,7 +11,6 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.errors import ConfigError
 from strainsight.stages.pages.suite_entries import suite_config
 
-# A suite is checked whole, with the configs of its runs: every problem has its place in the file that it stands in.
 CONFIGS = Path(__file__).parents[2] / "configs"
 SUITE = """\
 kind: suite
@@ -187,7 +186,6 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
         assert place(text, "{train") in error.where
 
 
-# A suite of benches: its studies and claims are checked with the configs of its runs.
 def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
     suite = load_config(write(STUDIES))
     given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)

@@ -21,7 +21,6 @@ TWO_LINES = Curve(71e6, 2e6, 3.0, 5e6, 5.0, 1e8)
 
 
 def cosine(amplitude, cycles=50, samples=64, mean=0.0):
-    """Whole cycles whose peaks are samples."""
     return mean + amplitude * np.cos(2 * np.pi * np.arange(cycles * samples + 1) / samples)
 
 
@@ -132,7 +131,6 @@ def test_histories_with_nan_have_no_damage_and_do_not_touch_others():
 
 @pytest.mark.parametrize("count", [40, 100])
 def test_it_holds_one_more_draw_in_95_of_100(count):
-    """Of any distribution: here of a skew one with tails."""
     rng = np.random.default_rng(12)
     draws = np.exp(2 * rng.standard_normal((count + 1, 20_000)))
     found, truth = interval_of(draws[:-1]), draws[-1]
@@ -183,7 +181,6 @@ def test_the_example_of_the_standard():
 
 @pytest.mark.parametrize("levels", [None, 3, 12])
 def test_counts_are_those_of_another_implementation(levels):
-    """Of noise, and of noise rounded to few levels, which has plateaus and equal ranges."""
     rng = np.random.default_rng(3)
     for steps in (5, 40, 2000):
         signal = rng.standard_normal(steps)

@@ -15,7 +15,6 @@ from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON
 
 
-# Elements, ties and loads that are not supported have to be named, and nothing else has.
 def imported(tmp_path, text, ignore=(), name="deck.bdf"):
     (tmp_path / name).write_text(text)
     return mesh_of(MeshFile(file=name, ignore=tuple(ignore)), tmp_path / name)

@@ -25,7 +25,6 @@ from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON as NASTRAN
 
 
-# Decks in any units are the same structure in SI.
 def deck(path, length, E, rho, mass):
     path.write_text(
         f"GRID,1\nGRID,2,,{length}\nGRID,3,,,{length}\nGRID,4,,,,{length}\nCTETRA,10,1,1,2,3,4\nPSOLID,1,1\n"
@@ -150,7 +149,6 @@ def test_other_packed_meshes_are_refused_clearly(tmp_path, name):
 
 @pytest.mark.parametrize(("name", "line"), [("part.bdf.gz", b"$ a comment\n" * 85), ("part.inp.gz", b"\0" * 1024)])
 def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, name, line):
-    """80 kB of zeros, or of one comment again and again, took 80 MB, and 4 MB took the memory of the machine."""
     with gzip.open(tmp_path / name, "wb", compresslevel=1) as file:
         for _ in range(90):
             file.write(line * 1024)
@@ -283,7 +281,6 @@ def test_a_folder_that_is_not_there_is_named_with_its_key(project):
         project[0]("part", "../bulk", "../none")
 
 
-# Second-order elements whose nodes are in the order of another program are refused for that reason.
 RING = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 SECOND_ORDER = {
     "tetra10": (SOLIDS["tet10"].points(), 4),

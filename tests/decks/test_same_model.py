@@ -180,7 +180,6 @@ FORMATS = {
 
 
 def with_materials(mesh: Mesh) -> Mesh:
-    """Materials where the format has none."""
     if mesh.materials:
         return mesh
     regions = {i: replace(region, material=REGIONS[i][1].id) for i, region in mesh.regions.items()}
@@ -188,7 +187,6 @@ def with_materials(mesh: Mesh) -> Mesh:
 
 
 def by_number(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """K and M with rows in the order of the node numbers."""
     order = (3 * np.argsort(mesh.node_ids)[:, None] + np.arange(3)).ravel()
     return tuple(operator.constant.toarray()[np.ix_(order, order)] for operator in assemble(with_materials(mesh)))
 

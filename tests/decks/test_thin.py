@@ -22,8 +22,6 @@ ROD = GivenSection(("spar",), BeamSection(1e-4))
 
 @pytest.fixture
 def strip(tmp_path):
-    """The strip as gmsh text, changed, with sections by their last key."""
-
     def of(*changes, text=None, unit="m", **sections):
         text = text or gmsh(**({"unit": 1e-3} if unit == "mm" else {}))
         for old, new in changes:

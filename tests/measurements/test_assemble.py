@@ -15,7 +15,6 @@ from strainsight.measurements.records import Recording
 
 from ..refusals import expect_refusal
 
-# A test as it comes from the rig: every format, shuffled, in mV/V, with holes, a jump and drift, and back to the truth.
 COUNT, STEP = 2000, 1e-3
 TIME = 5.0 + STEP * np.arange(COUNT)
 RNG = np.random.default_rng(7)
@@ -111,7 +110,6 @@ LATE = 7
 
 
 def late_record(gap=()):
-    """Two channels of one sine, "b" written LATE samples late."""
     row = np.setdiff1d(np.arange(100), gap)
     time = 2.0 + STEP * row
     channels = {"a": np.sin(30 * time), "b": np.sin(30 * (time - LATE * STEP))}
@@ -229,7 +227,6 @@ def output(places: str, gauge_factor: float, strain: float) -> float:
 
 
 def wheatstone(x: np.ndarray) -> float:
-    """Of relative changes (4,) of the four resistances."""
     R1, R2, R3, R4 = 350.0 * (1 + x)
     conductance = np.diag([1 / R1 + 1 / R2, 1 / R3 + 1 / R4])
     node = np.linalg.solve(conductance, [1 / R1, 1 / R4])

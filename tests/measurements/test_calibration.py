@@ -14,7 +14,6 @@ from strainsight.measurements.units import known_unit
 
 from ..refusals import expect_refusal
 
-# Readings become SI by what is stated, and by nothing else.
 TIME = np.arange(1000) * 1e-3
 
 
@@ -89,7 +88,6 @@ def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
 
 
 def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
-    """Ends of a span belong to it; an absurd number there is no error."""
     values = np.full(1000, 5.0)
     values[[100, 200, 201]] = 1e31, 700.0, -900.0
     spans = ((0.1, 0.1), (0.1995, 0.2015))

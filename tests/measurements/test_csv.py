@@ -17,8 +17,6 @@ PLAIN = "time [s],a [um/m],b [um/m]\n0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
 
 @pytest.fixture
 def read(tmp_path):
-    """Text or bytes → Recording, by way of a file."""
-
     def from_content(content, channels=("a", "b"), time="time", **options):
         path = tmp_path / "test.csv"
         path.write_bytes(content if isinstance(content, bytes) else content.encode())

@@ -65,7 +65,6 @@ def the_record(found, names=("G1", "F")):
 
 
 def advised(path, key, **options):
-    """The value that a remedy states for a key."""
     with pytest.raises(UserError) as caught:
         read(path, **options)
     found = re.search(rf"`estimate\.text\.{key}: (.*?)`", caught.value.remedy)
@@ -76,7 +75,6 @@ def advised(path, key, **options):
 @pytest.mark.parametrize("mark", ["\t", ";"])
 @pytest.mark.parametrize("below", [True, False])
 def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
-    """Lines of the project above the names, units below them or in brackets, decimal commas, the code page of Windows."""
     names = [TIME, "MX840A_0 hw Kanal_1", "Kraft"]
     units = ["s", "µm/m", "kN"]
     head = (

@@ -170,7 +170,6 @@ BUSY = "import time, sys; sys.stdin.read(); print('ready', flush=True)\nwhile Tr
 
 
 def test_the_limit_is_one_of_processor_time(make, monkeypatch):
-    """A library that goes round in circles is ended by what it has used, long before the clock would."""
     path = make(lambda file: file.__setitem__("a", A))
     monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", BUSY])
     monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
@@ -180,7 +179,6 @@ def test_the_limit_is_one_of_processor_time(make, monkeypatch):
 
 
 def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, monkeypatch):
-    """It takes three times its limit by the clock, and nothing of the processor."""
     path = make(lambda file: file.__setitem__("a", A))
     answers = (
         "import sys, time, json\nsys.stdin.read()\n"

@@ -65,8 +65,6 @@ def read(path):
 
 @pytest.fixture(autouse=True)
 def soon():
-    """Ten seconds for a test."""
-
     def late(number, frame):
         raise TimeoutError("ten seconds")
 

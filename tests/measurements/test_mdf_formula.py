@@ -169,7 +169,6 @@ def read_apart(jobs):
 
 
 def of_clock(folder, name, text):
-    """A file whose clock has the conversion formula."""
     from asammdf import MDF
     from asammdf.blocks.conversion_utils import from_dict
 
@@ -181,7 +180,6 @@ def of_clock(folder, name, text):
 
 
 def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
-    """60 random formulas and more than 30 hostile ones, which an audit hook in the reader's process watches."""
     expected = formulas(60)
     channels = {f"G{i}": text for i, text in enumerate(expected)}
     jobs = [(written(tmp_path / f"a{version[0]}", channels, version), list(channels)) for version in ("4.10", "3.30")]

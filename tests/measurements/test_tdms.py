@@ -87,7 +87,6 @@ def test_channels_that_started_at_different_times_are_refused(tmp_path, later):
 
 
 def test_an_offset_that_makes_up_for_the_start_is_one_clock(tmp_path):
-    """0.1 s later by the clock of the wall, 0.1 s earlier by the offset."""
     later = {"wf_start_time": START + np.timedelta64(100, "ms"), "wf_start_offset": -0.1}
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(wf_start_time=START), "rig/G2": waveform(**later)})
     np.testing.assert_allclose(read(path, ["G1", "G2"]).time, T, atol=1e-12)

@@ -17,7 +17,6 @@ def head(
     count, *, node=12, direction=3, kind=1, data=2, even=1, start=0.0, step=1e-3, abscissa=17, ordinate=3,
     time_label="NONE", unit="NONE", below="NONE", id_line="gauge 1",
 ):  # fmt: skip
-    """The eleven records."""
     return "".join(
         line + "\n"
         for line in (
@@ -33,7 +32,6 @@ def head(
 
 
 def text(values, **header):
-    """A dataset 58 in text."""
     body = numbers(values, **header)
     header.pop("time", None)
     return f"    -1\n    58\n{head(len(values), **header)}{body}    -1\n"
@@ -51,7 +49,6 @@ def numbers(values, *, data=2, even=1, time=None, **_):
 
 
 def binary(values, *, order="<", time=None, time_type="f4", newline=b"", **header):
-    """A dataset 58b."""
     number = f"{order}f{8 if header.get('data', 2) == 4 else 4}"
     rows = np.zeros(len(values), [("x", order + time_type), ("y", number)] if time is not None else [("y", number)])
     rows["y"] = values

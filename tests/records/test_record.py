@@ -23,7 +23,6 @@ from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.store import write_artefact
 
 
-# A record is written, read and listed by what its fields say; shapes that contradict each other are found where they arise.
 @record
 class Body:
     mass: float = dataset("/mass", "kg", "", "its mass")
@@ -113,7 +112,6 @@ def test_a_record_that_was_read_goes_to_another_process_whole(tmp_path):
     np.testing.assert_array_equal(found.strain, np.ones((4, 2)))
 
 
-# A mesh that was written is read again, whatever it holds.
 DECK = """\
 BEGIN BULK
 CORD2R,5,0,0.,0.,0.,0.,0.,1.
@@ -199,7 +197,6 @@ def test_everything_of_a_mesh_comes_back(tmp_path):
             assert same(own, there), field.name
 
 
-# A reduced body comes back from its artefact as it was reduced.
 def test_everything_of_a_reduced_body_comes_back(tmp_path):
     rng = np.random.default_rng(0)
     inertia = InertiaInvariants(

@@ -25,7 +25,6 @@ from strainsight.signals.motion import gap, motion, swing
 from strainsight.signals.spectra import LONGEST, density, noise_density
 
 
-# Histories are what their formulas say, and the quadratic hold carries a sine through the exact step to 1e-8.
 def held(coefficients: np.ndarray, s: float) -> np.ndarray:
     return coefficients[:, 0] + coefficients[:, 1] * s + coefficients[:, 2] * s * s
 
@@ -147,7 +146,6 @@ def test_a_signal_that_does_not_go_on_for_ever_has_no_tones(other):
     assert tones_of([Sine(3.0, 2.0), other]) is None
 
 
-# Positions, rates and accelerations of histories.
 TIME = np.linspace(0.05, 2.95, 30)
 SAMPLED = FromSamples(np.linspace(0, 3, 61), np.sin(np.linspace(0, 3, 61)))
 MULTISINE = MultiSine(0.3, 1.0, 4, 2.0, 7)
@@ -236,7 +234,6 @@ def test_a_table_of_two_rates_has_the_band_of_the_slower_one(spacing):
 
 
 def test_a_gap_does_not_raise_the_noise_of_its_neighbours():
-    """The spline through all samples would, by a factor of 40."""
     noise = np.random.default_rng(0).standard_normal(COUNT)
     noise[200:210] = np.nan
     assert np.abs(fill_gaps(noise)[200:210]).max() < 5

@@ -17,7 +17,6 @@ from ...refusals import expect_refusal
 from ..programs import frequencies, needs_calculix, printed_frequencies
 from .test_loads import bricks
 
-# *ELASTIC of anisotropic solids along *ORIENTATION, against tensors with four indices and CalculiX; errors with their remedy.
 ABAQUS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """11, 22, 33, 12, 13, 23 (Analysis User's Guide, Linear elastic behavior)."""
 CORNERS = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
@@ -91,7 +90,6 @@ def test_orthotropic_states_12_13_23(read, name):
     + [(f"\n{i}, 35.", Rotation.from_rotvec(np.radians(35) * np.eye(3)[i - 1]).as_matrix()) for i in (1, 2, 3)],
 )
 def test_engineering_constants_along_an_orientation_that_is_turned(read, turn, more):
-    """The angle of the second line turns the axes about that axis, right-handed."""
     C = turned(inverse(flexibility(*CONSTANTS)), TURN @ more)
     check(read, deck(ENGINEERING, SKEW, turn=turn), C)
 
@@ -106,7 +104,6 @@ def test_z_rectangular_has_its_first_point_on_z(read):
 
 
 def test_cylindrical_is_radial_tangential_axial_and_turns_about_them(read):
-    """A cube far away from the axis, to the angle that it spans."""
     far = 2e4
     a = np.array([0.5, 0.5, 0.5]) - far * TURN[:, 0]
     text = "*ORIENTATION, NAME=O, SYSTEM=CYLINDRICAL\n" + numbers([*a, *(a + TURN[:, 2])], 6)
@@ -226,7 +223,6 @@ def layered_deck(
 
 
 def about(axis, degrees):
-    """Columns: axes turned about one of them, 1, 2 or 3."""
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     R, a, b = np.eye(3), axis % 3, (axis + 1) % 3
     R[[a, a, b, b], [a, b, a, b]] = c, -s, s, c
@@ -269,7 +265,6 @@ def test_symmetric_layers_are_mirrored(read):
 
 
 def test_a_layer_may_have_an_orientation_of_its_own(read):
-    """Whatever that of the section is."""
     other = "*ORIENTATION, NAME=ACROSS\n0., 0., 1., 0., 1., 0.\n"
     mesh = read(layered_deck("1., , CARBON, ACROSS\n1., , CARBON", more=other))
     across = np.array([[0, 0, -1.0], [0, 1, 0], [1, 0, 0]])
@@ -308,7 +303,6 @@ def test_what_is_wrong_is_named_with_file_line_and_remedy(read, lines, options, 
 
 
 def test_layers_of_an_instance_turn_with_it(read):
-    """A part turned by 90° about z: its orientation too; without one an anisotropic layer is refused."""
     text = layered_deck("1., , CARBON, 30.\n1., , STEEL")
     head, tail = text.split("*MATERIAL", 1)
     materials, rest = ("*MATERIAL" + tail).split("*ORIENTATION", 1)

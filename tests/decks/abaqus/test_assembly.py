@@ -14,7 +14,6 @@ from strainsight.mesh.sanity import unused_nodes
 from ...refusals import refusal_table
 from .test_deck import TETRAHEDRON
 
-# Parts in their places: instances are where the translation and the rotation put them, with ids and sets of their own.
 POINTS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)], dtype=float)
 UP = np.array([0.0, 0.0, 5.0])
 MESH = """\
@@ -163,7 +162,6 @@ OF_CUBE, OF_ALL = "*SOLID SECTION,ELSET=E,MATERIAL=M\n", "*MATERIAL,NAME=M\n*ELA
 
 
 def _row(count: int) -> str:
-    """As many cubes in a row."""
     nodes = [(x, y, z) for x in range(count + 1) for y, z in ((0, 0), (1, 0), (1, 1), (0, 1))]
     lines = "".join(f"{i},{x},{y},{z}\n" for i, (x, y, z) in enumerate(nodes, start=1))
     cells = "".join(f"{i + 1},{','.join(str(4 * i + k) for k in range(1, 9))}\n" for i in range(count))
@@ -208,7 +206,6 @@ def test_the_effort_of_a_deck_grows_with_its_length(read, what):
     assert calls(160) < 9 * calls(20)
 
 
-# What is wrong with a flat Abaqus deck of solids is named with its line.
 ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
 
 

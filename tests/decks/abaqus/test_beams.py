@@ -74,7 +74,6 @@ def test_a_third_node_counts_more_than_the_direction_of_the_section(read):
 
 
 def test_beams_of_an_instance_are_turned_with_it(read):
-    """By 90° about z, y goes to −x."""
     part, rest = FRAME[: FRAME.index("*MATERIAL")], FRAME[FRAME.index("*BEAM") :].replace("0., 0., 2.", "0., 1., 0.")
     place = "*INSTANCE, NAME=A, PART=P\n0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n*END INSTANCE\n"
     material = FRAME[FRAME.index("*MATERIAL") : FRAME.index("*BEAM")]

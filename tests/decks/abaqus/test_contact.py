@@ -19,7 +19,6 @@ from strainsight.stages.suggestion import suggestion
 
 from ..programs import frequencies, needs_calculix, printed_frequencies
 
-# *TIE: two blocks, one on the other, joined.
 HEX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
 REST = (
     "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7850.\n*SOLID SECTION, ELSET=LOWER, MATERIAL=M\n"
@@ -205,7 +204,6 @@ def test_shells_are_not_bonded(read):
 
 
 def test_nodes_with_axes_of_their_own_are_bonded_as_others(read):
-    """The same structure along other axes of its nodes has the same frequencies."""
     text = deck(2, contact())
     turned = (
         text

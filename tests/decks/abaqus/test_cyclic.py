@@ -17,7 +17,6 @@ from ...refusals import refusal_table
 from ..programs import calculix, displacements, frequencies, needs_calculix, printed_displacements
 from .test_loads import bar
 
-# *EQUATION: the displacements that CalculiX finds of the same deck, sets, and what cannot be taken.
 EQUATIONS = """\
 *NODE, NSET=NALL
 900, 1., .2, .1

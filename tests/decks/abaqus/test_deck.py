@@ -38,7 +38,6 @@ OWN = [kind for kind, solid in SOLIDS.items() if solid.abaqus]
 
 
 def one_element(kind: str, per_line: int = 16) -> str:
-    """A deck of one element with shuffled node ids, `per_line` entries on a line."""
     points = SOLIDS[kind].points()
     ids = [50 - i for i in range(len(points))]
     nodes = "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in zip(ids, points.tolist(), strict=True))
@@ -209,7 +208,6 @@ def test_names_in_the_code_page_of_windows_are_kept(read):
 
 
 def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(read):
-    """CalculiX passes over it; numbers are data whose keyword is missing."""
     mesh = read(f">**\nmade by hand\n{TETRAHEDRON}")
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     assert mesh.ignored["lines before the first keyword"] == 2

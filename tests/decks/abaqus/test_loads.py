@@ -15,7 +15,6 @@ from ...refusals import expect_refusal, refusal_table
 from ...solids import SOLIDS
 from ..programs import displacements, frequencies, needs_calculix, printed_displacements, printed_frequencies
 
-# Loads of Abaqus decks: what CalculiX makes of the same deck, and resultants by hand.
 LOADS = {
     "DLOAD-1": "*DLOAD, OP=NEW\n2, P4, 3.E4\nALL, P1, -1.E4\n",
     "DLOAD-2": "*DLOAD, OP=NEW\nALL, GRAV, 9.81, 0., .6, -.8\n",

@@ -89,7 +89,6 @@ def test_an_orientation_gives_the_axis_that_follows_the_one_near_the_normal(read
 
 
 def test_shells_of_an_instance_stand_where_it_does(read):
-    """Turned by 90° about y, x goes to −z and the axis of the orientation with it."""
     body = FLAT[: FLAT.index("*MATERIAL")] + "*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=O\n.1\n"
     body += "*SHELL SECTION, ELSET=TRI, MATERIAL=STEEL\n.2\n*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n3, 0.\n"
     material = FLAT[FLAT.index("*MATERIAL") : FLAT.index("*SHELL")]
@@ -117,7 +116,6 @@ def test_pressures_of_dload_act_along_the_normal_and_of_dsload_against_that_of_t
 
 
 def test_a_force_per_volume_is_that_times_thickness_per_area(read):
-    """The volumes are 2 · 0.1 and 1 · 0.2."""
     load = read(FLAT + "*ELSET, ELSET=ALL\nQUAD, TRI\n*DLOAD\nALL, BY, 5.\n").loads["DLOAD-1"]
     np.testing.assert_allclose(load.force.sum(axis=0), [0, 2, 0], atol=1e-15)
     np.testing.assert_allclose(load.force[:, 1], [0.25, 0.25 + 1 / 3, 0.25 + 1 / 3, 0.25, 1 / 3])

@@ -15,7 +15,6 @@ from ...refusals import expect_refusal, refusal_table
 from .conftest import DATA, FORMER, NEW, OLD, REAL, check_same
 
 
-# Gmsh meshes keep their numbers and groups in every format of the file.
 def test_every_format_that_gmsh_writes_gives_the_same_mesh():
     meshes = [read_gmsh(path) for path in REAL]
     assert len(meshes) == 4
@@ -143,10 +142,6 @@ def test_sections_that_are_not_imported_are_counted(read):
     check_same(read(extra), read(OLD))
 
 
-# Elements of gmsh in our order: mid-side nodes on their edges, facets outward.
-
-
-# What is wrong with a gmsh mesh is named with its line.
 test_what_is_wrong_is_named_with_its_line = refusal_table(str.replace, [
     (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
     (OLD, "\n4 0 0 1", "\n7 0 0 1", "node number 7 stands twice", 14),

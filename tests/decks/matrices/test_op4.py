@@ -19,7 +19,6 @@ from strainsight_cli.main import app
 
 from ...refusals import expect_refusal
 
-# OUTPUT4 files against pyYeti, and what is no such file.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:pyyeti")
 
 
@@ -67,7 +66,6 @@ def test_the_formats_of_field_width_9_and_16_digits(tmp_path):
 
 
 def long_integers(A, kind=2) -> bytes:
-    """A binary file with 64-bit integers (ILP-64), written by hand: dense columns."""
     frame = lambda payload: struct.pack("<i", len(payload)) + payload + struct.pack("<i", len(payload))  # noqa: E731
     n, m = A.shape
     parts = [frame(struct.pack("<4q", m, n, 2, kind) + b"KAA             ")]

@@ -16,7 +16,6 @@ from ...anisotropy import CONSTANTS, TURN, flexibility, strains, tensor, triclin
 from ...refusals import expect_refusal
 from ..abaqus.test_anisotropic import MIDDLES, about, check_layers, inverse
 
-# MAT9 and MAT11 along CORDM, against tensors with four indices; errors with their remedy.
 NASTRAN = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 """MAT9: G44 is of xy, G55 of yz, G66 of zx (Quick Reference Guide)."""
 CORNERS = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
@@ -32,7 +31,6 @@ def card(name, *values):
 
 
 def deck(material, cordm="", system="CORD2R"):
-    """The brick with axes of `TURN` at `ORIGIN`."""
     points = [ORIGIN, ORIGIN + TURN[:, 2], ORIGIN + TURN[:, 0]]
     lines = [card("GRID", i, "", *x) for i, x in enumerate(BRICK, start=1)]
     lines += ["CHEXA,10,1,1,2,3,4,5,6", ",7,8", card("PSOLID", 1, 3, cordm), card(system, 5, 0, *np.ravel(points))]
@@ -179,7 +177,6 @@ def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
 
 
 def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
-    """One ply, or 30°, 0° and 30°: of an element that stands on its head the stiffness is the same."""
     one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
     for plies in (one, three):
         upright, turned_over = (

@@ -261,7 +261,6 @@ test_what_is_wrong_is_named_with_file_and_line = refusal_table(lambda card, pbar
 
 
 def test_rods_whose_rotations_are_held_are_as_without(read):
-    """CROD between points with PS = 456, and between points without."""
     text = "GRID,1,,0.,0.,0.,,{0}\nGRID,2,,1.,0.,0.,,{0}\nCROD,1,1,1,2\nPROD,1,1,3.-4\nMAT1,1,2.1+11,,.3,7850.\n"
     text += "SPC1,1,123,1\nSPC1,1,23,2\nENDDATA\n"
     held, plain = (build_model(read(text.format(ps))) for ps in ("456", ""))
@@ -335,7 +334,6 @@ def test_rigid_motions_of_a_beam_whose_axes_run_apart_cost_nothing_and_have_its_
 
 
 def test_a_neutral_axis_that_runs_apart_is_that_of_many_short_beams(read):
-    """Tip motions of one element with N of both ends against a hundred with N between."""
     ends = np.array([[0.03, -0.02], [0.01, 0.05]])
     one = build_model(read(offset_beam(",0.,0.,0.,0.,.03,-.02,.01,.05\n")))
     text, count = "", 100
@@ -351,7 +349,6 @@ def test_a_neutral_axis_that_runs_apart_is_that_of_many_short_beams(read):
 
 
 def test_places_beside_the_shear_centre_are_lengths_and_are_kept(read):
-    """In mm they are a thousandth in m; an artefact gives both ends back."""
     section = read(offset_beam(",.02,.01,-.03,.04,.03,-.02,.01,.05\n", ",.001,3.-6,1.-6,0.,2.-6,3.")).sections[1]
     small = resized(section, 1e-3, 1e3)
     np.testing.assert_allclose([small.neutral, small.at_b.beside], [[3e-5, -2e-5], [-3e-5, 4e-5]])

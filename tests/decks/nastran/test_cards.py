@@ -119,7 +119,6 @@ def test_column_1_of_a_mark_does_not_count(cards, mark, head):
 
 
 def line(head: str, *fields: str, mark: str = "") -> str:
-    """A line in small fields."""
     return head.ljust(8) + "".join(field.rjust(8) for field in fields).ljust(64) + mark + "\n"
 
 

@@ -65,7 +65,6 @@ def near(found, expected, rtol=1e-12):
     ],
 )
 def test_mat2_written_from_a_mat1_is_the_same(read, plain, own):
-    """Stiffness, mass, and on the faces strain, with that across, and stress; whatever the material axes."""
     materials = f"MAT1,1,{E:.3e},,{NU},7850.\n" + mat2(2, Q, 7850.0) + mat2(3, G * np.eye(2))
     a, b = (read(SKEW + f"PSHELL,{text}\n" + materials) for text in (plain, own))
     near(operators(b), operators(a))

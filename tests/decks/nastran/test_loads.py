@@ -13,7 +13,6 @@ from ...refusals import refusal_table
 from ...solids import SOLIDS
 from ..conftest import TETRAHEDRON
 
-# Point masses and forces: where the deck puts them, in whatever system it writes them.
 # cylinder about the line x = 1, y = 2; its r at (1, 4, ·) is the y axis, its θ the −x axis
 CYLINDER = "CORD2C,6,,1.,2.,3.,1.,2.,4.\n+,2.,2.,3.\n"
 TURNED = "CORD2R,7,,1.,2.,3.,2.,2.,3.\n+,1.,3.,3.\n"  # its z is x, its x is y, so its y is z
@@ -106,7 +105,6 @@ def facets(kind):
 
 
 def volume_and_centre(kind):
-    """By tetrahedra of Delaunay."""
     corners = SOLIDS[kind].points(())[Delaunay(SOLIDS[kind].points(())).simplices]
     parts = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
     return parts.sum(), parts @ corners.mean(axis=1) / parts.sum()
@@ -181,7 +179,6 @@ def test_a_pressure_with_a_vector_acts_along_it(read):
     ],
 )
 def test_pressure_by_nodes_or_on_a_plate_follows_the_right_hand_rule(read, cards, sign):
-    """The sequence 5, 6, 7, 8 on the top of the solid has its normal upward."""
     force, moment = totals(read(deck("hex8", cards), ignore=["CQUAD4"]), "LOAD-1")
     np.testing.assert_allclose(force, [0, 0, sign * 2 * 1.25], atol=1e-12)
     np.testing.assert_allclose(moment, np.cross([0.5, 0.625, 1.5], force), atol=1e-12)
@@ -262,7 +259,6 @@ CD = "GRID,{id},{cp},{x},{y},{z},{cd}\n"
 
 @pytest.mark.parametrize("c", [1, 2, 3])
 def test_directions_of_a_displacement_system_are_those_of_pyyeti(read, tetrahedron, c):
-    """Its rigid-body translations are written along the directions of the node."""
     cards = SYSTEMS + "".join(
         CD.format(id=200 + i, cp=0, x=x, y=y, z=z, cd=c)
         for i, (x, y, z) in enumerate([(1.5, -0.3, 0.2), (-2.0, 0.4, -0.9), (0.1, 3.0, 1.0)])
@@ -291,7 +287,6 @@ def test_on_the_axis_the_directions_are_those_that_define_the_system(read, tetra
 
 @pytest.mark.parametrize("shape", "RCS")
 def test_a_system_by_nodes_is_the_one_by_their_points(read, tetrahedron, shape):
-    """The nodes themselves lie in a cylindrical system, one of them in a system by nodes again."""
     nodes = "GRID,31,2,.5,30.,.1\nGRID,32,3,1.5,50.,20.\nGRID,33,8,.2,.3,-.4\n"
     other = "CORD1R,8,31,32,4\n"
     probe = "GRID,40,7,.6,35.,-.25,7\nGRID,41,6,.6,35.,-.25\n"

@@ -30,7 +30,6 @@ def particles():
 
 
 def card_of(M, number=90, node=50, cid=""):
-    """A CONM1 of the lower triangle, row by row."""
     words = ["CONM1", str(number), str(node), cid, *(f"{M[i, j]:.14e}" for i in range(6) for j in range(i + 1))]
     lines = [words[:9], *(words[at : at + 8] for at in range(9, len(words), 8))]
     return "\n".join([",".join(lines[0]), *("," + ",".join(line) for line in lines[1:])]) + "\n"
@@ -46,7 +45,6 @@ def matrix_of(axes):
 
 
 def body_of(tetrahedron):
-    """The same body as a CONM2."""
     r, dm = particles()
     m = dm.sum()
     d = dm @ r / m
@@ -57,7 +55,6 @@ def body_of(tetrahedron):
 
 
 def answers(mesh):
-    """All that a mass is asked for: M, weight and centre, forces under gravity and rotation."""
     model = build_model(mesh, supported=False)
     weight, centre = mass_properties(mesh)
     pulled = body_forces(mesh, SPINNING)

@@ -36,8 +36,6 @@ def test_the_script_writes_the_committed_deck(tmp_path, part):
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
-
-
 @pytest.fixture(scope="module")
 def wing_mesh():
     return read_mesh(MESHES / "wing.bdf.gz", "mm", "t")

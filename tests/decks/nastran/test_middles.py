@@ -158,7 +158,6 @@ def test_a_corner_is_never_left_out(read):
 
 @pytest.mark.parametrize("held", ["SPC1,1,123,1,2,3\nSPC1,2,3,4,THRU,500", "SPC1,1,123,1,2,3\nSPC1,2,3,104"])
 def test_ids_of_added_nodes_are_above_all_that_any_card_names(read, held):
-    """Else a range or a number of a node that is not there would take hold of them."""
     text = deck("CTETRA", (2,)).replace("SPC1,1,123,1,2,3", held)
     if "THRU" in held:
         mesh = read(text, spc=2)

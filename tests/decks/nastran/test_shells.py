@@ -10,7 +10,6 @@ from strainsight.mesh.laminates import Lamina, Laminate, Ply
 
 from ...refusals import refusal_table
 
-# CQUAD4, CTRIA3 and PSHELL: sections, normals, axes, offsets and pressures by their definitions; errors with their remedy.
 FLAT = """\
 GRID,1,,0.,0.,0.
 GRID,2,,2.,0.,0.

@@ -61,7 +61,6 @@ INERTIA = np.array([0.02, 0.03, 0.05])
 
 
 def on_a_bush(held: str, k: list[float], bush: str, mass: str) -> str:
-    """A mass at 702 on a bush from 701, which is held, beside a tetrahedron that is held altogether."""
     return (
         "GRID,701,,1.,0.,0.\nGRID,702,,1.3,-.3,.1\nSPC1,1,123456,701\nSPC1,1,123,4\n"
         + (f"SPC1,1,{held},702\n" if held else "")
@@ -201,7 +200,6 @@ test_relations_that_cannot_be_taken_are_named = refusal_table(
 
 
 def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
-    """A node that no element has, turned by a relation: no note says that its moment becomes a couple."""
     cards = "GRID,9,,0.,0.,2.\nMPC,3,4,1,1.,9,5,-2.\nMOMENT,7,9,,1.,0.,1.,0.\n"
     mesh = read(tetrahedron + cards)
     assert not [note for note in mesh.notes if "without rotations" in note]

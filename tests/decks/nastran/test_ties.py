@@ -14,7 +14,6 @@ from strainsight.fem.model import build_model
 from ...refusals import expect_refusal, refusal_table
 from ..conftest import TETRAHEDRON
 
-# Supports, rigid and averaging elements, masses and sets.
 ALL = {(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (2, 0), (2, 1), (2, 2)}
 
 

@@ -32,7 +32,6 @@ def grid(kind: str, x: np.ndarray) -> pyvista.UnstructuredGrid:
 
 
 def check_element(mesh, kind):
-    """Mid-side nodes on their edges and all facets outward."""
     (block,) = mesh.blocks
     x = mesh.position[block.nodes[0]]
     corners, edges = len(SOLIDS[kind].corners), SOLIDS[kind].edges
@@ -232,7 +231,6 @@ def test_other_files_are_refused_without_a_word_from_meshio(tmp_path, capfd, nam
 
 @pytest.mark.parametrize("name", ["grid.vtu", "grid.vtk"])
 def test_voxels_are_hexahedra(tmp_path, name):
-    """pyvista's ImageData: boxes of 1 × 2 × 3 cells, and VTK's own volume of them."""
     grid = pyvista.ImageData(dimensions=(2, 3, 4), spacing=(0.1, 0.2, 0.3)).cast_to_unstructured_grid()
     grid.save(tmp_path / name)
     (block,) = read_meshio(tmp_path / name).blocks

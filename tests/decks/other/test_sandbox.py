@@ -51,7 +51,6 @@ def test_a_file_that_claims_more_than_there_is_memory(tmp_path):
 
 @pytest.mark.parametrize("name", ["part.vtu", "part.xdmf"])
 def test_entities_of_xml_are_neither_multiplied_nor_fetched(tmp_path, name):
-    """A billion of them in a kilobyte, and the content of a file elsewhere."""
     (tmp_path / "secret").write_text("of nobody's business")
     many = "".join(f"<!ENTITY e{i} '{f'&e{i - 1};' * 10}'>" for i in range(1, 10))
     for text in (f"<!ENTITY e0 'x'>{many}", f"<!ENTITY e9 SYSTEM '{(tmp_path / 'secret').as_uri()}'>"):

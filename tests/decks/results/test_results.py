@@ -24,7 +24,6 @@ from ...frd import Found, write_frd
 from ...refusals import expect_refusal
 from ...solids import SOLIDS
 
-# Results of CalculiX: a file that it wrote, files in its three ways to write numbers, and damaged ones.
 COLUMN = Path(__file__).parent / "data" / "column.frd"
 """A column of two cubes of 1 m, clamped below; steps 1 and 2: 1 N along x and y on node 11 of its top; step 3: three modes."""
 
@@ -115,7 +114,6 @@ def test_a_number_that_is_wider_than_its_column(tmp_path):
 
 
 def step(kind: str):
-    """The file with its static steps said to be of another kind."""
     return lambda text: text.replace(
         "                     0    1           1", f"                     {kind}    1           1"
     )
@@ -145,7 +143,6 @@ def test_a_file_that_is_not_there_or_no_results(tmp_path):
 
 
 def test_one_response_at_a_time(tmp_path):
-    """The first response is there before the rest of the file is looked at: what is damaged behind it does not show."""
     text = COLUMN.read_text()
     second = text.index("    1PSTEP", text.index("    1PSTEP") + 1)
     (tmp_path / "a.frd").write_text(text[:second] + "  100CX")
