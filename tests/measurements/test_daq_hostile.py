@@ -50,25 +50,16 @@ def refused(path, said="", **options):
     assert len(str(caught.value)) < 2000
 
 
+CONTENTS = {"empty": b"", "rubbish": RUBBISH, "zeros": bytes(5000), "text": b"time,G1\n0,1\n" * 99}
+
+
 @pytest.mark.parametrize("kind", NAMES)
-@pytest.mark.parametrize("content", ["empty", "rubbish", "head", "zeros", "text"])
+@pytest.mark.parametrize("content", [*CONTENTS, "head"])
 def test_what_is_no_such_file(tmp_path, kind, content):
     path = tmp_path / NAMES[kind]
-    path.write_bytes(
-        {
-            "empty": b"",
-            "rubbish": RUBBISH,
-            "head": HEADS[kind] + RUBBISH,
-            "zeros": bytes(5000),
-            "text": b"time,G1\n0,1\n" * 99,
-        }[content]
-    )
-    refused(
-        path,
-        "the file is empty"
-        if content == "empty"
-        else f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in",
-    )
+    path.write_bytes(CONTENTS.get(content, HEADS[kind] + RUBBISH))
+    other = f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in"
+    refused(path, "the file is empty" if content == "empty" else other)
 
 
 @pytest.mark.parametrize("name", FILES)

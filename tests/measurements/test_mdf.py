@@ -83,16 +83,8 @@ def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
 
 def test_text_is_refused(tmp_path):
     states = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on"}
-    path = mdf(
-        tmp_path / "a.mf4",
-        (
-            "rig",
-            [
-                signal("relay", (B > 0).astype("u1"), conversion=states),
-                signal("note", np.array([b"ok"] * COUNT), encoding="utf-8"),
-            ],
-        ),
-    )
+    relay = signal("relay", (B > 0).astype("u1"), conversion=states)
+    path = mdf(tmp_path / "a.mf4", ("rig", [relay, signal("note", np.array([b"ok"] * COUNT), encoding="utf-8")]))
     for name in ("relay", "note"):
         with pytest.raises(UserError, match=f"'{name}' holds text, not numbers"):
             read(path, [name])

@@ -79,16 +79,14 @@ def test_med_counts_every_solid_the_other_way_round(write, kind, mirrored):
     assert any("against the convention of med" in note for note in mesh.notes) is not mirrored
 
 
-@pytest.mark.parametrize("kind", WRITTEN)
-@pytest.mark.parametrize("name", ["part.vtu", "part.vtk", "part.xdmf", "part.vol"])
+FORMATS = {
+    **dict.fromkeys(["part.vtu", "part.vtk", "part.xdmf", "part.vol"], WRITTEN),
+    **dict.fromkeys(["part.mesh", "part.meshb", "part.avs", "part.su2", "part.f3grid", "part.dato"], LINEAR),
+}
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, kinds in FORMATS.items() for kind in kinds])
 def test_what_meshio_writes_comes_back(write, name, kind):
-    x = nodes_of(kind)
-    check_element(read_meshio(write(name, [(SOLIDS[kind].meshio, [np.arange(len(x))])], x)), kind)
-
-
-@pytest.mark.parametrize("name", ["part.mesh", "part.meshb", "part.avs", "part.su2", "part.f3grid", "part.dato"])
-@pytest.mark.parametrize("kind", LINEAR)
-def test_linear_solids_of_other_formats(write, name, kind):
     x = nodes_of(kind)
     check_element(read_meshio(write(name, [(SOLIDS[kind].meshio, [np.arange(len(x))])], x)), kind)
 

@@ -239,16 +239,6 @@ def test_without_the_library_the_command_that_installs_it_is_named(tmp_path, mon
     assert caught.value.remedy == 'install it: pip install "strainsight[results]"'
 
 
-@pytest.mark.slow
-def test_a_file_cut_short_is_refused(file, tmp_path):
-    path = tmp_path / "run.rst"
-    path.write_bytes(Path(file).read_bytes()[:300_000])
-    with pytest.raises(DeckError) as caught:
-        list(read_responses(path))
-    assert "run.rst" in caught.value.where
-    assert caught.value.remedy
-
-
 def test_a_reader_that_dies_costs_the_file_and_not_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(ansys, "COMMAND", [sys.executable, "-c", "print('ready', flush=True)"])
     with pytest.raises(DeckError, match="ansys-mapdl-reader crashed, or did not come to an end"):
