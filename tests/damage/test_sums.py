@@ -155,9 +155,11 @@ def test_infinite_draws_are_the_largest():
     assert found.low[2] == np.inf
 
 
-def test_too_few_draws_are_refused():
+def test_too_few_draws_and_nan_are_refused():
     with pytest.raises(ValueError, match="39 draws"):
         interval_of(np.zeros((39, 2)))
+    with pytest.raises(ValueError, match="NaN"):
+        rainflow(np.array([0.0, np.nan, 1.0]))
 
 
 def by_range(cycles):
@@ -194,8 +196,3 @@ def test_constant_and_monotone_signals():
     assert len(rainflow(np.full(9, 3.0))) == 0
     assert len(rainflow(np.zeros(1))) == 0
     assert rainflow(np.linspace(0, 5, 50)).tolist() == [[5.0, 2.5, 0.5]]
-
-
-def test_a_signal_with_nan_is_refused():
-    with pytest.raises(ValueError, match="NaN"):
-        rainflow(np.array([0.0, np.nan, 1.0]))
