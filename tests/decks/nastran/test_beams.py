@@ -49,13 +49,6 @@ def test_a_bar_arrives_with_its_section_ids_and_lines(read):
     assert mesh.ignored == {}
 
 
-def test_the_rest_of_a_pbar(read):
-    own = read(deck(pbar=PBAR + "\n,.1,.2,-.1,.2\n,.83,.7,1.-5")).sections[1]
-    np.testing.assert_allclose(own.second, [[2e-5, 1e-5], [1e-5, 1e-5]])
-    np.testing.assert_allclose(own.points, [[0.1, 0.2], [-0.1, 0.2]])
-    assert own.shear == (0.83, 0.7)
-
-
 Z_AND_X = [[0, 1, 0], [np.sqrt(0.5), 0, np.sqrt(0.5)]]
 """(1, 0, 1) in system 6 is z + x of the basic one."""
 
@@ -106,75 +99,48 @@ BEAM = "CBEAM,10,1,1,2,0.,0.,1."
 ENDS = "PBEAM,1,1,.01,2.-5,1.-5,1.-6,3.-5,7.\n,.1,.2,-.1,.2\n"
 
 
-def test_a_uniform_pbeam(read):
-    own = read(deck(BEAM, ENDS)).sections[1]
-    np.testing.assert_allclose(own.second, [[2e-5, 1e-6], [1e-6, 1e-5]])
-    assert (own.area, own.torsion, own.shear, own.nonstructural, own.at_b) == (0.01, 3e-5, (1.0, 1.0), 7.0, None)
-    np.testing.assert_allclose(own.points, [[0.1, 0.2], [-0.1, 0.2]])
-
-
-@pytest.mark.parametrize(
-    "stations",
-    [
-        ",YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
-        ",NO,.5,.015,3.-5,,,,8.\n,YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
-        ",NO,.25\n,YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9",
-    ],
-)
-def test_a_tapered_pbeam_has_two_ends(read, stations):
-    """What is blank at end B is that of end A; blank between them lies on the line."""
-    own = read(deck(BEAM, ENDS + stations)).sections[1]
-    other = own.at_b
-    assert (own.area, other.area) == (0.01, 0.02)
-    np.testing.assert_allclose(other.second, [[4e-5, 1e-6], [1e-6, 1e-5]])
-    assert (other.torsion, other.nonstructural) == (3e-5, 9.0)
-    np.testing.assert_allclose(other.points, [[0.3, 0.4]])
-    assert own.shear == other.shear == (0.8, 0.9)
-
-
-def test_yesa_has_the_places_of_end_a_and_equal_ends_are_one_section(read):
-    assert read(deck(BEAM, ENDS + ",YESA,1.\n,0.,0.")).sections[1].at_b is None
-    own = read(deck(BEAM, ENDS + ",YESA,1.,.02\n,0.,0.")).sections[1]
-    np.testing.assert_allclose(own.at_b.points, own.points)
-    assert own.shear == (0, 0)
-
-
-def test_shapes_of_bars(read):
-    """A box of 60 by 80 mm with walls of 3 and 4 mm, by what its outline and its hollow have; a bar 30 wide and 50 high."""
-    own = read(deck(pbar="PBARL,1,1,,BOX\n,.06,.08,.003,.004,5.")).sections[1]
-    assert own.area == pytest.approx(0.06 * 0.08 - 0.052 * 0.074)
-    vertical, across = (0.06 * 0.08**3 - 0.052 * 0.074**3) / 12, (0.08 * 0.06**3 - 0.074 * 0.052**3) / 12
-    np.testing.assert_allclose(own.second, np.diag([vertical, across]), atol=1e-20)
-    assert own.nonstructural == 5
-    large = "PBARL*  {:>16}{:>16}{:>16}{:>16}\n*\n*       {:>16}{:>16}".format(1, 1, "MSCBML0", "BAR", ".03", ".05")
-    own = read(deck(pbar=large)).sections[1]
-    np.testing.assert_allclose(own.second, np.diag([0.03 * 0.05**3, 0.05 * 0.03**3]) / 12, atol=1e-20)
-    assert own.nonstructural == 0
-
-
 LBEAM = "PBEAML,1,1,,TUBE\n,.03,.02,5."
+LARGE = "PBARL*  {:>16}{:>16}{:>16}{:>16}\n*\n*       {:>16}{:>16}".format(1, 1, "MSCBML0", "BAR", ".03", ".05")
+POINTS = [[0.1, 0.2], [-0.1, 0.2]]
+OTHER_END = {"area": 0.02, "second": [[4e-5, 1e-6], [1e-6, 1e-5]], "torsion": 3e-5, "nonstructural": 9, "points": [[0.3, 0.4]]}
+OTHER_END["shear"] = (0.8, 0.9)
+BOX_AREA, BOX = 0.06 * 0.08 - 0.052 * 0.074, np.diag([0.06 * 0.08**3 - 0.052 * 0.074**3, 0.08 * 0.06**3 - 0.074 * 0.052**3]) / 12
 
 
-@pytest.mark.parametrize(
-    ("more", "radii", "mass"),
-    [
-        ("", (0.03, 0.02), 5),
-        (",YES,1.", (0.03, 0.02), 5),
-        (",YES,1.,.04,.03,7.", (0.04, 0.03), 7),
-        (",,,.04", (0.04, 0.02), 5),
-        (",NO,.5\n,NO,1.,.04,.03,7.", (0.04, 0.03), 7),
-    ],
-)
-def test_shapes_of_tapered_beams(read, more, radii, mass):
-    """Of a tube A = π (R² − r²), J = π/2 (R⁴ − r⁴); what is blank at end B is that of end A."""
-    lines = LBEAM if not more else LBEAM + more
-    own = read(deck(BEAM, lines)).sections[1]
-    R, r = radii
-    assert own.area == pytest.approx(np.pi * (0.03**2 - 0.02**2))
-    other = own.at_b or own
-    assert (own.at_b is None) == (radii == (0.03, 0.02))
-    assert (other.area, other.torsion) == pytest.approx((np.pi * (R**2 - r**2), np.pi / 2 * (R**4 - r**4)))
-    assert (own.nonstructural, other.nonstructural) == (5, mass)
+def tube(R, r, mass):
+    return {"area": np.pi * (R**2 - r**2), "torsion": np.pi / 2 * (R**4 - r**4), "nonstructural": mass}
+
+
+SECTIONS = [
+    # card, property, what the section has, and at end B: what is blank there is that of end A, between them it is on the line
+    (CARD, PBAR + "\n,.1,.2,-.1,.2\n,.83,.7,1.-5", {"second": [[2e-5, 1e-5], [1e-5, 1e-5]], "points": POINTS}, None),
+    (CARD, PBAR + "\n,,,,\n,.83,.7,1.-5", {"shear": (0.83, 0.7)}, None),
+    (BEAM, ENDS, {"second": [[2e-5, 1e-6], [1e-6, 1e-5]], "points": POINTS, "shear": (1, 1)}, None),
+    (BEAM, ENDS, {"area": 0.01, "torsion": 3e-5, "nonstructural": 7}, None),
+    *(
+        (BEAM, f"{ENDS}{between},YES,1.,.02,4.-5,,,,9.\n,.3,.4\n,.8,.9", {"area": 0.01, "shear": (0.8, 0.9)}, OTHER_END)
+        for between in ("", ",NO,.5,.015,3.-5,,,,8.\n", ",NO,.25\n")
+    ),
+    (BEAM, ENDS + ",YESA,1.\n,0.,0.", {"shear": (0, 0)}, None),
+    (BEAM, ENDS + ",YESA,1.,.02\n,0.,0.", {"points": POINTS, "shear": (0, 0)}, {"points": POINTS}),
+    (CARD, "PBARL,1,1,,BOX\n,.06,.08,.003,.004,5.", {"area": BOX_AREA, "second": BOX, "nonstructural": 5}, None),
+    (CARD, LARGE, {"second": np.diag([0.03 * 0.05**3, 0.05 * 0.03**3]) / 12, "nonstructural": 0}, None),
+    (BEAM, LBEAM, tube(0.03, 0.02, 5), None),
+    (BEAM, LBEAM + ",YES,1.", tube(0.03, 0.02, 5), None),
+    (BEAM, LBEAM + ",YES,1.,.04,.03,7.", tube(0.03, 0.02, 5), tube(0.04, 0.03, 7)),
+    (BEAM, LBEAM + ",,,.04", tube(0.03, 0.02, 5), tube(0.04, 0.02, 5)),
+    (BEAM, LBEAM + ",NO,.5\n,NO,1.,.04,.03,7.", tube(0.03, 0.02, 5), tube(0.04, 0.03, 7)),
+    (BEAM, ENDS + ",NO,1.,.02,,,,,9.\nPARAM,WTMASS,.5", {"nonstructural": 3.5}, {"nonstructural": 4.5, "area": 0.02}),
+]
+
+
+@pytest.mark.parametrize(("card", "pbar", "at_a", "at_b"), SECTIONS)
+def test_sections_are_those_of_their_cards(read, card, pbar, at_a, at_b):
+    section = read(deck(card, pbar)).sections[1]
+    assert (section.at_b is None) == (at_b is None)
+    for end, values in ((section, at_a), (section.at_b, at_b or {})):
+        for name, value in values.items():
+            np.testing.assert_allclose(getattr(end, name), value, rtol=1e-12, atol=1e-20, err_msg=name)
 
 
 ROD, PROD = "CROD,10,1,1,2", "PROD,1,1,.01,3.-5,,7."
@@ -205,11 +171,6 @@ def test_conrods_of_the_same_values_are_a_region_of_their_own(read):
     assert [mesh.regions[i].name for i in (41, 42)] == ["CONROD 21", "CONROD 23"]
     own = mesh.sections[42]
     assert (own.area, own.torsion, own.nonstructural) == (0.03, 1e-6, 5)
-
-
-def test_wtmass_scales_the_mass_of_both_ends(read):
-    own = read(deck(BEAM, ENDS + ",NO,1.,.02,,,,,9.", "PARAM,WTMASS,.5\n")).sections[1]
-    assert (own.nonstructural, own.at_b.nonstructural, own.at_b.area) == (3.5, 4.5, 0.02)
 
 
 @pytest.mark.parametrize(
