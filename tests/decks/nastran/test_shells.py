@@ -60,41 +60,33 @@ def test_a_property_is_thickness_bending_shear_and_mass(read, fields, expected):
     assert (section.thickness, section.bending, section.shear, section.nonstructural) == pytest.approx(expected)
 
 
+QUAD, TRIANGLE = "CQUAD4,10,1,1,2,3,4", "CTRIA3,11,2,2,5,3"
+SYSTEM = "CORD2R,7,,0.,0.,0.,{}\n"
+
+
 @pytest.mark.parametrize(
-    "card",
+    ("old", "new", "axis", "offset"),
     [
-        "CQUAD4        10       1       1       2       3       4     30.     .25",
-        "CQUAD4*               10               1               1               2*\n"
-        "*                      3               4             30.             .25",
-        "CQUAD4,10,1,1,2,3,4,30.,.25",
-        "CQUADR,10,1,1,2,3,4,30.,.25",
+        (QUAD, "CQUAD4        10       1       1       2       3       4     30.     .25", (np.sqrt(3) / 2, 0.5, 0), 0.25),
+        (QUAD, "CQUAD4*               10               1               1               2*\n"
+         "*                      3               4             30.             .25", (np.sqrt(3) / 2, 0.5, 0), 0.25),
+        (QUAD, QUAD + ",30.,.25", (np.sqrt(3) / 2, 0.5, 0), 0.25),
+        (QUAD, "CQUADR,10,1,1,2,3,4,30.,.25", (np.sqrt(3) / 2, 0.5, 0), 0.25),
+        # counted the other way round the normal is −z, and a positive angle turns clockwise as seen from +z
+        (QUAD, "CQUAD4,10,1,2,1,4,3,30.", (-np.sqrt(3) / 2, 0.5, 0), 0),
+        (TRIANGLE, TRIANGLE + ",90.,-.5", (0, 1, 0), -0.5),
+        (QUAD, f"{QUAD},7\n{SYSTEM.format('0.,0.,1.')},1.,1.,0.", (np.sqrt(0.5), np.sqrt(0.5), 0), 0),
     ],
-)
-def test_every_field_format_gives_angle_and_offset(read, card):
-    block = read(changed("CQUAD4,10,1,1,2,3,4", card)).shells[0]
-    assert block.offset.tolist() == [0.25]
-    np.testing.assert_allclose(block.axis, [[np.sqrt(3) / 2, 0.5, 0]], atol=1e-15)
+)  # fmt: skip
+def test_angle_or_system_of_the_material_and_offset(read, old, new, axis, offset):
+    block = read(changed(old, new)).shells[old == TRIANGLE]
+    assert block.offset.tolist() == [offset]
+    np.testing.assert_allclose(block.axis, [axis], atol=1e-15)
 
 
-def test_an_angle_turns_side_1_2_about_the_normal_by_the_order_of_nodes(read):
-    """Counted the other way round the normal is −z, and a positive angle turns clockwise as seen from +z."""
-    block = read(changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,2,1,4,3,30.")).shells[0]
-    np.testing.assert_allclose(block.axis, [[-np.sqrt(3) / 2, 0.5, 0]], atol=1e-15)
-
-
-def test_an_angle_of_a_triangle_stands_a_field_earlier(read):
-    block = read(changed("CTRIA3,11,2,2,5,3", "CTRIA3,11,2,2,5,3,90.,-.5")).shells[1]
-    np.testing.assert_allclose(block.axis, [[0, 1, 0]], atol=1e-15)
-    assert block.offset.tolist() == [-0.5]
-
-
-def test_a_material_system_gives_its_x(read):
-    text = changed("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4,7")
-    mesh = read(text + "CORD2R,7,,0.,0.,0.,0.,0.,1.\n,1.,1.,0.\n")
-    np.testing.assert_allclose(mesh.shells[0].axis, [[np.sqrt(0.5), np.sqrt(0.5), 0]])
-    text += "CORD2R,7,,0.,0.,0.,1.,1.,0.\n,0.,0.,1.\n"
+def test_a_material_system_along_the_normal_is_refused(read):
     with pytest.raises(DeckError, match="x of its material system 7 is along its normal"):
-        read(text)
+        read(changed(QUAD, f"{QUAD},7\n{SYSTEM.format('1.,1.,0.')},0.,0.,1."))
 
 
 def test_two_shells_on_the_same_nodes_are_noted(read):
