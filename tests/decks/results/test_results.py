@@ -18,11 +18,10 @@ from strainsight.decks.results import ansys, vtu
 from strainsight.decks.results.reader import read_responses
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
+from ...bodies import body
 from ...frd import Found, write_frd
 from ...refusals import expect_refusal
-from ...solids import SOLIDS
 
 COLUMN = Path(__file__).parent / "data" / "column.frd"
 """A column of two cubes of 1 m, clamped below; steps 1 and 2: 1 N along x and y on node 11 of its top; step 3: three modes."""
@@ -54,27 +53,19 @@ def test_the_mesh_of_a_file_of_calculix():
     assert mesh.position[10].tolist() == [1.0, 1.0, 2.0]
 
 
+def box(u, v, w):
+    return u, 1.25 * v, 1.5 * w
+
+
 @pytest.mark.parametrize("kind", ["hex8", "wedge6", "tet4", "hex20", "wedge15", "tet10"])
 def test_every_solid_keeps_its_nodes(kind, tmp_path):
-    mesh = mesh_of(kind, SOLIDS[kind].points())
+    mesh = body(kind, (1, 1, 1), box)
     write_frd(tmp_path / "one.frd", mesh, motions(mesh), form=3)
     again = read_mesh(tmp_path / "one.frd")
     check_geometry(again)
     assert again.blocks[0].kind == kind
     assert np.array_equal(again.node_ids[again.blocks[0].nodes], mesh.node_ids[mesh.blocks[0].nodes])
     assert np.array_equal(again.position, mesh.position)
-
-
-def mesh_of(kind, position):
-    n = len(position)
-    return Mesh(
-        node_ids=10 + np.arange(n),
-        position=position,
-        blocks=(CellBlock(kind, np.array([7]), np.arange(n)[None], np.array([1])),),
-        regions={1: Region(1, "S", 1)},
-        materials={1: Material(1, 2.1e11, 0.3, 7850.0)},
-        fixed=np.zeros((0, 2), dtype=np.int64),
-    )
 
 
 def motions(mesh):
@@ -87,7 +78,7 @@ def motions(mesh):
 
 @pytest.mark.parametrize(("form", "digits"), [(1, 5e-6), (2, 6e-8), (3, 0.0)])
 def test_numbers_as_text_and_binary(form, digits, tmp_path):
-    mesh = mesh_of("hex8", SOLIDS["hex8"].points())
+    mesh = body("hex8", (1, 1, 1), box)
     wanted = motions(mesh)
     write_frd(tmp_path / "a.frd", mesh, wanted, form=form)
     (tmp_path / "b.frd.gz").write_bytes(gzip.compress((tmp_path / "a.frd").read_bytes()))
@@ -153,23 +144,11 @@ def test_one_response_at_a_time(tmp_path):
 
 
 # The result file that comes with ansys-mapdl-reader: modes of a free-standing block of hexahedra.
-@pytest.fixture(scope="module")
-def file():
-    from ansys.mapdl.reader import examples
-
-    return examples.rstfile
-
-
-@pytest.fixture(scope="module")
-def ours(file):
-    return list(read_responses(file))
-
-
 @pytest.mark.slow
-def test_modes_are_those_that_the_library_reads_here(file, ours):
-    from ansys.mapdl.reader import read_binary
+def test_modes_are_those_that_the_library_reads_here():
+    from ansys.mapdl.reader import examples, read_binary
 
-    theirs = read_binary(file)
+    ours, theirs = list(read_responses(examples.rstfile)), read_binary(examples.rstfile)
     assert [(r.kind, r.step, r.number) for r in ours] == [("mode", 1, k) for k in range(1, 7)]
     np.testing.assert_array_equal([r.frequency for r in ours], theirs.time_values)
     for row, response in enumerate(ours):
