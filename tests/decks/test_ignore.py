@@ -31,7 +31,7 @@ SHELLS = (
 )
 
 
-def test_card_count_line_and_remedy_are_named(tmp_path):
+def test_card_count_line_and_remedy_are_named_and_what_is_named_in_the_config_is_left_out(tmp_path):
     error = refused(tmp_path, TETRAHEDRON + SHELLS)
     assert f"2 × CQUAD (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
     assert error.where == f"{tmp_path}/deck.bdf:9"
@@ -39,9 +39,6 @@ def test_card_count_line_and_remedy_are_named(tmp_path):
     assert error.remedy.startswith("mesh CQUAD with eight or four nodes; if they do not matter")
     assert error.remedy.endswith("mesh.ignore: [CQUAD, PLOAD1]")
     assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
-
-
-def test_what_is_named_is_left_out_and_listed(tmp_path):
     mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad", "PLOAD1", "CBAR"])
     assert {card: mesh.ignored[card] for card in ("CQUAD", "PLOAD1")} == {"CQUAD": 2, "PLOAD1": 1}
     assert mesh.notes[-1] == "mesh.ignore names CBAR, of which the deck has none"

@@ -240,18 +240,3 @@ def test_missing_samples_stay_missing_and_the_impossible_becomes_so():
     np.testing.assert_array_equal(
         np.isnan(strain_of(Bridge("full", 2.0), np.array([0.99, 1.01, -0.99, -1.01]))), [0, 1, 0, 1]
     )
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (("quartr", 2.0), "unknown bridge"),
-        (("quarter", 0.0), "gauge factor"),
-        (("half-poisson", 2.0), "no Poisson's ratio"),
-        (("half", 2.0, 0.3), "no gauge across"),
-        (("full-poisson", 2.0, 0.5), "outside"),
-    ],
-)
-def test_bridges_that_cannot_be(wrong, said):
-    with pytest.raises(UserError, match=said):
-        Bridge(*wrong)

@@ -9,6 +9,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import Clock, to_step, uniform_clock
+from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import known_unit
 
@@ -114,18 +115,27 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("settings", "wrong", "said"),
     [
-        ({"unit": "mV/V"}, "without bridge"),
-        ({"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
-        ({"unit": "um/m", "sign": 0}, "sign"),
-        ({"unit": "um/m", "scale": -1.0}, "scale"),
-        ({"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
+        (ChannelSettings, {"unit": "mV/V"}, "without bridge"),
+        (ChannelSettings, {"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
+        (ChannelSettings, {"unit": "um/m", "sign": 0}, "sign"),
+        (ChannelSettings, {"unit": "um/m", "scale": -1.0}, "scale"),
+        (ChannelSettings, {"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
+        (Bridge, {"arrangement": "quartr", "gauge_factor": 2.0}, "unknown bridge"),
+        (Bridge, {"arrangement": "quarter", "gauge_factor": 0.0}, "gauge factor"),
+        (Bridge, {"arrangement": "half-poisson", "gauge_factor": 2.0}, "no Poisson's ratio"),
+        (Bridge, {"arrangement": "half", "gauge_factor": 2.0, "poisson_ratio": 0.3}, "no gauge across"),
+        (Bridge, {"arrangement": "full-poisson", "gauge_factor": 2.0, "poisson_ratio": 0.5}, "outside"),
+        (TextFormat, {"decimal": ";"}, "decimal"),
+        (TextFormat, {"delimiter": ",", "decimal": ","}, "decimal"),
+        (TextFormat, {"delimiter": "ab"}, "delimiter"),
+        (TextFormat, {"header_line": 0}, "line"),
     ],
 )
-def test_settings_that_cannot_be(wrong, said):
+def test_settings_that_cannot_be(settings, wrong, said):
     with pytest.raises(UserError, match=said):
-        ChannelSettings(**wrong)
+        settings(**wrong)
 
 
 # One uniform clock: gaps of whole steps are filled, everything else is refused at its place.

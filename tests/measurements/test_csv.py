@@ -171,9 +171,3 @@ def test_the_unit_of_time_is_stated_or_in_the_file_and_never_two(read):
     np.testing.assert_allclose(read("time,a\n0,1\n1,2\n", ["a"], time_unit="ms").time, [0, 1e-3])
     with pytest.raises(UserError, match="stated in s, the file has it in ms"):
         read("time [ms],a\n0,1\n1,2\n", ["a"], time_unit="s")
-
-
-def test_settings_that_cannot_be():
-    for wrong in ({"decimal": ";"}, {"delimiter": ",", "decimal": ","}, {"delimiter": "ab"}, {"header_line": 0}):
-        with pytest.raises(UserError):
-            TextFormat(**wrong)

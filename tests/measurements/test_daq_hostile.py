@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from strainsight import processes
 from strainsight.errors import UserError
 from strainsight.measurements import daq_file
 from strainsight.measurements.daq_file import read_daq
@@ -69,18 +67,6 @@ def test_a_file_that_was_cut(tmp_path, name, share):
     np.testing.assert_array_equal(read(path).channels["G1"], A)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     refused(path)
-
-
-HANGS = "import time; time.sleep(60)"
-
-
-@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS])
-def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
-    monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-c", does])
-    for limit in ("START_LIMIT", "TIME_LIMIT"):
-        monkeypatch.setattr(daq_file, limit, 0.5)
-    monkeypatch.setattr(processes, "LONGER", 1.0)
-    refused(FILES["a.tdms"](tmp_path / "a.tdms"), "the TDMS library crashed, or did not come to an end", sandboxed=True)
 
 
 @pytest.mark.parametrize(("kind", "package"), [("mdf", "asammdf"), ("tdms", "npTDMS")])

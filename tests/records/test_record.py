@@ -217,7 +217,7 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         ),
         damping=AffineOperator(np.eye(2), {}),
         basis=np.eye(6, 2),
-        interface={"7": np.eye(6, 2), "12": 2 * np.eye(6, 2)},
+        interface={"12": 2 * np.eye(6, 2), "7": np.eye(6, 2)},
         inertia=inertia,
     )
     datasets = written(ReducedBodies(bodies={"b": own}))
@@ -225,14 +225,10 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         tmp_path / "reduce.h5", Output(datasets, {}, "toy"), Header("reduce", 1, "key", {}, {}, {})
     )
     found = read(ReducedBodies, artefact).bodies["b"]
-    assert (found.clamped, found.cut) == (True, 5.0)
     assert found.stiffness.coefficients["E t"].bases == own.stiffness.coefficients["E t"].bases
     for t in (0.5, 1.5, 4.0):
         np.testing.assert_array_equal(*(X.stiffness.at({"E": 2.0, "t": t}) for X in (found, own)))
+    for field in fields(ReducedBody):
+        if field.name not in ("stiffness", "damping"):
+            assert same(getattr(found, field.name), getattr(own, field.name)), field.name
     np.testing.assert_array_equal(found.damping.at({"E": 2.0}), np.eye(2))
-    np.testing.assert_array_equal(found.reach["E"], [1.0, 4.0])
-    np.testing.assert_array_equal(found.interface["12"], 2 * np.eye(6, 2))
-    for name in ("frequency", "mass", "basis"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
-    for field in fields(InertiaInvariants):
-        np.testing.assert_array_equal(getattr(found.inertia, field.name), getattr(inertia, field.name))

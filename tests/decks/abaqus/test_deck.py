@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError
-from strainsight.mesh.kinds import kind_of
 
 from ...refusals import expect_refusal
-from ...solids import SOLIDS, facets_point_outward
+from .test_loads import bar
 
 TETRAHEDRON = """\
 *HEADING
@@ -33,29 +32,6 @@ TETRAHEDRON = """\
 *BOUNDARY
 1, 1, 3
 """
-SECTION = "*MATERIAL, NAME=M\n*ELASTIC\n1.,.3\n*DENSITY\n1.\n*SOLID SECTION, ELSET=E, MATERIAL=M\n"
-OWN = [kind for kind, solid in SOLIDS.items() if solid.abaqus]
-
-
-def one_element(kind: str, per_line: int = 16) -> str:
-    points = SOLIDS[kind].points()
-    ids = [50 - i for i in range(len(points))]
-    nodes = "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in zip(ids, points.tolist(), strict=True))
-    entries = [str(i) for i in (7, *ids)]
-    lines = [", ".join(entries[i : i + per_line]) for i in range(0, len(entries), per_line)]
-    element = f"*ELEMENT, TYPE={SOLIDS[kind].abaqus}, ELSET=E\n"
-    return f"*NODE\n{nodes}{element}" + ",\n".join(lines) + "\n" + SECTION
-
-
-@pytest.mark.parametrize("kind", OWN)
-@pytest.mark.parametrize("per_line", [16, 8, 5, 30])
-def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, kind, per_line):
-    mesh = read(one_element(kind, per_line))
-    (block,) = mesh.blocks
-    x = mesh.position[block.nodes[0]]
-    assert block.kind == kind
-    np.testing.assert_allclose(x, SOLIDS[kind].points(), atol=1e-14)
-    assert facets_point_outward(x, kind_of(kind).facets)
 
 
 def test_a_deck_in_full(read):
@@ -171,8 +147,8 @@ def test_nodes_in_cylindrical_coordinates(read):
 def test_what_is_read_otherwise_is_noted(read, old, new, note):
     assert old in TETRAHEDRON
     assert any(note in text for text in read(TETRAHEDRON.replace(old, new)).notes)
-    reduced = read(one_element("hex20").replace("C3D20", "C3D20R")).notes[0]
-    assert reduced.startswith("1 C3D20R taken as hex20 integrated fully")
+    reduced = read(bar().replace("C3D20", "C3D20R")).notes[0]
+    assert reduced.startswith("2 C3D20R taken as hex20 integrated fully")
 
 
 def test_regions_follow_the_sections(read):

@@ -93,16 +93,10 @@ def test_parameters_of_nodes_on_their_entities_are_left(read):
     for row in ("0 0 0\n", "1 0 0\n", "0 1 0\n"):
         parametric = parametric.replace("\n" + row, "\n" + row[:-1] + " 0.5 0.25\n", 1)
     check_same(read(parametric), read(NEW))
-    old = (
-        OLD.replace("Nodes", "ParametricNodes")
-        .replace("10 0 0 0", "10 0 0 0 0 1")
-        .replace("7 1 0 0", "7 1 0 0 1 5 0.5")
-    )
-    old = (
-        old.replace("30 0 1 0", "30 0 1 0 2 5 0.5 0.25")
-        .replace("4 0 0 1", "4 0 0 1 3 1")
-        .replace("5 1 1 1", "5 1 1 1 3 1")
-    )
+    old = OLD.replace("Nodes", "ParametricNodes")
+    parameters = {"10 0 0 0": "0 1", "7 1 0 0": "1 5 0.5", "30 0 1 0": "2 5 0.5 0.25", "4 0 0 1": "3 1", "5 1 1 1": "3 1"}
+    for node, more in parameters.items():
+        old = old.replace(f"\n{node}\n", f"\n{node} {more}\n")
     check_same(read(old), read(OLD))
 
 

@@ -13,13 +13,12 @@ from strainsight.fem.model import build_model
 from strainsight.gauges.admissible import admissible
 from strainsight.mesh.facets import exterior_facets
 
+from ... import solids
 from ..programs import frequencies
 
 E, NU, RHO = 2.1e11, 0.3, 7850.0
-HEX = np.array([(x, y, z) for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))], dtype=float)
-HEX_SIDES = [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4)]
-TET = np.vstack([np.zeros(3), np.eye(3)])
-TET_SIDES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
+HEX, HEX_SIDES = 2.0 * np.array(solids.HEX) - 1, solids.SOLIDS["hex20"].nastran_edges
+TET, TET_SIDES = np.array(solids.TET, float), solids.TET_EDGES
 GAUSS = np.polynomial.legendre.leggauss(5)
 
 
