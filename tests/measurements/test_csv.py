@@ -56,14 +56,6 @@ def test_the_same_table_in_many_forms(read, content):
     expect_plain(read(content))
 
 
-@pytest.mark.parametrize("mark", [";", "\t"])
-def test_decimal_commas_where_they_are_stated(read, mark):
-    table = PLAIN.replace(",", mark).replace(".", ",")
-    expect_plain(read(table, form=TextFormat(decimal=",")))
-    with expect_refusal(UserError, r"'1,5' under 'a' is no number", where="test.csv:2", remedy="decimal mark is the comma"):
-        read(table)
-
-
 def test_decimal_commas_between_commas_are_refused_with_a_remedy(read):
     with expect_refusal(UserError, "4 cells where the names are 2", where=":2", remedy="';'"):
         read("time [s],a [um/m]\n0,001,2,5\n", ["a"])
@@ -86,12 +78,6 @@ def test_words_for_missing_samples_are_stated(read):
     np.testing.assert_array_equal(found.channels["a"], [1, np.nan, -9999.5])
     with pytest.raises(UserError, match="'NA' under 'a'"):
         read(table, ["a"])
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252"])
-def test_micro_signs_of_every_system(read, encoding):
-    found = read("Zeit [s],Ärmel [µm/m]\n0,1\n1,2\n".encode(encoding), ["Ärmel"], time="Zeit")
-    assert found.units == {"Ärmel": "µm/m"}
 
 
 def test_a_comment_that_looks_like_a_row_is_a_comment(read):

@@ -187,10 +187,7 @@ def test_a_rate_takes_the_place_of_the_time(tmp_path):
     np.testing.assert_array_equal(recording.channels["G1"], [0, np.nan, 24.9])
     assert recording.units == {"F": "kN", "G1": "um/m"}
     assert recording.place(2).endswith("a.csv:4")
-
-
-def test_a_table_without_time_may_have_one_column(tmp_path):
-    path = written(tmp_path / "a.csv", ["G1", "1", "1", "2"])
+    path = written(tmp_path / "one.csv", ["G1", "1", "1", "2"])
     np.testing.assert_array_equal(read_recording(path, ["G1"], rate=100.0).channels["G1"], [1, 1, 2])
 
 
