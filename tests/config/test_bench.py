@@ -107,11 +107,7 @@ def test_config_and_kernel_refuse_the_same_grooves(radius, preload):
     [
         ("E: {guess: 187, std: 20}", "E.guess", "187 Pa beside 1.7e+11 Pa in the bench"),
         ("E: {guess: 1.87e11, std: 1.7e10, starts: [153]}", "E.starts", "153 Pa beside 1.7e+11 Pa in the bench"),
-        (
-            "r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}",
-            "r.guess",
-            "31.8 m beside 0.0318 m in the bench",
-        ),
+        ("r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}", "r.guess", "31.8 m beside 0.0318 m in the bench"),
     ],
 )
 def test_a_guess_in_another_unit_is_refused_where_it_stands(entry, key, says):

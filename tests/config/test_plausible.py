@@ -142,6 +142,7 @@ def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
 
 # What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
 CONFIGS = Path(__file__).parents[2] / "configs"
+FORMS = "'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'"
 BOX = "box: [[x, y, z], [x, y, z]]: lower and upper corner [m]."
 
 
@@ -157,12 +158,7 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
         ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "a mapping has to be a list", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known here: box"),
         ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of its axis [-]."),
-        (
-            "{near_edgs: 0.1}",
-            "",
-            "give exactly one of 'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'",
-            "did you mean near_edges?",
-        ),
+        ("{near_edgs: 0.1}", "", f"give exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )
 def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):

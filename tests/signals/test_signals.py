@@ -247,16 +247,6 @@ def test_of_a_whole_record_it_is_that_of_scipy(samples):
     assert length <= LONGEST
 
 
-def test_white_noise_lies_about_its_density_and_a_sine_holds_its_mean_square():
-    rng = np.random.default_rng(2)
-    f, found = density(3.0 * rng.standard_normal(200_000), 1e-4)
-    assert found.mean() == pytest.approx(noise_density(3.0, 1e-4), rel=0.02)
-    t = 1e-3 * np.arange(20_000)
-    f, found = density(5.0 * np.sin(2 * np.pi * 50 * t), 1e-3)
-    assert found.sum() * (f[1] - f[0]) == pytest.approx(12.5, rel=1e-3)
-    assert f[np.argmax(found)] == pytest.approx(50, abs=f[1] - f[0])
-
-
 def test_samples_that_are_missing_leave_the_density_where_it_is():
     rng = np.random.default_rng(3)
     values = rng.standard_normal(20_000)

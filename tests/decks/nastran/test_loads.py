@@ -254,23 +254,6 @@ def test_coordinates_in_nested_systems_are_what_pyyeti_computes(read, tetrahedro
         np.testing.assert_allclose(mesh.position[mesh.node_index(100 + c)], expected, atol=1e-13)
 
 
-CD = "GRID,{id},{cp},{x},{y},{z},{cd}\n"
-
-
-@pytest.mark.parametrize("c", [1, 2, 3])
-def test_directions_of_a_displacement_system_are_those_of_pyyeti(read, tetrahedron, c):
-    cards = SYSTEMS + "".join(
-        CD.format(id=200 + i, cp=0, x=x, y=y, z=z, cd=c)
-        for i, (x, y, z) in enumerate([(1.5, -0.3, 0.2), (-2.0, 0.4, -0.9), (0.1, 3.0, 1.0)])
-    )
-    mesh = read(cards + tetrahedron)
-    uset, _ = nastran.bulk2uset(io.StringIO(cards))
-    rigid = nastran.rbgeom_uset(uset, [0, 0, 0]).reshape(3, 6, 6)
-    assert sorted(mesh.axes) == [mesh.node_index(200 + i) for i in range(3)]
-    for i in range(3):
-        np.testing.assert_allclose(mesh.axes[mesh.node_index(200 + i)].T, rigid[i, :3, :3], atol=1e-13)
-
-
 @pytest.mark.parametrize(("shape", "middle"), [("C", (0.0, 0.0, 0.7)), ("S", (0.0, 0.0, -0.7)), ("S", (0.0, 0.0, 0.0))])
 def test_on_the_axis_the_directions_are_those_that_define_the_system(read, tetrahedron, shape, middle):
     system = f"CORD2{shape},4,,.1,.2,.3,.4,.1,1.\n+,1.,.5,.2\n"

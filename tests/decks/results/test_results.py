@@ -258,21 +258,9 @@ def with_field_data(tmp_path, point_data, frequencies):
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("name", ["run.vtu", "run.vtk"])
 def test_modes_and_displacements_by_their_names(tmp_path, name):
-    path = written(
-        tmp_path,
-        {
-            "GlobalNodeId": np.array([7, 5, 3, 1]),
-            "mode_2_40.5Hz": 2 * SHAPE,
-            "Displacement_3": SHAPE.astype("f4"),
-            "U": 4 * SHAPE,
-            "stress_mode_1": SHAPE,
-            "mode_1_stress": SHAPE,
-            "temperature": SHAPE[:, 0],
-            "velocity": SHAPE,
-        },
-        name=name,
-    )
-    mode, displacement, u = read_responses(path)
+    data = {"GlobalNodeId": np.array([7, 5, 3, 1]), "mode_2_40.5Hz": 2 * SHAPE, "Displacement_3": SHAPE.astype("f4")}
+    others = dict.fromkeys(["stress_mode_1", "mode_1_stress", "velocity"], SHAPE) | {"temperature": SHAPE[:, 0]}
+    mode, displacement, u = read_responses(written(tmp_path, data | {"U": 4 * SHAPE} | others, name=name))
     assert (mode.kind, mode.step, mode.number, mode.frequency) == ("mode", 1, 2, 40.5)
     assert (displacement.kind, displacement.step, displacement.number) == ("static", 3, 1)
     assert (u.step, u.label) == (1, "U")
