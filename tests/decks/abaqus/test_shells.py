@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from strainsight.errors import DeckError
+from strainsight.mesh.laminates import Lamina, Laminate, Ply
 
 from ...refusals import refusal_table
 
@@ -59,6 +62,29 @@ def test_elements_arrive_in_blocks_of_a_kind_with_regions_sections_and_lines(rea
     assert {name: ids.tolist() for name, ids in mesh.element_sets.items()} == {"QUAD": [10], "TRI": [11]}
     assert mesh.blocks == mesh.beams == mesh.notes == ()
     assert mesh.ignored == {}
+
+
+def test_plies_of_composites_and_of_one_lamina(read):
+    """From the lower face up, as Nastran's PCOMP has them."""
+    text = FLAT[: FLAT.index("*SHELL SECTION")] + (
+        "*SHELL SECTION, ELSET=QUAD, COMPOSITE, SYMMETRIC, DENSITY=2., OFFSET=.25\n"
+        ".001, 3, CARBON, 0.\n.002, 3, Carbon, 30.\n.004, 3, STEEL\n"
+        "*SHELL SECTION, ELSET=TRI, COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.\n"
+        "*ORIENTATION, NAME=SKEW\n1., 2., 0., -2., 1., 0.\n3, 0.\n"
+        "*MATERIAL, NAME=CARBON\n*ELASTIC, TYPE=LAMINA\n1.4e11, 1.e10, .3, 5.e9, 4.e9, 3.e9\n*DENSITY\n1600.\n"
+    )
+    mesh = read(text)
+    ((carbon, lamina),) = mesh.laminae.items()
+    ((steel, _),) = mesh.materials.items()
+    half = (Ply(carbon, 0.001, 0.0), Ply(carbon, 0.002, 30.0), Ply(steel, 0.004, 0.0))
+    lower = Laminate((Ply(carbon, 0.001, 0.0), Ply(carbon, 0.002, -60.0)))
+    assert mesh.sections == {1: Laminate((*half, *half[::-1]), 2.0), 2: lower}
+    assert replace(lamina, name="") == Lamina(carbon, 1.4e11, 1e10, 0.3, 5e9, 4e9, 3e9, 1600.0)
+    quad, triangle = mesh.shells
+    np.testing.assert_allclose([*quad.offset, *triangle.offset], [-0.25 * 0.014, 0], atol=1e-18)
+    np.testing.assert_allclose(triangle.axis, [[np.sqrt(0.2), np.sqrt(0.8), 0]])
+    one = read(text.replace("COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.", "MATERIAL=CARBON\n.003"))
+    assert one.sections[2] == Laminate((Ply(carbon, 0.003),))
 
 
 @pytest.mark.parametrize(
