@@ -44,37 +44,24 @@ def test_datasets_of_any_depth_type_and_storage(make):
         file["column"] = A[:, None]
         file["link"] = h5py.SoftLink("/run 1/here")
         file["run 1/here"] = h5py.SoftLink("strain/a")
+        file["filled"] = np.where(np.arange(100) % 7 == 0, -999.0, A)
+        file["filled"].attrs["_FillValue"] = -999.0
+        file["table"] = np.stack([T * 1e3, A, 2 * A], axis=1)
+        file["table"].attrs["units"] = ["ms", "um/m", "g"]
 
-    found = read_hdf5(make(fill), ["run 1/strain/a", "/b", "column", "link"], time="time", sandboxed=False)
-    np.testing.assert_array_equal(found.time, T)
-    np.testing.assert_array_equal(found.channels["run 1/strain/a"], A.astype("f4"))
-    np.testing.assert_array_equal(found.channels["/b"], np.arange(100))
-    np.testing.assert_array_equal(found.channels["column"], A)
-    np.testing.assert_array_equal(found.channels["link"], A.astype("f4"))
-    assert found.units == {"run 1/strain/a": "um/m", "/b": "mV/V", "column": None, "link": "um/m"}
+    path = make(fill)
+    expected = {
+        "run 1/strain/a": A.astype("f4"), "/b": np.arange(100), "column": A, "link": A.astype("f4"),
+        "filled": np.where(np.arange(100) % 7 == 0, np.nan, A), "table[2]": 2 * A, "table[1]": A,
+    }  # fmt: skip
+    for clock in ("time", "table[0]"):
+        found = read_hdf5(path, list(expected), time=clock, sandboxed=False)
+        np.testing.assert_allclose(found.time, T, rtol=1e-15)
+        for name, values in expected.items():
+            np.testing.assert_array_equal(found.channels[name], values)
+    assert list(found.units.values()) == ["um/m", "mV/V", None, "um/m", None, "g", "um/m"]
     assert found.channels["/b"].dtype == float
     assert found.place(3).endswith("test.h5, sample 4")
-
-
-def test_columns_of_a_table(make):
-    def fill(file):
-        file["data"] = np.stack([T * 1e3, A, 2 * A], axis=1)
-        file["data"].attrs["units"] = ["ms", "um/m", "g"]
-
-    found = read_hdf5(make(fill), ["data[2]", "data[1]"], time="data[0]", sandboxed=False)
-    np.testing.assert_allclose(found.time, T, rtol=1e-15)
-    np.testing.assert_array_equal(found.channels["data[2]"], 2 * A)
-    assert found.units == {"data[2]": "g", "data[1]": "um/m"}
-
-
-def test_fill_values_and_nan_are_missing(make):
-    def fill(file):
-        file["a"] = np.where(np.arange(100) % 7 == 0, -999.0, A)
-        file["a"].attrs["_FillValue"] = -999.0
-        file["b"] = np.where(np.arange(100) % 7 == 0, np.nan, A)
-
-    found = read_hdf5(make(fill), ["a", "b"], time="time", sandboxed=False)
-    np.testing.assert_array_equal(found.channels["a"], found.channels["b"])
 
 
 def hole(file):

@@ -100,34 +100,34 @@ def test_parameters_of_nodes_on_their_entities_are_left(read):
     check_same(read(old), read(OLD))
 
 
-def test_an_entity_in_two_physical_volumes_is_in_both_sets_and_the_lower_region(read):
-    mesh = read(NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"))
-    assert mesh.blocks[0].region.tolist() == [9, 3]
-    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [8], "steel part": [6, 8]}
-    assert mesh.regions[3].name == "volume 3"
-    assert any("1 element in several physical volumes (3, 9)" in note for note in mesh.notes)
+REPEATED = OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", "9 4 2 3 2 7 30 4 5\n$EndEl")
+GROUPS = {
+    # text, regions of the two solids, sets, names of regions, note
+    "an entity in two volumes is in both sets and the lower region": (
+        NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"), [9, 3], {"3d-3": [8], "steel part": [6, 8]},
+        {3: "volume 3", 9: "steel part"}, "1 element in several physical volumes (3, 9)",
+    ),
+    "an element that format 2 repeats for its second group counts once": (
+        REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 is 9 again",
+    ),
+    "without volumes all is one region": (
+        OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"), [1, 1], {}, {1: "solids"}, "no physical volumes",
+    ),
+    "elements outside all volumes are a region of their own": (
+        OLD.replace("4 2 9 2", "4 2 0 2"), [10, 9], {"steel part": [6]}, {9: "steel part", 10: "no physical volume"},
+        "1 element in no physical volume: region 10",
+    ),
+}  # fmt: skip
 
 
-def test_an_element_that_format_2_repeats_for_its_second_group_counts_once(read):
-    text = OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", "9 4 2 3 2 7 30 4 5\n$EndEl")
+@pytest.mark.parametrize("name", GROUPS)
+def test_physical_volumes_are_regions_and_sets(read, name):
+    text, regions, sets, names, note = GROUPS[name]
     mesh = read(text)
-    assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([9, 6], [3, 9])
-    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [9], "steel part": [6, 9]}
-    assert "element 8 is 9 again" in mesh.notes[0]
-
-
-def test_without_physical_volumes_all_is_one_region(read):
-    mesh = read(OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"))
-    assert {i: r.name for i, r in mesh.regions.items()} == {1: "solids"}
-    assert mesh.element_sets == {}
-    assert "no physical volumes" in mesh.notes[0]
-
-
-def test_elements_outside_all_physical_volumes_are_a_region_of_their_own(read):
-    mesh = read(OLD.replace("4 2 9 2", "4 2 0 2"))
-    assert mesh.blocks[0].region.tolist() == [10, 9]
-    assert mesh.regions[10].name == "no physical volume"
-    assert mesh.notes == ("1 element in no physical volume: region 10",)
+    assert mesh.blocks[0].region.tolist() == regions
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == sets
+    assert {i: region.name for i, region in mesh.regions.items()} == names
+    assert any(note in text for text in mesh.notes)
 
 
 def test_sections_that_are_not_imported_are_counted(read):
