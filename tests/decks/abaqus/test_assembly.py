@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import DeckError
 from strainsight.mesh.sanity import unused_nodes
 
+from ...records.test_record import same
 from ...refusals import refusal_table
 from .test_deck import TETRAHEDRON
 
@@ -45,17 +46,9 @@ def test_one_instance_at_its_origin_is_the_flat_deck(read):
     support = "*BOUNDARY\n{}Foot, 1, 3\n"
     flat = read(MESH + MATERIAL + support.format(""))
     placed = read(assembly("", after=support.format("W-1.")))
-    np.testing.assert_array_equal(placed.node_ids, flat.node_ids)
-    np.testing.assert_array_equal(placed.position, flat.position)
-    np.testing.assert_array_equal(placed.blocks[0].nodes, flat.blocks[0].nodes)
-    np.testing.assert_array_equal(placed.fixed, flat.fixed)
-    assert placed.regions == flat.regions
-    assert placed.materials == flat.materials
-    assert {n: list(ids) for n, ids in placed.node_sets.items()} == {n: list(i) for n, i in flat.node_sets.items()}
-    assert {n: list(ids) for n, ids in placed.element_sets.items()} == {
-        n: list(i) for n, i in flat.element_sets.items()
-    }
-    assert placed.notes == flat.notes == ()
+    for name in ("node_ids", "position", "blocks", "fixed", "regions", "materials", "node_sets", "element_sets", "notes"):
+        assert same(getattr(placed, name), getattr(flat, name)), name
+    assert flat.notes == ()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -191,13 +184,11 @@ ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
 test_what_is_wrong_is_named_with_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("4, 0., 0., 1.", "3, 0., 0., 1.", "node id 3 stands twice .*deck.inp:7", 8),
     ("4, 0., 0., 1.", "4, 0., 0., one", "'one', not a number", 8),
-    ("4, 0., 0., 1.", "4., 0., 0., 1.", "'4.', not an integer", 8),
     ("4, 0., 0., 1.", "99999999999999999999, 0., 0., 1.", "99999999999999999999, too large", 8),
     ("4, 0., 0., 1.", "*NGEN\n1, 3, 1", "NGEN: generated meshes", 8),
     (ELEMENT, ELEMENT + "\n*ELGEN\n10, 2", "ELGEN: generated", 11),
     ("10, 1, 2, 3, 4", "10, 1, 2, 3, 5", "C3D4 10: node 5 is not in the deck", 10),
     ("10, 1, 2, 3, 4", "10, 1, 2, 3", "C3D4 10: 3 nodes, where a C3D4 has 4", 10),
-    ("10, 1, 2, 3, 4", "10, 1, 2, 3, x", "'x', not an integer", 10),
     ("10, 1, 2, 3, 4", '10, "1, 2, 3, 4', "not an integer", 10),
     ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n10, 2, 1, 3, 4", "element id 10 stands twice .*deck.inp:10", 11),
     ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11: the same nodes as C3D4 10 at .*:10", 11),

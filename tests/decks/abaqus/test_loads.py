@@ -12,7 +12,6 @@ from strainsight.mesh.kinds import kind_of
 
 from ...bodies import body
 from ...refusals import expect_refusal, refusal_table
-from ...solids import SOLIDS
 from ..programs import displacements, frequencies, needs_calculix, printed_displacements, printed_frequencies
 
 LOADS = {
@@ -92,28 +91,16 @@ test_loads_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + 
 
 
 # Supports and elements as the steps of a deck leave them: frequencies of CalculiX, and the choices where steps differ.
-CUBES = 4
-
-
 def _row() -> str:
     """Four C3D20 along x, each a set of its own, E1 to E4, with the faces ROOT, MIDDLE and TIP."""
-    corners = np.array(SOLIDS["hex20"].corners) * [0.1, 0.05, 0.03]
-    local = np.vstack([corners, *((corners[[a]] + corners[[b]]) / 2 for a, b in SOLIDS["hex20"].edges)])
-    numbers, elements = {}, ""
-    for i in range(CUBES):
-        points = map(tuple, np.round(local + np.array([0.1 * i, 0, 0]), 9).tolist())
-        nodes = [str(numbers.setdefault(point, len(numbers) + 1)) for point in points]
-        elements += f"*ELEMENT, TYPE=C3D20, ELSET=E{i + 1}\n{i + 1}, {', '.join(nodes[:10])},\n{', '.join(nodes[10:])}\n"
-    faces = {"ROOT": 0.0, "MIDDLE": 0.2, "TIP": 0.4}
-    sets = "".join(
-        f"*NSET, NSET={name}\n" + "".join(f"{number}\n" for point, number in numbers.items() if point[0] == x)
-        for name, x in faces.items()
-    )
-    nodes = "".join(f"{number}, {', '.join(map(str, point))}\n" for point, number in numbers.items())
-    return (
-        f"*NODE, NSET=NALL\n{nodes}{elements}{sets}*ELSET, ELSET=EALL\nE1, E2, E3, E4\n*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n"
-        "*DENSITY\n7850.\n*SOLID SECTION, ELSET=EALL, MATERIAL=M\n"
-    )
+    mesh = body("hex20", (4, 1, 1), lambda u, v, w: (0.1 * u, 0.05 * v, 0.03 * w))
+    numbered = list(zip(mesh.node_ids.tolist(), mesh.position.round(9).tolist(), strict=True))
+    text = "*NODE, NSET=NALL\n" + "".join(f"{number}, {', '.join(map(str, x))}\n" for number, x in numbered)
+    for e, nodes in enumerate(mesh.node_ids[mesh.blocks[0].nodes].tolist(), start=1):
+        text += f"*ELEMENT, TYPE=C3D20, ELSET=E{e}\n{e}, {', '.join(map(str, nodes[:10]))},\n{', '.join(map(str, nodes[10:]))}\n"
+    for name, face in {"ROOT": 0.0, "MIDDLE": 0.2, "TIP": 0.4}.items():
+        text += f"*NSET, NSET={name}\n" + "".join(f"{number}\n" for number, x in numbered if x[0] == face)
+    return f"{text}*ELSET, ELSET=EALL\nE1, E2, E3, E4\n*MATERIAL, NAME=M\n{STEEL}\n*SOLID SECTION, ELSET=EALL, MATERIAL=M\n"
 
 
 ROW = _row()

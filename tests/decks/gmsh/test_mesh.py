@@ -181,13 +181,3 @@ def test_binary_counts_beyond_the_file_are_refused(read):
     for claimed in (2**40, 2**62, 2**64 - 1):
         with pytest.raises(DeckError, match=r"\$Nodes: .*(claimed|beyond)"):
             read(content[:at] + struct.pack("<Q", claimed) + content[at + 8 :])
-
-
-@pytest.mark.parametrize("name", ["pin-2.2-binary.msh", "pin-4.1-binary.msh"])
-@pytest.mark.parametrize("section", [b"$Nodes\n", b"$Elements\n"])
-def test_a_binary_file_that_ends_at_a_count_is_refused(read, name, section):
-    content = (DATA / name).read_bytes()
-    at = content.index(section) + len(section)
-    for end in range(at - 2, at + 12):
-        with pytest.raises(DeckError):
-            read(content[:end])

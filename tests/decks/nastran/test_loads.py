@@ -7,7 +7,7 @@ import io
 import numpy as np
 import pytest
 from pyyeti import nastran
-from scipy.spatial import Delaunay
+from scipy.spatial import ConvexHull, Delaunay
 
 from ...refusals import refusal_table
 from ...solids import SOLIDS
@@ -66,7 +66,6 @@ test_masses_and_forces_that_cannot_be_taken_are_named = refusal_table(lambda car
     ("CONM2,90,50,8,3.", "coordinate system 8 is no CORD1 or CORD2", 9),
     ("CONM2,90,50,,3.\n+,1.,2.,1.,,,1.", "principal moments -1, 1, 3", 9),
     ("FORCE,1,77,,1.,1.", "node 77 is not in the deck", 9),
-    ("FORCE,1,4,8,1.,1.", "coordinate system 8 is no CORD1 or CORD2", 9),
 ])
 
 
@@ -87,21 +86,12 @@ RHO_G = 9810.0
 
 def facets(kind):
     """Corners of the facets of a convex solid, each in the sense whose normal points outward, by its planes alone."""
-    x = SOLIDS[kind].points(())[: len(SOLIDS[kind].corners)]
-    middle, found = x.mean(axis=0), {}
-    for a in range(len(x)):
-        for b in range(len(x)):
-            for c in range(len(x)):
-                n = np.cross(x[b] - x[a], x[c] - x[a])
-                height = (x - x[a]) @ n
-                if np.linalg.norm(n) > 0 and np.all(height < 1e-12):
-                    on = np.flatnonzero(np.abs(height) < 1e-12)
-                    centre = x[on].mean(axis=0)
-                    e = x[on[0]] - centre
-                    angle = np.arctan2((x[on] - centre) @ np.cross(n / np.linalg.norm(n), e), (x[on] - centre) @ e)
-                    found[frozenset(on.tolist())] = on[np.argsort(angle)].tolist()
-    assert all(np.dot(np.cross(x[f[1]] - x[f[0]], x[f[2]] - x[f[0]]), x[f[0]] - middle) > 0 for f in found.values())
-    return list(found.values())
+    x, found = SOLIDS[kind].points(()), []
+    for *n, d in np.unique(ConvexHull(x).equations.round(9), axis=0):
+        on = np.flatnonzero(np.abs(x @ n + d) < 1e-6)
+        r = x[on] - x[on].mean(axis=0)
+        found.append(on[np.argsort(np.arctan2(r @ np.cross(n, r[0]), r @ r[0]))].tolist())
+    return found
 
 
 def volume_and_centre(kind):

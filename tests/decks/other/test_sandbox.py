@@ -15,6 +15,8 @@ from strainsight.decks.other.load import load
 from strainsight.decks.other.mesh import read_meshio
 from strainsight.errors import DeckError
 
+from ...records.test_record import same
+
 POINTS = np.array([(0.0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)])
 MESH = meshio.Mesh(
     POINTS,
@@ -27,16 +29,7 @@ MESH = meshio.Mesh(
 def test_sandboxed_and_here_give_the_same(tmp_path):
     MESH.write(tmp_path / "part.xdmf")
     there, here = (read_meshio(tmp_path / "part.xdmf", sandboxed=choice) for choice in (True, False))
-    np.testing.assert_array_equal(there.position, here.position)
-    np.testing.assert_array_equal(there.node_ids, here.node_ids)
-    assert [block.kind for block in there.blocks] == [block.kind for block in here.blocks]
-    for a, b in zip(there.blocks, here.blocks, strict=True):
-        np.testing.assert_array_equal(a.nodes, b.nodes)
-        np.testing.assert_array_equal(a.region, b.region)
-    assert there.regions == here.regions
-    for a, b in ((there.node_sets, here.node_sets), (there.element_sets, here.element_sets)):
-        assert {key: ids.tolist() for key, ids in a.items()} == {key: ids.tolist() for key, ids in b.items()}
-    assert (there.notes, there.ignored, there.included) == (here.notes, here.ignored, here.included)
+    assert same(there, here)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only there a process can be kept from its memory")
