@@ -209,28 +209,25 @@ def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
     assert T.transform[[9]].toarray().max() == pytest.approx(2.0)
 
 
-# Every PARAM by its name: what counts, what changes the structure and does not count, and what has no effect here.
+# Every PARAM by its name: what counts or states the usual, what changes the structure and does not count, what has no effect.
 @pytest.mark.parametrize(
-    ("line", "name", "effect"),
+    ("line", "effect"),
     [
-        ("PARAM,POST,-1", "POST", "none"),
-        ("PARAM,AUTOSPC,YES", "AUTOSPC", "none"),
-        ("PARAM,LGDISP,1", "LGDISP", "structure"),
-        ("PARAM,CM1,2.", "CM1", "structure"),
-        ("PARAM,OWNNAME,3", "OWNNAME", None),
+        ("PARAM,POST,-1", {"PARAM POST": "none"}),
+        ("PARAM,AUTOSPC,YES", {"PARAM AUTOSPC": "none"}),
+        ("PARAM,LGDISP,1", {"PARAM LGDISP": "structure"}),
+        ("PARAM,CM1,2.", {"PARAM CM1": "structure"}),
+        ("PARAM,OWNNAME,3", {"PARAM OWNNAME": None}),
+        ("PARAM,CM1,1.", {}),
+        ("PARAM,LGDISP,0", {}),
+        ("PARAM,WTMASS,.5", {}),
     ],
 )
-@pytest.mark.parametrize("where", ["bulk data", "case control"])
-def test_a_parameter_is_listed_by_its_name_with_what_it_does(read, tetrahedron, line, name, effect, where):
-    bulk, control = (f"{line}\n" if place == where else "" for place in ("bulk data", "case control"))
-    mesh = read(f"SOL 103\nCEND\nSPC = 1\n{control}BEGIN BULK\n{tetrahedron}{bulk}ENDDATA\n")
-    assert mesh.ignored == {f"PARAM {name}": 1}
-    assert mesh.effect.get(f"PARAM {name}") == effect
-
-
-@pytest.mark.parametrize("line", ["PARAM,CM1,1.", "PARAM,LGDISP,0", "PARAM,WTMASS,.5"])
-def test_what_counts_here_and_what_states_the_usual_is_not_listed(read, tetrahedron, line):
-    assert read(f"{tetrahedron}{line}\nENDDATA\n").ignored == {}
+@pytest.mark.parametrize("control", [False, True])
+def test_a_parameter_is_listed_by_its_name_with_what_it_does(read, tetrahedron, line, effect, control):
+    places = (f"{line}\n", "") if control else ("", f"{line}\n")
+    mesh = read(f"SOL 103\nCEND\nSPC = 1\n{places[0]}BEGIN BULK\n{tetrahedron}{places[1]}ENDDATA\n")
+    assert {name: mesh.effect.get(name) for name in mesh.ignored} == effect
 
 
 @pytest.mark.parametrize(

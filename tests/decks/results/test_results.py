@@ -286,16 +286,10 @@ def test_a_mode_without_frequency_is_refused(tmp_path):
         list(read_responses(written(tmp_path, {"mode_1": SHAPE})))
     with pytest.raises(DeckError, match="mode 3 has no frequency"):
         list(read_responses(with_field_data(tmp_path, {"mode_3": SHAPE}, [1.5, 2.5])))
-    with pytest.raises(DeckError, match="the frequency of the mode is nan"):
-        list(read_responses(with_field_data(tmp_path, {"mode_1": SHAPE}, [np.nan])))
 
 
 @pytest.mark.usefixtures("here")
 def test_damaged_files_are_refused(tmp_path):
-    motion = SHAPE.copy()
-    motion[2, 1] = np.nan
-    with pytest.raises(DeckError, match="node 3 moves by"):
-        list(read_responses(written(tmp_path, {"U": motion})))
     path = written(tmp_path, {"U": SHAPE})
     path.write_bytes(path.read_bytes()[:400])
     with pytest.raises(DeckError, match="cannot be read as vtu"):
