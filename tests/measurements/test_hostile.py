@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import tracemalloc
 import warnings
 
@@ -14,6 +13,8 @@ from strainsight.errors import UserError
 from strainsight.measurements.assemble import assemble
 from strainsight.measurements.calibration import ChannelSettings
 from strainsight.measurements.reader import read_recording
+
+from ..fuzz.guard import soon
 
 RUBBISH = np.random.default_rng(5).bytes(200_000)
 TABLE = b"time [s],a [um/m]\n" + b"".join(b"%.3f,%d\n" % (k * 1e-3, k) for k in range(500))
@@ -46,7 +47,7 @@ CSV = {
     "clock of tiny steps": b"time [s],a [um/m]\n0,1\n5e-324,2\n1e9,3\n",
     "escape signs": b"\x1b]0;own\x07,\x1b[2J\n1,2\n",
 }
-OTHER = {
+FILES = CSV | {
     "signature.h5": lambda tmp: b"\x89HDF\r\n\x1a\n" + RUBBISH,
     "cut.h5": lambda tmp: hdf5(tmp, good_hdf5)[:3000],
     "bomb.h5": lambda tmp: hdf5(tmp, bomb),
@@ -63,22 +64,10 @@ def read(path):
     return assemble(recording, {names[0]: ChannelSettings("um/m")})
 
 
-@pytest.fixture(autouse=True)
-def soon():
-    def late(number, frame):
-        raise TimeoutError("ten seconds")
-
-    old = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, 10)
-    yield
-    signal.setitimer(signal.ITIMER_REAL, 0)
-    signal.signal(signal.SIGALRM, old)
-
-
 def refused(path):
     tracemalloc.start()
     try:
-        with warnings.catch_warnings():
+        with soon(), warnings.catch_warnings():
             warnings.simplefilter("error")
             with pytest.raises(UserError) as caught:
                 read(path)
@@ -97,16 +86,11 @@ def test_the_good_files_are_good(tmp_path):
         assert np.isfinite(read(tmp_path / name).values).all()
 
 
-@pytest.mark.parametrize("name", CSV)
-def test_text_tables(tmp_path, name):
-    (tmp_path / "bad.csv").write_bytes(CSV[name])
-    refused(tmp_path / "bad.csv")
-
-
-@pytest.mark.parametrize("name", OTHER)
-def test_other_files(tmp_path, name):
-    (tmp_path / name).write_bytes(OTHER[name](tmp_path))
-    refused(tmp_path / name)
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_and_malicious_files(tmp_path, name):
+    path = tmp_path / (f"{name}.csv" if name in CSV else name)
+    path.write_bytes(FILES[name](tmp_path) if callable(FILES[name]) else FILES[name])
+    refused(path)
 
 
 def test_what_is_no_file(tmp_path):

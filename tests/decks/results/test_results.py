@@ -291,7 +291,7 @@ def test_a_mode_without_frequency_is_refused(tmp_path):
 @pytest.mark.usefixtures("here")
 def test_damaged_files_are_refused(tmp_path):
     with pytest.raises(DeckError, match="node 3 moves by"):
-        list(read_responses(written(tmp_path, {"U": np.where(SHAPE == SHAPE[2, 1], np.nan, SHAPE)})))
+        list(read_responses(written(tmp_path, {"U": np.where(SHAPE[2, 1] == SHAPE, np.nan, SHAPE)})))
     path = written(tmp_path, {"U": SHAPE})
     path.write_bytes(path.read_bytes()[:400])
     with pytest.raises(DeckError, match="cannot be read as vtu"):
