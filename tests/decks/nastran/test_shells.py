@@ -111,6 +111,7 @@ def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
 test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
     ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
     ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
+    ("GRID,3,,2.,1.,0.", "GRID,3,,1.,.5,0.", "corner of 180° or more", 6),
     ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
     ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
     ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
