@@ -166,10 +166,7 @@ def test_a_guess_from_a_run_that_comes_later_is_refused(write):
 
 @pytest.mark.parametrize(
     ("given", "remedy"),
-    [
-        ("place.keep=5", "write set.place.keep=5"),
-        ("jbos=2", "did you mean jobs?"),
-    ],
+    [("place.keep=5", "write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
 )
 def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     (error,) = refused(write(), given)

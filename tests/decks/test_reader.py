@@ -158,10 +158,7 @@ def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, n
 
 
 # A deck takes in files of its own folder, and of those that the config names, and nothing else, whatever leads there.
-FORMS = {
-    "own.bdf": ("INCLUDE '{}'\n", NASTRAN),
-    "own.inp": ("*INCLUDE, INPUT={}\n", ABAQUS),
-}
+FORMS = {"own.bdf": ("INCLUDE '{}'\n", NASTRAN), "own.inp": ("*INCLUDE, INPUT={}\n", ABAQUS)}
 """Name of the deck → how it takes in a file, and what is in that."""
 
 

@@ -96,12 +96,7 @@ def nastran(path):
         lines += [",".join([e.solid.nastran if i == 0 else "+", *row]) for i, row in enumerate(rows)]
     for i, (_, m) in REGIONS.items():
         lines += [f"PSOLID,{i},{m.id}", f"MAT1,{m.id},{m.youngs_modulus!r},,{m.poisson_ratio!r},{m.density!r}"]
-    lines += [
-        "SPC1,4,123," + ",".join(map(str, MODEL.foot)),
-        "SET1,5," + ",".join(map(str, MODEL.foot)),
-        "ENDDATA",
-        "",
-    ]
+    lines += ["SPC1,4,123," + ",".join(map(str, MODEL.foot)), "SET1,5," + ",".join(map(str, MODEL.foot)), "ENDDATA", ""]
     path.write_text("\n".join(lines))
     return read_nastran(path)
 

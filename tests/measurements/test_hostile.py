@@ -95,10 +95,5 @@ def test_damaged_and_malicious_files(tmp_path, name):
 
 def test_what_is_no_file(tmp_path):
     (tmp_path / "folder.csv").mkdir()
-    for path in (
-        tmp_path / "folder.csv",
-        tmp_path / "none.csv",
-        tmp_path / "none.h5",
-        tmp_path / ("x" * 300 + ".csv"),
-    ):
+    for path in (tmp_path / "folder.csv", tmp_path / "none.csv", tmp_path / "none.h5", tmp_path / ("x" * 300 + ".csv")):
         refused(path)

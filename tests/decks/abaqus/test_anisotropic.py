@@ -180,14 +180,7 @@ STEEL = tensor(G * np.diag([2.0, 2, 2, 1, 1, 1]) + 1.5 * G * np.pad(np.ones((3, 
 CARBON = C
 
 
-def layered_deck(
-    lines,
-    section=", ORIENTATION=O",
-    axis="3, 0.",
-    cells=WHOLE,
-    kind="C3D20",
-    more="",
-):
+def layered_deck(lines, section=", ORIENTATION=O", axis="3, 0.", cells=WHOLE, kind="C3D20", more=""):
     nodes = "\n".join(f"{i}, {x}, {y}, {z}" for i, (x, y, z) in enumerate(np.vstack([CORNERS, MIDDLES]), start=1))
     return f"""*NODE
 {nodes}

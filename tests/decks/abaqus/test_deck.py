@@ -170,9 +170,7 @@ def test_what_changes_the_structure_is_counted_and_output_is_not(read):
         "*RESTART, WRITE\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*NODE FILE\nU\n*EL PRINT\nS\n*NODE OUTPUT\nU\n*OUTPUT, FIELD\n"
         "*DLOAD\nEALL, GRAV, 9.81, 0., 0., -1.\n*END STEP\n"
     )
-    assert mesh.ignored == {
-        "*DASHPOT": 1, "*ELEMENT, TYPE=DASHPOT1": 2, "*PLASTIC": 1, "*TIE that is a symmetry": 1,
-    }
+    assert mesh.ignored == {"*DASHPOT": 1, "*ELEMENT, TYPE=DASHPOT1": 2, "*PLASTIC": 1, "*TIE that is a symmetry": 1}
 
 
 def test_names_in_the_code_page_of_windows_are_kept(read):

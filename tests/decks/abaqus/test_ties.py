@@ -191,11 +191,6 @@ def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, memb
     np.testing.assert_allclose(motions(mesh), motions(other), atol=1e-12)
 
 
-def test_components_of_a_kinematic_coupling(read):
-    tie = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n1,\n3, 4\n"
-    assert read(BRICK + tie).rigid[0].components == (0, 2, 3)
-
-
 @pytest.mark.parametrize(
     ("surface", "weight"), [("TYPE=NODE\nTOP, 2.", 2.0), ("TYPE=NODE\nTOP", 1.0), ("TYPE=ELEMENT\nE, S2", 1.5)]
 )
@@ -208,10 +203,22 @@ def test_distributing_couplings_weigh_by_area(read, surface, weight):
     np.testing.assert_allclose(averaging.weight, weight)
 
 
-def test_an_influence_radius_chooses_the_near_nodes(read):
-    tie = "*SURFACE, NAME=S\nE,\n*COUPLING, REF NODE=100, SURFACE=S, INFLUENCE RADIUS=5.\n*KINEMATIC\n"
-    distance = np.linalg.norm(POINTS - [1, 1, 9], axis=1)
-    assert set(read(BRICK + tie).rigid[0].nodes) == set(np.flatnonzero(distance <= 5.0))
+NEAR = "*SURFACE, NAME=S\nE,\n*COUPLING, REF NODE=100, SURFACE=S, INFLUENCE RADIUS=5.\n*KINEMATIC\n"
+COMPONENTS = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n1,\n3, 4\n"
+
+
+@pytest.mark.parametrize(
+    ("tie", "nodes", "components"),
+    [
+        (COMPONENTS, TOP, (0, 2, 3)),
+        (NEAR, set(np.flatnonzero(np.linalg.norm(POINTS - [1, 1, 9], axis=1) <= 5.0).tolist()), (0, 1, 2, 3, 4, 5)),
+        ("*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n", {9}, (0, 1, 2)),
+    ],
+)
+def test_nodes_and_components_of_a_tie(read, tie, nodes, components):
+    (rigid,) = read(BRICK + tie).rigid
+    assert (set(rigid.nodes.tolist()), rigid.components) == (nodes, components)
+    assert rigid.reference == (4 if "PIN" in tie else 8)
 
 
 def test_a_node_for_the_rotations_of_a_rigid_body(read):
@@ -223,11 +230,6 @@ def test_other_constraints_are_counted(read):
     mesh = read(BRICK + "*MPC\nLINK, 1, 5\nPIN, 2, 6\nCYCLSYM, 1, 2, 3, 4\n*SURFACE, NAME=A, TYPE=CYLINDER\n1.\n")
     assert mesh.ignored == {"*MPC CYCLSYM": 1, "*MPC LINK": 1, "*MPC PIN": 1, "*SURFACE, TYPE=CYLINDER": 1}
     assert mesh.rigid == ()
-
-
-def test_a_pin_of_coincident_nodes_is_imported(read):
-    (rigid,) = read(BRICK + "*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n").rigid
-    assert (rigid.reference, list(rigid.nodes), rigid.components) == (4, [9], (0, 1, 2))
 
 
 test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [

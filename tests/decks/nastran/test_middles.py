@@ -48,10 +48,7 @@ def tet_rule():
         yield np.array([u, v * (1 - u), w * (1 - u) * (1 - v)]), np.prod(weights[list(at)]) * (1 - u) ** 2 * (1 - v)
 
 
-KINDS = {
-    "CHEXA": (HEX, HEX_SIDES, hex_functions, hex_rule),
-    "CTETRA": (TET, TET_SIDES, tet_functions, tet_rule),
-}
+KINDS = {"CHEXA": (HEX, HEX_SIDES, hex_functions, hex_rule), "CTETRA": (TET, TET_SIDES, tet_functions, tet_rule)}
 SKEW = np.array([[0.8, 0.1, 0.0], [0.05, 0.5, 0.1], [0.0, -0.1, 1.1]])
 
 

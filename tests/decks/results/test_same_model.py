@@ -73,10 +73,7 @@ def write_vtu(path, mesh, found):
     meshio.Mesh(mesh.position, [("hexahedron", np.arange(8)[None])], point_data=data).write(path)
 
 
-@pytest.mark.parametrize(
-    ("ending", "write", "digits"),
-    [("op2", write_op2, 1e-9), ("vtu", write_vtu, 1e-9)],
-)
+@pytest.mark.parametrize(("ending", "write", "digits"), [("op2", write_op2, 1e-9), ("vtu", write_vtu, 1e-9)])
 def test_modes_come_back_on_the_nodes_of_the_deck(tmp_path, deck, mesh, found, ending, write, digits):
     path = tmp_path / f"run.{ending}"
     write(path, mesh, found)
