@@ -231,8 +231,8 @@ LINE = {"slope": 3.0, "stress": 1e8}
     ],
 )
 def test_what_does_not_fit_together_is_named(curve, mean, keys):
-    own = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
-    assert [problem.key for problem in damage_problems(own, "estimate.damage")] == [f"estimate.damage.{key}" for key in keys]
+    settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
+    assert [problem.key for problem in damage_problems(settings, "estimate.damage")] == [f"estimate.damage.{key}" for key in keys]
 
 
 def test_an_amplitude_is_half_a_range():

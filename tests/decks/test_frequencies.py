@@ -60,7 +60,7 @@ class Reference:
     def __init__(self):
         self.x, _, K, M = bar()
         self.n = len(K)
-        self.K, self.M = (np.pad(own, (0, 6)) for own in (K, M))
+        self.K, self.M = (np.pad(matrix, (0, 6)) for matrix in (K, M))
         place = np.round(np.linalg.solve(SHEARED, self.x.T)[0], 9)
         self.tip = np.flatnonzero(place == 1)
         self.rows = [np.eye(self.n + 6)[3 * node + c] for node in np.flatnonzero(place == 0) for c in range(3)]
@@ -114,30 +114,30 @@ def deck(*more):
 
 
 def rigid_tip():
-    own = Reference()
-    own.rigid()
-    own.mass(20.0, (0.1, 0.0, 0.02), (0.5, 0.4, 0.3))
+    reference = Reference()
+    reference.rigid()
+    reference.mass(20.0, (0.1, 0.0, 0.02), (0.5, 0.4, 0.3))
     mass = ["CONM2", 901, 900, "", 20.0, 0.1, 0.0, 0.02, "", 0.5, "", 0.4, "", "", 0.3]
-    return own, [["RBE2", 9, 900, 123, *(5 + 3 * own.tip)], mass]
+    return reference, [["RBE2", 9, 900, 123, *(5 + 3 * reference.tip)], mass]
 
 
 def averaged():
-    own = Reference()
-    own.average()
-    own.mass(20.0, (0, 0, 0), (0.5, 0.4, 0.3))
+    reference = Reference()
+    reference.average()
+    reference.mass(20.0, (0, 0, 0), (0.5, 0.4, 0.3))
     mass = ["CONM2", 901, 900, "", 20.0, "", "", "", "", 0.5, "", 0.4, "", "", 0.3]
-    return own, [["RBE3", 9, "", 900, 123456, 1.0, 123, *(5 + 3 * own.tip)], mass]
+    return reference, [["RBE3", 9, "", 900, 123456, 1.0, 123, *(5 + 3 * reference.tip)], mass]
 
 
 def sprung_and_related():
-    own = Reference()
-    a, b = own.tip[:2]
-    own.spring(3e7, (a, 1, 1.0))
-    own.spring(2e8, (a, 2, 1.0), (b, 2, -1.0))
-    own.rows.append(own.relation(np.zeros(6), (a, 0, 1.0), (b, 0, -0.5), (b, 2, 0.25)))
+    reference = Reference()
+    a, b = reference.tip[:2]
+    reference.spring(3e7, (a, 1, 1.0))
+    reference.spring(2e8, (a, 2, 1.0), (b, 2, -1.0))
+    reference.rows.append(reference.relation(np.zeros(6), (a, 0, 1.0), (b, 0, -0.5), (b, 2, 0.25)))
     a, b = 5 + 3 * a, 5 + 3 * b
     springs = [["CELAS2", 91, 3e7, a, 2], ["CELAS1", 92, 93, a, 3, b, 3], ["PELAS", 93, 2e8]]
-    return own, [*springs, ["MPC", 2, a, 1, 1.0, b, 1, -0.5, "", "", b, 3, 0.25]]
+    return reference, [*springs, ["MPC", 2, a, 1, 1.0, b, 1, -0.5, "", "", b, 3, 0.25]]
 
 
 @pytest.mark.parametrize("make", [rigid_tip, averaged, sprung_and_related])

@@ -292,11 +292,11 @@ SECOND_ORDER = {
 def test_mid_side_nodes_in_another_order_are_named(tmp_path, cell):
     x, corners = SECOND_ORDER[cell]
     order = np.arange(len(x))
-    given = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))} if corners < 8 and not np.any(x[:, 2]) else None
+    sections = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))} if corners < 8 and not np.any(x[:, 2]) else None
 
     def read(cells):
         meshio.write(tmp_path / "part.vtu", meshio.Mesh(np.vstack([x, x + np.array([3.0, 0, 0])]), [(cell, cells)]))
-        return read_mesh(tmp_path / "part.vtu", solids=given is None, materials=False, given=given)
+        return read_mesh(tmp_path / "part.vtu", solids=sections is None, materials=False, given=sections)
 
     assert len(read(np.stack([order, order + len(x)])).elements) == 1
     rolled = np.r_[order[:corners], np.roll(order[corners:], 1)]

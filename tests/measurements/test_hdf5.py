@@ -55,13 +55,13 @@ def test_datasets_of_any_depth_type_and_storage(make):
         "filled": np.where(np.arange(100) % 7 == 0, np.nan, A), "table[2]": 2 * A, "table[1]": A,
     }  # fmt: skip
     for clock in ("time", "table[0]"):
-        found = read_hdf5(path, list(expected), time=clock, sandboxed=False)
-        np.testing.assert_allclose(found.time, T, rtol=1e-15)
+        recording = read_hdf5(path, list(expected), time=clock, sandboxed=False)
+        np.testing.assert_allclose(recording.time, T, rtol=1e-15)
         for name, values in expected.items():
-            np.testing.assert_array_equal(found.channels[name], values)
-    assert list(found.units.values()) == ["um/m", "mV/V", None, "um/m", None, "g", "um/m"]
-    assert found.channels["/b"].dtype == float
-    assert found.place(3).endswith("test.h5, sample 4")
+            np.testing.assert_array_equal(recording.channels[name], values)
+    assert list(recording.units.values()) == ["um/m", "mV/V", None, "um/m", None, "g", "um/m"]
+    assert recording.channels["/b"].dtype == float
+    assert recording.place(3).endswith("test.h5, sample 4")
 
 
 def hole(file):

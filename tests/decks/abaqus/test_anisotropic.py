@@ -48,8 +48,8 @@ def deck(elastic, orientation="", named=", ORIENTATION=O", solid="", turn=""):
 def check_layers(mesh, C, volume=1.0, rtol=1e-8):
     """The work of every strain of a parallelepiped is that of the tensor."""
     check_mesh(mesh)
-    found = works_of(assemble_stiffness(mesh), mesh.position)
-    np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=rtol)
+    expected = [volume * work(C, strain) for strain in strains()]
+    np.testing.assert_allclose(works_of(assemble_stiffness(mesh), mesh.position), expected, rtol=rtol)
 
 
 def check(read, text, C, rtol=1e-8):

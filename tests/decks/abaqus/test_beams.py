@@ -239,5 +239,5 @@ def test_a_cantilever_bends_across_n1_and_n2_as_in_calculix(tmp_path):
         lines += ["*NODE PRINT, NSET=END", "U", "*END STEP"]
     path.write_text("\n".join([*lines, ""]))
     expected = printed_displacements(path)
-    found = [u[20] for u in displacements(read_abaqus(path), "CLOAD-1", "CLOAD-2")]
-    np.testing.assert_allclose(found, expected, rtol=0.002, atol=1e-9)
+    tip = [u[20] for u in displacements(read_abaqus(path), "CLOAD-1", "CLOAD-2")]
+    np.testing.assert_allclose(tip, expected, rtol=0.002, atol=1e-9)

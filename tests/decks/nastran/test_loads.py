@@ -86,12 +86,12 @@ RHO_G = 9810.0
 
 def facets(kind):
     """Corners of the facets of a convex solid, each in the sense whose normal points outward, by its planes alone."""
-    x, found = SOLIDS[kind].points(()), []
+    x, corners = SOLIDS[kind].points(()), []
     for *n, d in np.unique(ConvexHull(x).equations.round(9), axis=0):
         on = np.flatnonzero(np.abs(x @ n + d) < 1e-6)
         r = x[on] - x[on].mean(axis=0)
-        found.append(on[np.argsort(np.arctan2(r @ np.cross(n, r[0]), r @ r[0]))].tolist())
-    return found
+        corners.append(on[np.argsort(np.arctan2(r @ np.cross(n, r[0]), r @ r[0]))].tolist())
+    return corners
 
 
 def volume_and_centre(kind):

@@ -28,8 +28,8 @@ MESH = meshio.Mesh(
 
 def test_sandboxed_and_here_give_the_same(tmp_path):
     MESH.write(tmp_path / "part.xdmf")
-    there, here = (read_meshio(tmp_path / "part.xdmf", sandboxed=choice) for choice in (True, False))
-    assert same(there, here)
+    apart, here = (read_meshio(tmp_path / "part.xdmf", sandboxed=choice) for choice in (True, False))
+    assert same(apart, here)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only there a process can be kept from its memory")
