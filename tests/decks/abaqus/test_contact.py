@@ -17,6 +17,7 @@ from strainsight.mesh.merging import merged
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
 from strainsight.stages.suggestion import suggestion
 
+from ...bodies import body
 from ..programs import frequencies, needs_calculix, printed_frequencies
 
 HEX = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
@@ -117,27 +118,19 @@ def contact(behaviour: str = SOFT, options: str = "") -> str:
 
 def quadratic(more: str) -> str:
     """Two C3D20, each 1 m wide, and one of half the width on both, all clamped at their far faces."""
-    lines, sets = [], []
-    for first, (low, wide) in enumerate([((0, 0, 0), (2, 1, 1)), ((0.5, 0.25, 1), (1, 0.5, 1))]):
-        base, cells = 1000 * first, 2 - first
-        nodes: dict[tuple[int, int, int], int] = {}
-        elements = []
-        for i in range(cells):
-            own = [(2 * i + x, y, z) for x, y, z in HEX20]
-            elements.append([nodes.setdefault(point, base + 1 + len(nodes)) for point in own])
-        lines.append("*NODE")
-        for (i, j, k), number in nodes.items():
-            x, y, z = (float(low[c] + wide[c] * (i / cells, j, k)[c] / 2) for c in range(3))
-            lines.append(f"{number}, {x!r}, {y!r}, {z!r}")
-        lines.append("*ELEMENT, TYPE=C3D20, ELSET=ALL")
-        for i, own in enumerate(elements):
-            lines += [", ".join(map(str, [base + 1 + i, *own[:10]])) + ",", ", ".join(map(str, own[10:]))]
-        far = [str(number) for point, number in nodes.items() if point[2] == 2 * first]
-        sets += ["*BOUNDARY", *(f"{number}, 1, 3" for number in far)]
-        numbers = [f"{base + 1 + i}, S{1 if first else 2}" for i in range(cells)]
-        sets += [f"*SURFACE, NAME={'BOTTOM' if first else 'TOP'}", *numbers]
-    rest = "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n"
-    return "\n".join([*lines, *sets, rest]) + more
+    text = ""
+    for upper, (low, wide) in enumerate([((0, 0, 0), (1, 1, 1)), ((0.5, 0.25, 1), (1, 0.5, 1))]):
+        mesh = body("hex20", (2 - upper, 1, 1), lambda *u, low=low, wide=wide: np.add(low, np.multiply(wide, u)))
+        mesh = replace(mesh, node_ids=1000 * upper + mesh.node_ids)
+        (block,) = mesh.blocks
+        elements = 1000 * upper + block.ids
+        text += "*NODE\n" + "".join(f"{n}, {x}, {y}, {z}\n" for n, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True))
+        text += "*ELEMENT, TYPE=C3D20, ELSET=ALL\n"
+        for e, nodes in zip(elements, mesh.node_ids[block.nodes].tolist(), strict=True):
+            text += f"{e}, {', '.join(map(str, nodes[:10]))},\n{', '.join(map(str, nodes[10:]))}\n"
+        text += "*BOUNDARY\n" + "".join(f"{n}, 1, 3\n" for n in mesh.node_ids[mesh.position[:, 2] == 2 * upper])
+        text += f"*SURFACE, NAME={'BOTTOM' if upper else 'TOP'}\n" + "".join(f"{e}, S{1 if upper else 2}\n" for e in elements)
+    return f"{text}*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n{more}"
 
 
 def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):

@@ -119,21 +119,17 @@ def test_a_node_set_of_an_element_set(read):
 @pytest.mark.parametrize(
     ("lines", "point"),
     [
-        ("*SYSTEM\n1., 2., 3.", (1.0, 2.0, 4.0)),
-        ("*SYSTEM\n1., 0., 0., 1., 1., 0.", (1.0, 0.0, 1.0)),
-        ("*SYSTEM\n0., 0., 0., 0., 0., 1.\n1., 0., 0.", (0.0, 1.0, 0.0)),
-        ("*SYSTEM\n1., 2., 3.\n*SYSTEM", (0.0, 0.0, 1.0)),
+        ("*SYSTEM\n1., 2., 3.\n*NODE\n4, 0., 0., 1.", (1.0, 2.0, 4.0)),
+        ("*SYSTEM\n1., 0., 0., 1., 1., 0.\n*NODE\n4, 0., 0., 1.", (1.0, 0.0, 1.0)),
+        ("*SYSTEM\n0., 0., 0., 0., 0., 1.\n1., 0., 0.\n*NODE\n4, 0., 0., 1.", (0.0, 1.0, 0.0)),
+        ("*SYSTEM\n1., 2., 3.\n*SYSTEM\n*NODE\n4, 0., 0., 1.", (0.0, 0.0, 1.0)),
+        ("*NODE, SYSTEM=C\n4, 2., 60., 1.", (1.0, np.sqrt(3), 1.0)),
     ],
 )
 def test_nodes_after_a_system_are_given_in_it(read, lines, point):
-    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", f"{lines}\n*NODE\n4, 0., 0., 1."))
+    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", lines))
     np.testing.assert_allclose(mesh.position[mesh.node_index(4)], point, atol=1e-15)
     np.testing.assert_allclose(mesh.position[mesh.node_index(2)], [1, 0, 0])
-
-
-def test_nodes_in_cylindrical_coordinates(read):
-    mesh = read(TETRAHEDRON.replace("4, 0., 0., 1.", "*NODE, SYSTEM=C\n4, 2., 60., 1."))
-    np.testing.assert_allclose(mesh.position[3], [1.0, np.sqrt(3), 1.0])
 
 
 @pytest.mark.parametrize(
