@@ -17,7 +17,6 @@ from strainsight.errors import ConfigError
 from ..edges.beam import PLACEMENT_CONFIG
 from ..refusals import expect_refusal
 
-# What the mesh of a config may say, and what contradicts it.
 CONFIG = """\
 kind: placement
 name: own
@@ -51,49 +50,7 @@ def load(tmp_path):
     return from_text
 
 
-def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
-    mesh = load(CONFIG)["mesh"]
-    assert mesh["supports"][0]["components"] == [1, 2, 3]
-    assert mesh["matrices"]["stiffness"][0] == {"file": "k.mtx", "name": None, "parameter": "E", "at": 2.1e11}
-    assert mesh["format"] == "auto"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("{set: root}", "{set: root, node: 3}", "mesh.supports[0]"),
-        ("[1, 6]", "[1, 7]", "mesh.supports[1].components"),
-        ("poisson_ratio: 0.3", "poisson_ratio: 0.5", "mesh.materials.steel.poisson_ratio"),
-        ("materials: {steel", "materials: {lead: {regions: [1], " + LEAD, "mesh.materials"),
-        ("parameter: E, at", "parameter: Ee, at", "mesh.matrices.stiffness[0].parameter"),
-        ("{file: m.mtx}", "{file: m.mtx, parameter: E}", "mesh.matrices.mass[0].parameter"),
-        ("{file: m.mtx}", "{file: m.mtx, at: 3.0}", "mesh.matrices.mass[0].at"),
-        ("property: youngs_modulus, guess", "property: youngs_modulus, region: 1, guess", "parameters.E.region"),
-        ("deck_load: FORCE-1", "deck_load: FORCE-1, node: 3", "loads.tip"),
-        ("deck_load: FORCE-1", "deck_load: FORCE-1, direction: [0, 0, 1]", "loads.tip.direction"),
-        ("given: {rows: b.mtx, table: gauges.csv}", "surface: all", "gauges.direction"),
-        ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
-    ],
-)
-def test_a_contradiction_is_reported_at_its_key(load, old, new, key):
-    assert CONFIG.count(old) == 1
-    with pytest.raises(ConfigError) as caught:
-        load(CONFIG.replace(old, new))
-    assert caught.value.key.startswith(key)
-    assert not caught.value.others
-    assert caught.value.remedy
-
-
-def test_without_matrices_a_parameter_needs_its_region(load):
-    start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
-    text = CONFIG[:start] + CONFIG[end:]
-    with pytest.raises(ConfigError) as caught:
-        load(text)
-    assert {caught.value.key, *(error.key for error in caught.value.others)} == {"parameters.E.region", "gauges.given"}
-
-
 def sections(text: str) -> str:
-    """The config without matrices, with these sections."""
     start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
     plain = CONFIG[:start] + f"  sections: {text}\n" + CONFIG[end:]
     return plain.replace("youngs_modulus, guess", "youngs_modulus, region: 1, guess").replace(
@@ -104,40 +61,66 @@ def sections(text: str) -> str:
 BEAM = "regions: [spar], area: 1.0e-4, second_moments: [2.0e-9, 1.0e-9], torsion: 1.0e-9, direction: [0, 0, 1]"
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
+    mesh = load(CONFIG)["mesh"]
+    assert mesh["supports"][0]["components"] == [1, 2, 3]
+    assert mesh["matrices"]["stiffness"][0] == {"file": "k.mtx", "name": None, "parameter": "E", "at": 2.1e11}
+    assert mesh["format"] == "auto"
+    for text in (
         "{skin: {regions: [wing, 3], thickness: 0.002, offset: -0.001}}",
         f"{{spar: {{{BEAM}, size: [0.01, 0.02]}}, rod: {{regions: [stay], area: 1.0e-4, torsion: 0}}}}",
         "{spar: {" + BEAM.replace("1.0e-9]", "1.0e-9, -1.0e-9]") + "}}",
-    ],
-)
-def test_sections_of_shells_beams_and_rods_are_accepted(load, text):
-    assert load(sections(text))["mesh"]["sections"]
+    ):
+        assert load(sections(text))["mesh"]["sections"]
+
+
+CHANGES = [
+    ("{set: root}", "{set: root, node: 3}", "mesh.supports[0]"),
+    ("[1, 6]", "[1, 7]", "mesh.supports[1].components"),
+    ("  matrices:", "  mass: lumped\n  matrices:", "mesh.mass"),
+    ("poisson_ratio: 0.3", "poisson_ratio: 0.5", "mesh.materials.steel.poisson_ratio"),
+    ("materials: {steel", "materials: {lead: {regions: [1], " + LEAD, "mesh.materials"),
+    ("parameter: E, at", "parameter: Ee, at", "mesh.matrices.stiffness[0].parameter"),
+    ("{file: m.mtx}", "{file: m.mtx, parameter: E}", "mesh.matrices.mass[0].parameter"),
+    ("{file: m.mtx}", "{file: m.mtx, at: 3.0}", "mesh.matrices.mass[0].at"),
+    ("property: youngs_modulus, guess", "property: youngs_modulus, region: 1, guess", "parameters.E.region"),
+    ("deck_load: FORCE-1", "deck_load: FORCE-1, node: 3", "loads.tip"),
+    ("deck_load: FORCE-1", "deck_load: FORCE-1, direction: [0, 0, 1]", "loads.tip.direction"),
+    ("given: {rows: b.mtx, table: gauges.csv}", "surface: all", "gauges.direction"),
+    ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
+]
+SECTIONS = [
+    ("regions: all", "", "none of 'thickness', 'area' is given"),
+    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both given"),
+    ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
+    ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "is of beams"),
+    ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
+    (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
+    (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
+    (BEAM.replace("1.0e-9]", "1.0e-9, 2.0e-9]"), ".second_moments", "too large"),
+]
 
 
 @pytest.mark.parametrize(
     ("text", "key", "what"),
     [
-        ("regions: all", "", "none of 'thickness', 'area' is given"),
-        ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both given"),
-        ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
-        ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "is of beams"),
-        ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
-        (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
-        (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
-        (BEAM.replace("1.0e-9]", "1.0e-9, 2.0e-9]"), ".second_moments", "too large"),
+        *((CONFIG.replace(old, new), key, ".") for old, new, key in CHANGES),
+        *((sections(f"{{own: {{{text}}}}}"), f"mesh.sections.own{key}", what) for text, key, what in SECTIONS),
     ],
 )
-def test_a_section_is_that_of_a_shell_or_of_a_beam(load, text, key, what):
-    with expect_refusal(ConfigError, what, remedy="", key=f"mesh.sections.own{key}") as caught:
-        load(sections(f"{{own: {{{text}}}}}"))
+def test_a_contradiction_is_reported_at_its_key(load, text, key, what):
+    assert text != CONFIG
+    with expect_refusal(ConfigError, what, remedy="") as caught:
+        load(text)
+    assert caught.value.key == key if what != "." else caught.value.key.startswith(key)
     assert not caught.value.others
 
 
-def test_a_choice_of_mass_beside_matrices_is_refused(load):
-    with expect_refusal(ConfigError, r"the mass is that of mesh\.matrices", key="mesh.mass"):
-        load(CONFIG.replace("  matrices:", "  mass: lumped\n  matrices:"))
+def test_without_matrices_a_parameter_needs_its_region(load):
+    start, end = CONFIG.index("  matrices:"), CONFIG.index("  materials:")
+    with pytest.raises(ConfigError) as caught:
+        load(CONFIG[:start] + CONFIG[end:])
+    assert {caught.value.key, *(error.key for error in caught.value.others)} == {"parameters.E.region", "gauges.given"}
 
 
 # What a config may say of load cases.
@@ -207,7 +190,6 @@ OWN = {"grid_length": 0.002, "grid_width": 0.002, "carrier_length": 0.006, "carr
 
 @pytest.fixture
 def load_typed(tmp_path):
-    """load_typed(*overrides): a config of a placement that states no spacing."""
     data = copy.deepcopy(PLACEMENT_CONFIG)
     data["screen"] = {"keep": 8}
     (tmp_path / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
@@ -277,7 +259,6 @@ def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(load_
 
 
 def test_the_catalogue_is_sound_by_its_own_names():
-    """A name says grid in mm and resistance; a carrier holds its grids; a range, a factor and a gain are those of foil gauges."""
     for name, own in CATALOGUE.items():
         grid, resistance = name.removesuffix("-rosette").split("/")
         assert own.grid_length == pytest.approx(1e-3 * float(grid), rel=0.07)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 import pytest
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from strainsight.cases.structure.damage import curve_of
 from strainsight.config.bench.bearing import BearingConfig
@@ -25,7 +25,6 @@ from strainsight.errors import ConfigError
 from ..refusals import expect_refusal
 from ..robustness.small import BENCH, PLACEMENT
 
-# Every number of a config has a plausible range, beyond which a warning says where it stands and what was meant.
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted([*(ROOT / "configs").rglob("*.yaml"), *(ROOT / "docs").rglob("*.yaml")])
 BEARING = """
@@ -39,7 +38,6 @@ cases: {pull: {force: [1.0e+5, 0, 0]}}
 
 
 def parts_of(*annotations):
-    """Every type and every piece of metadata in annotations."""
     for item in annotations:
         yield item
         yield from parts_of(*get_args(item), *getattr(item, "metadata", ()))
@@ -64,7 +62,6 @@ def every_number():
 
 
 def bounded(inside) -> bool:
-    """Whether a number is bounded from both sides."""
     below = any(hasattr(part, "ge") or hasattr(part, "gt") for part in inside if not isinstance(part, type))
     above = any(hasattr(part, "le") or hasattr(part, "lt") for part in inside if not isinstance(part, type))
     return below and above
@@ -145,10 +142,11 @@ def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
 
 # What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
 CONFIGS = Path(__file__).parents[2] / "configs"
+FORMS = "'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'"
 BOX = "box: [[x, y, z], [x, y, z]]: lower and upper corner [m]."
 
 
-def refused(name: str, override: str) -> list[ConfigError]:
+def refused(name: str, override: str | Override) -> list[ConfigError]:
     with pytest.raises(ConfigError) as caught:
         load_config(CONFIGS / name, [override])
     return [caught.value, *caught.value.others]
@@ -160,12 +158,7 @@ def refused(name: str, override: str) -> list[ConfigError]:
         ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "a mapping has to be a list", BOX),
         ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known here: box"),
         ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of its axis [-]."),
-        (
-            "{near_edgs: 0.1}",
-            "",
-            "give exactly one of 'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'",
-            "did you mean near_edges?",
-        ),
+        ("{near_edgs: 0.1}", "", f"give exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )
 def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
@@ -186,7 +179,6 @@ def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
 
-# What is no YAML is refused at its line with what to do about it.
 @pytest.mark.parametrize(
     ("text", "line", "remedy"),
     [
@@ -206,18 +198,8 @@ def test_a_mistake_has_a_line_and_a_remedy(text, line, remedy):
     assert caught.value.line == line
 
 
-# What an override makes wrong is placed at the override, and a misspelt section is recognised.
-CONFIG = Path(__file__).parents[2] / "configs" / "cantilever-youngs-modulus.yaml"
-
-
-def errors_of_override(override: str | Override) -> list[ConfigError]:
-    with pytest.raises(ConfigError) as caught:
-        load_config(CONFIG, [override])
-    return [caught.value, *caught.value.others]
-
-
 def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
-    errors = errors_of_override("loads.tipp.signal.amplitude=3")
+    errors = refused("cantilever-youngs-modulus.yaml", "loads.tipp.signal.amplitude=3")
     assert {error.key for error in errors} == {"loads.tipp.known", "loads.tipp.signal"}
     for error in errors:
         assert error.where == "--set loads.tipp.signal.amplitude"
@@ -225,51 +207,32 @@ def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
 
 
 def test_a_section_that_only_an_override_made_has_to_be_added():
-    (error,) = errors_of_override(Override("estimate.file", "a.csv", "--measurements"))
+    (error,) = refused("cantilever-youngs-modulus.yaml", Override("estimate.file", "a.csv", "--measurements"))
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
     assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
     assert "docs/estimation.md" in error.remedy
 
 
-# What an S-N curve and a rule of the mean stress demand of each other.
 LINE = {"slope": 3.0, "stress": 1e8}
 
 
-def problems(curve=(), mean=()):
-    own = DamageSettings(curve=SNCurve(**(LINE | dict(curve))), mean_stress=MeanStress(**dict(mean)))
-    return [problem.key for problem in damage_problems(own, "estimate.damage")]
-
-
 @pytest.mark.parametrize(
-    ("curve", "mean"),
+    ("curve", "mean", "keys"),
     [
-        ({}, {}),
-        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}),
-        ({}, {"rule": "fkm", "sensitivity": 0.0}),
+        ({}, {}, []),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 1e8}, {}, []),
+        ({}, {"rule": "fkm", "sensitivity": 0.0}, []),
+        ({"second_slope": 5.0}, {}, ["curve.second_slope"]),
+        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 5e6}, {}, ["curve.cut_off"]),
+        ({"knee": 5e6, "cut_off": 1e8}, {}, ["curve.cut_off"]),
+        ({}, {"rule": "goodman"}, ["mean_stress"]),
+        ({}, {"rule": "fkm", "tensile_strength": 5e8, "sensitivity": 0.1}, ["mean_stress.tensile_strength"]),
+        ({}, {"sensitivity": 0.1}, ["mean_stress.sensitivity"]),
     ],
 )
-def test_what_fits_together_is_taken(curve, mean):
-    assert problems(curve, mean) == []
-
-
-@pytest.mark.parametrize(
-    ("curve", "mean", "key"),
-    [
-        ({"second_slope": 5.0}, {}, "curve.second_slope"),
-        ({"knee": 5e6, "second_slope": 5.0, "cut_off": 5e6}, {}, "curve.cut_off"),
-        ({"knee": 5e6, "cut_off": 1e8}, {}, "curve.cut_off"),
-        ({}, {"rule": "goodman"}, "mean_stress"),
-        ({}, {"rule": "fkm", "tensile_strength": 5e8, "sensitivity": 0.1}, "mean_stress.tensile_strength"),
-        ({}, {"sensitivity": 0.1}, "mean_stress.sensitivity"),
-    ],
-)
-def test_what_does_not_is_named(curve, mean, key):
-    assert problems(curve, mean) == [f"estimate.damage.{key}"]
-
-
-def test_fewer_draws_than_an_interval_needs_are_refused():
-    with pytest.raises(ValidationError, match="greater than or equal to 40"):
-        DamageSettings(curve=SNCurve(**LINE), draws=39)
+def test_what_does_not_fit_together_is_named(curve, mean, keys):
+    settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
+    assert [problem.key for problem in damage_problems(settings, "estimate.damage")] == [f"estimate.damage.{key}" for key in keys]
 
 
 def test_an_amplitude_is_half_a_range():
@@ -278,3 +241,43 @@ def test_an_amplitude_is_half_a_range():
         for stress, of in ((1e8, "range"), (5e7, "amplitude"))
     )
     assert one == other
+
+
+# What a config may say of bridges.
+CANTILEVER = CONFIGS / "cantilever-youngs-modulus.yaml"
+UP, DOWN = "{position: [0.5, 0.05, 0.095], direction: [1, 0, 0]", "{position: [0.5, 0.05, -0.095], direction: [1, 0, 0]"
+
+
+def one(*arms: str) -> str:
+    return f"gauges.fixed=[{{arms: [{', '.join(arms)}]}}]"
+
+
+ARMS = "gauges.fixed[0].arms"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "what", "remedy"),
+    [
+        ([one()], ARMS, "a bridge of 0 arms", "give two to four arms"),
+        ([one(UP + "}")], ARMS, "a bridge of 1 arm", "one alone is a gauge: position, direction"),
+        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "a bridge of 3 arms of sign 1", "at most two of either sign"),
+        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "2 arms, none of sign 1", "sign: -1 of the channel"),
+        ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Of its strain"),
+        (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending", ""),
+        (["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],
+         "gauges.rosette", "no arm of a bridge", ""),
+        (["gauges.bridge=half-axial", "place.symmetry={point: [0, 0, 0], normal: [0, 1, 0]}"],
+         "place.symmetry", "not placed in mirrored pairs", ""),
+    ],
+)  # fmt: skip
+def test_a_bridge_that_cannot_be_is_refused_with_key_and_remedy(overrides, key, what, remedy):
+    with expect_refusal(ConfigError, what, remedy=remedy, key=key):
+        load_config(CANTILEVER, overrides)
+
+
+def test_a_bridge_counts_as_one_gauge_of_the_layout():
+    bridge = one(UP + "}", DOWN + ", sign: -1}")
+    loaded = load_config(CANTILEVER, [bridge, "place.keep=1"])
+    assert len(loaded.model.gauges.fixed[0].arms) == 2
+    with pytest.raises(ConfigError, match="fixed"):
+        load_config(CANTILEVER, [bridge[:-1] + f", {UP}}}]", "place.keep=1"])

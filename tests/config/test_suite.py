@@ -11,7 +11,6 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.errors import ConfigError
 from strainsight.stages.pages.suite_entries import suite_config
 
-# A suite is checked whole, with the configs of its runs: every problem has its place in the file that it stands in.
 CONFIGS = Path(__file__).parents[2] / "configs"
 SUITE = """\
 kind: suite
@@ -33,10 +32,58 @@ runs:
 """
 
 
+BENCH = """\
+kind: bench
+name: bob
+bodies:
+  bob: {type: rigid, mass: 2.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}
+frames:
+  pivot: {body: ground}
+  hinge: {body: bob}
+joints:
+  hinge: {type: fixed, frames: [pivot, hinge]}
+simulate: {duration: 1.0, time_step: 0.1}
+"""
+STUDIES = """\
+kind: suite
+name: all
+title: Benches
+suffix: -x
+set: {simulate: {duration: 1.0, time_step: 0.1}}
+runs:
+  - {config: bench.yaml, name: long, label: long steps, study: steps, group: own, set: {simulate.time_step: 0.5}}
+  - {config: bench.yaml, name: short, label: short steps, study: steps, group: own}
+  - {config: bench.yaml, name: other, label: another}
+studies:
+  - {name: steps, note: What a step costs., over: simulate.time_step, numbers: [steps]}
+claims:
+  - {text: Few steps., run: long, stage: simulate, number: steps, below: 3}
+  - {text: Five times as many., run: [short], stage: simulate, number: steps, against: long, above: 4.5, below: 5.5}
+"""
+COMPARISONS = """\
+comparisons:
+  - source: figure 1
+    says: It takes few steps.
+    as_printed: {run: long, stage: simulate, number: steps, below: 9}
+  - source: figure 2
+    says: E is found.
+    printed: 1 %
+    ours: {run: other, number: error.E, below: 0.01}
+  - source: figure 3
+    says: It is drawn.
+    why: A drawing.
+"""
+COMPARED = STUDIES.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0] + COMPARISONS
+COMPARED = COMPARED.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
+
+
 @pytest.fixture
 def write(tmp_path):
-    for name in ("cantilever-youngs-modulus", "cantilever-input"):
-        (tmp_path / f"{name}.yaml").write_text((CONFIGS / f"{name}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    """Text of a suite → its path, beside the configs of its runs."""
+    configs = {f"{name}.yaml": name for name in ("cantilever-youngs-modulus", "cantilever-input")}
+    for name, source in (configs | {"beam.yaml": "cantilever-youngs-modulus", "full.yaml": "bench-full"}).items():
+        (tmp_path / name).write_text((CONFIGS / f"{source}.yaml").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "bench.yaml").write_text(BENCH, encoding="utf-8")
 
     def written(text: str = SUITE) -> Path:
         path = tmp_path / "suite.yaml"
@@ -46,9 +93,14 @@ def write(tmp_path):
     return written
 
 
-def refused(path: Path, *overrides: str) -> list[ConfigError]:
+def refused(path: Path, *overrides: str, stages=("import", "reduce", "simulate")) -> list[ConfigError]:
+    def checked():
+        suite = load_config(path, overrides)
+        runs = runs_of(suite)
+        suite_config(suite, runs, [list(stages)] * len(runs))
+
     with pytest.raises(ConfigError) as caught:
-        runs_of(load_config(path, overrides))
+        checked()
     return [caught.value, *caught.value.others]
 
 
@@ -104,26 +156,6 @@ def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_onc
     assert place(text, "seed", own.name) in error.where
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "key", "what"),
-    [
-        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 long"),
-        ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
-        ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
-        ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
-        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite itself"),
-        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "as is runs[0]"),
-        ("name: all", "name: watched-short", "runs[1].name", "as is the suite itself"),
-    ],
-)
-def test_a_mistake_in_the_suite_has_its_place(write, before, after, key, what):
-    errors = refused(write(SUITE.replace(before, after)))
-    (error,) = (error for error in errors if what in error.what)
-    assert error.key == key
-    assert "suite.yaml:" in error.where
-    assert error.remedy
-
-
 def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     head, first, _, last = SUITE.split("  - config: ")
     (error,) = refused(write(f"{head}  - config: {last}  - config: {first}"))
@@ -133,26 +165,8 @@ def test_a_guess_from_a_run_that_comes_later_is_refused(write):
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "key", "what"),
-    [
-        ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
-        ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
-    ],
-)
-def test_a_text_that_a_terminal_would_act_upon_is_refused(write, before, after, key, what):
-    (error,) = refused(write(SUITE.replace(before, after)))
-    assert error.key == key
-    assert what in error.what
-    assert "suite.yaml:" in error.where
-    assert str(error).isprintable() or "\n    write plain text" in str(error)
-
-
-@pytest.mark.parametrize(
     ("given", "remedy"),
-    [
-        ("place.keep=5", "write set.place.keep=5"),
-        ("jbos=2", "did you mean jobs?"),
-    ],
+    [("place.keep=5", "write set.place.keep=5"), ("jbos=2", "did you mean jobs?")],
 )
 def test_a_key_of_the_runs_behind_set_is_placed_there(write, given, remedy):
     (error,) = refused(write(), given)
@@ -169,84 +183,8 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
         assert place(text, "{train") in error.where
 
 
-@pytest.mark.parametrize("name", ["x" * 300, r'"a\0b"', "../" * 2000])
-def test_a_name_that_no_file_can_have_is_no_file(write, name):
-    (error,) = refused(write(SUITE.replace("cantilever-input.yaml", name, 1)))
-    assert error.key == "runs[2].config"
-    assert "no such file" in error.what
-
-
-# A suite of benches: its studies and claims are checked with the configs of its runs, each mistake at its place.
-BENCH = """\
-kind: bench
-name: bob
-bodies:
-  bob: {type: rigid, mass: 2.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.0}}
-frames:
-  pivot: {body: ground}
-  hinge: {body: bob}
-joints:
-  hinge: {type: fixed, frames: [pivot, hinge]}
-simulate: {duration: 1.0, time_step: 0.1}
-"""
-STUDIES = """\
-kind: suite
-name: all
-title: Benches
-suffix: -x
-set: {simulate: {duration: 1.0, time_step: 0.1}}
-runs:
-  - {config: bench.yaml, name: long, label: long steps, study: steps, group: own, set: {simulate.time_step: 0.5}}
-  - {config: bench.yaml, name: short, label: short steps, study: steps, group: own}
-  - {config: bench.yaml, name: other, label: another}
-studies:
-  - {name: steps, note: What a step costs., over: simulate.time_step, numbers: [steps]}
-claims:
-  - {text: Few steps., run: long, stage: simulate, number: steps, below: 3}
-  - {text: Five times as many., run: [short], stage: simulate, number: steps, against: long, above: 4.5, below: 5.5}
-"""
-COMPARISONS = """\
-comparisons:
-  - source: figure 1
-    says: It takes few steps.
-    as_printed: {run: long, stage: simulate, number: steps, below: 9}
-  - source: figure 2
-    says: E is found.
-    printed: 1 %
-    ours: {run: other, number: error.E, below: 0.01}
-  - source: figure 3
-    says: It is drawn.
-    why: A drawing.
-"""
-
-
-@pytest.fixture
-def write_studies(tmp_path):
-    (tmp_path / "bench.yaml").write_text(BENCH, encoding="utf-8")
-    beam = CONFIGS / "cantilever-youngs-modulus.yaml"
-    (tmp_path / "beam.yaml").write_text(beam.read_text(encoding="utf-8"), encoding="utf-8")
-
-    def written(text: str = STUDIES) -> Path:
-        path = tmp_path / "suite.yaml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return written
-
-
-def refused_studies(path: Path, stages=("import", "reduce", "simulate")) -> list[ConfigError]:
-    def checked():
-        suite = load_config(path)
-        runs = runs_of(suite)
-        suite_config(suite, runs, [list(stages)] * len(runs))
-
-    with pytest.raises(ConfigError) as caught:
-        checked()
-    return [caught.value, *caught.value.others]
-
-
-def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_studies):
-    suite = load_config(write_studies())
+def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
+    suite = load_config(write(STUDIES))
     given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)
     assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
     assert [run["study"] for run in given["runs"]] == ["steps", "steps", ""]
@@ -258,9 +196,23 @@ def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_st
     ]
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "key", "what"),
-    [
+MISTAKES = {
+    SUITE: [
+        ("runs:", "runs: []\nrest:", "runs", "has to be at least 1 long"),
+        ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
+        ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
+        ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
+        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite itself"),
+        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "as is runs[0]"),
+        ("name: all", "name: watched-short", "runs[1].name", "as is the suite itself"),
+        ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
+        ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
+        *(
+            ("cantilever-input.yaml", name, "runs[2].config", "no such file")
+            for name in ("x" * 300, r'"a\0b"', "../" * 2000)
+        ),
+    ],
+    STUDIES: [
         ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
         (", below: 3", "", "claims[0]", "has no bound"),
         ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
@@ -272,21 +224,29 @@ def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write_st
         ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
         ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
     ],
+    COMPARED: [
+        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
+        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
+        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
+        ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "before", "after", "key", "what"), [(text, *row) for text, rows in MISTAKES.items() for row in rows]
 )
-def test_a_mistake_has_its_place(write_studies, before, after, key, what):
-    assert before in STUDIES
-    (error,) = (error for error in refused_studies(write_studies(STUDIES.replace(before, after, 1))) if what in error.what)
-    assert error.key == key
+def test_a_mistake_in_the_suite_has_its_place(write, text, before, after, key, what):
+    assert before in text
+    (error,) = (error for error in refused(write(text.replace(before, after, 1))) if what in error.what and error.key == key)
     assert "suite.yaml:" in error.where
     assert error.remedy
+    assert str(error).replace("\n", "").isprintable()
 
 
-def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write_studies):
-    text = STUDIES.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
-    text = text.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
-    text = text.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0]
-    text += COMPARISONS
-    suite = load_config(write_studies(text))
+def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write):
+    text = COMPARED.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
+    suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
     first, second, third = given["comparisons"]
     assert first["as_printed"]["stage"] == "simulate"
@@ -295,50 +255,31 @@ def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbe
     assert (third["ours"], third["as_printed"]) == (None, None)
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "key", "what"),
-    [
-        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
-        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
-        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
-        ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
-    ],
-)
-def test_a_mistake_of_a_comparison_has_its_place(write_studies, before, after, key, what):
-    text = STUDIES.replace("bench.yaml, name: other", "beam.yaml, name: other").split("claims:")[0] + COMPARISONS
-    text = text.replace("set: {simulate: {duration: 1.0, time_step: 0.1}}\n", "")
-    assert before in text
-    found = refused_studies(write_studies(text.replace(before, after, 1)))
-    assert any(error.key == key and what in error.what and error.remedy for error in found)
-
-
-def test_placements_have_studies_and_claims_too(write_studies):
+def test_placements_have_studies_and_claims_too(write):
     text = "kind: suite\nname: all\ntitle: t\nruns:\n  - {config: beam.yaml, name: a, label: E, study: s, group: g}\n"
     text += "studies: [{name: s, over: place.keep}]\nclaims: [{text: t, run: a, number: error.E, above: 0}]\n"
-    suite = load_config(write_studies(text))
+    suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["import", "validate"]])
     assert (given["runs"][0]["at"], given["claims"][0]["measure"]["stage"]) == (4.0, "validate")
     assert list(given["runs"][0]["artefacts"]) == ["import", "validate"]
-    (error,) = refused_studies(write_studies(text), ("import", "place"))
+    (error,) = refused(write(text), stages=("import", "place"))
     assert (error.key, error.what) == (
         "claims[0].run",
         "runs[0], 'a', has no stage 'validate': it goes through import, place",
     )
 
 
-def test_what_is_measured_on_another_run_follows_the_suffix(write_studies, tmp_path):
-    bench = (CONFIGS / "bench-full.yaml").read_text(encoding="utf-8")
-    (tmp_path / "full.yaml").write_text(bench, encoding="utf-8")
+def test_what_is_measured_on_another_run_follows_the_suffix(write):
     estimate = (
         "{sensors: {relative: {noise: 1.0e-7}}, inputs: {Fx: {std: 1.0, increment: 1.0}}, measured: {from: NAME}}"
     )
     text = "kind: suite\nname: all\ntitle: t\nsuffix: -x\nruns:\n  - {config: full.yaml, name: full, label: f}\n"
     text += f"  - {{config: full.yaml, name: small, label: s, set: {{estimate: {estimate}}}}}\n"
-    runs = runs_of(load_config(write_studies(text.replace("NAME", "full"))))
+    runs = runs_of(load_config(write(text.replace("NAME", "full"))))
     assert runs[1].config.data["estimate"]["measured"]["from"] == "full-x"
-    runs = runs_of(load_config(write_studies(text.replace("NAME", "elsewhere"))))
+    runs = runs_of(load_config(write(text.replace("NAME", "elsewhere"))))
     assert runs[1].config.data["estimate"]["measured"]["from"] == "elsewhere"
     later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
-    (error,) = refused_studies(write_studies(later))
+    (error,) = refused(write(later))
     assert error.key == "estimate.measured.from"
     assert "which the suite runs later" in error.what

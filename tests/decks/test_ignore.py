@@ -6,7 +6,6 @@ import pytest
 
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile, Tie
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.stages.pages.assumed import assumed_table
@@ -16,7 +15,6 @@ from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON
 
 
-# Elements, ties and loads that are not supported have to be named, and nothing else has.
 def imported(tmp_path, text, ignore=(), name="deck.bdf"):
     (tmp_path / name).write_text(text)
     return mesh_of(MeshFile(file=name, ignore=tuple(ignore)), tmp_path / name)
@@ -33,7 +31,7 @@ SHELLS = (
 )
 
 
-def test_card_count_line_and_remedy_are_named(tmp_path):
+def test_card_count_line_and_remedy_are_named_and_what_is_named_in_the_config_is_left_out(tmp_path):
     error = refused(tmp_path, TETRAHEDRON + SHELLS)
     assert f"2 × CQUAD (first at {tmp_path}/deck.bdf:9), 1 × PLOAD1 (first at {tmp_path}/deck.bdf:12)" in error.what
     assert error.where == f"{tmp_path}/deck.bdf:9"
@@ -41,9 +39,6 @@ def test_card_count_line_and_remedy_are_named(tmp_path):
     assert error.remedy.startswith("mesh CQUAD with eight or four nodes; if they do not matter")
     assert error.remedy.endswith("mesh.ignore: [CQUAD, PLOAD1]")
     assert "PLOAD1" not in refused(tmp_path, TETRAHEDRON + SHELLS, ignore=["PLOAD1"]).what
-
-
-def test_what_is_named_is_left_out_and_listed(tmp_path):
     mesh = imported(tmp_path, TETRAHEDRON + SHELLS, ["cquad", "PLOAD1", "CBAR"])
     assert {card: mesh.ignored[card] for card in ("CQUAD", "PLOAD1")} == {"CQUAD": 2, "PLOAD1": 1}
     assert mesh.notes[-1] == "mesh.ignore names CBAR, of which the deck has none"
@@ -141,14 +136,6 @@ def test_heat_that_changes_the_modulus_has_to_be_named(tmp_path):
     assert "TEMPERATURE" in refused(tmp_path, text, name="deck.inp").what
 
 
-def test_the_reader_of_a_deck_says_it(tmp_path):
-    path = tmp_path / "a.bdf"
-    path.write_text(TETRAHEDRON + "PSOLID,2,1\nCQUAD,70,3,1,2,3,4\nRSPLINE,1\nPLOAD1,1\nPARAM,POST,-1\nTOPVAR,1\n")
-    mesh = read_mesh(path)
-    assert mesh.ignored == {"CQUAD": 1, "PARAM POST": 1, "PLOAD1": 1, "RSPLINE": 1, "TOPVAR": 1}
-    assert mesh.effect == {"CQUAD": "structure", "PARAM POST": "none", "PLOAD1": "none", "RSPLINE": "structure"}
-
-
 # A deck that asks for modes under a preload: an error by its name in every format, the first warning where it is ignored.
 LOADED = "*STATIC\n*CLOAD\n5, 3, 1.\n*END STEP\n"
 MODES = "*FREQUENCY\n4\n*END STEP"
@@ -160,9 +147,7 @@ ASKED = {
     ),
     "PERTURBATION": (inp(more=f"*STEP\n{LOADED}*STEP, PERTURBATION\n{MODES}"), "*STEP, PERTURBATION", "*STEP, PERTURBATION"),
     "STATSUB": (bar(case=CASES.format("LOAD = 2", "STATSUB = 1\nMETHOD = 3")), "STATSUB = 1", "STATSUB"),
-    "SOL 106": (
-        bar("PARAM,LGDISP,1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"), "METHOD = 3", "SOL 106",
-    ),
+    "SOL 106": (bar("PARAM,LGDISP,1", case="SPC = 1\nMETHOD = 3").replace("SOL 103", "SOL 106"), "METHOD = 3", "SOL 106"),
     "SOL 400": (
         bar(case=CASES.format("ANALYSIS = NLSTATICS", "ANALYSIS = MODES")).replace("SOL 103", "SOL 400"),
         "ANALYSIS = MODES",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import itertools
 import re
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from .abaqus.test_deck import TETRAHEDRON as ABAQUS
 from .conftest import TETRAHEDRON as NASTRAN
 
 
-# Decks in any units are the same structure in SI.
 def deck(path, length, E, rho, mass):
     path.write_text(
         f"GRID,1\nGRID,2,,{length}\nGRID,3,,,{length}\nGRID,4,,,,{length}\nCTETRA,10,1,1,2,3,4\nPSOLID,1,1\n"
@@ -151,7 +149,6 @@ def test_other_packed_meshes_are_refused_clearly(tmp_path, name):
 
 @pytest.mark.parametrize(("name", "line"), [("part.bdf.gz", b"$ a comment\n" * 85), ("part.inp.gz", b"\0" * 1024)])
 def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, name, line):
-    """80 kB of zeros, or of one comment again and again, took 80 MB, and 4 MB took the memory of the machine."""
     with gzip.open(tmp_path / name, "wb", compresslevel=1) as file:
         for _ in range(90):
             file.write(line * 1024)
@@ -161,10 +158,7 @@ def test_a_file_that_unpacks_to_a_thousand_times_its_size_is_refused(tmp_path, n
 
 
 # A deck takes in files of its own folder, and of those that the config names, and nothing else, whatever leads there.
-FORMS = {
-    "own.bdf": ("INCLUDE '{}'\n", NASTRAN),
-    "own.inp": ("*INCLUDE, INPUT={}\n", ABAQUS),
-}
+FORMS = {"own.bdf": ("INCLUDE '{}'\n", NASTRAN), "own.inp": ("*INCLUDE, INPUT={}\n", ABAQUS)}
 """Name of the deck → how it takes in a file, and what is in that."""
 
 
@@ -284,63 +278,28 @@ def test_a_folder_that_is_not_there_is_named_with_its_key(project):
         project[0]("part", "../bulk", "../none")
 
 
-# Second-order elements whose nodes are in the order of another program are refused for that reason, in every format.
-def two(kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and nodes (VTK order) of two elements side by side that share no node."""
-    first = SOLIDS[kind].points()
-    return np.vstack([first, first + np.array([3.0, 0, 0])]), np.arange(2 * len(first)).reshape(2, -1)
+RING = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+SECOND_ORDER = {
+    "tetra10": (SOLIDS["tet10"].points(), 4),
+    "hexahedron20": (SOLIDS["hex20"].points(), 8),
+    "quad8": (np.vstack([RING, (RING + np.roll(RING, -1, axis=0)) / 2]), 4),
+    "triangle6": (np.vstack([RING[:3], (RING[:3] + np.roll(RING[:3], -1, axis=0)) / 2]), 3),
+}
+"""Cell of meshio → nodes of one element, and how many of them are corners."""
 
 
-def rolled(nodes: np.ndarray, corners: int) -> np.ndarray:
-    return np.hstack([nodes[:, :corners], np.roll(nodes[:, corners:], 1, axis=1)])
+@pytest.mark.parametrize("cell", SECOND_ORDER)
+def test_mid_side_nodes_in_another_order_are_named(tmp_path, cell):
+    x, corners = SECOND_ORDER[cell]
+    order = np.arange(len(x))
+    sections = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))} if corners < 8 and not np.any(x[:, 2]) else None
 
+    def read(cells):
+        meshio.write(tmp_path / "part.vtu", meshio.Mesh(np.vstack([x, x + np.array([3.0, 0, 0])]), [(cell, cells)]))
+        return read_mesh(tmp_path / "part.vtu", solids=sections is None, materials=False, given=sections)
 
-def write(path: Path, kind: str, x: np.ndarray, nodes: np.ndarray) -> None:
-    """A mesh of one kind, whose nodes are in the order of VTK."""
-    solid, numbered = SOLIDS[kind], list(enumerate(x.tolist(), start=1))
-    if path.suffix == ".inp":
-        lists = [[", ".join(map(str, part + 1)) for part in (own[:8], own[8:])] for own in nodes]
-        cells = "".join(f"{i}, {first},\n{rest}\n" for i, (first, rest) in enumerate(lists, 1))
-        lines = "".join(f"{i}, {p[0]}, {p[1]}, {p[2]}\n" for i, p in numbered)
-        path.write_text(f"*NODE\n{lines}*ELEMENT, TYPE={solid.abaqus}\n{cells}")
-    elif path.suffix == ".bdf":
-        corners, other = len(solid.corners), solid.nastran_edges or solid.edges
-        order = [*range(corners), *(corners + solid.edges.index(edge) for edge in other)]
-        cells = "".join(f"{solid.nastran},{i},1,{','.join(map(str, own[order] + 1))}\n" for i, own in enumerate(nodes, 1))
-        path.write_text("".join(f"GRID,{i},,{p[0]},{p[1]},{p[2]}\n" for i, p in numbered) + cells + "PSOLID,1,1\n")
-    else:
-        options = {"file_format": "gmsh", "binary": False} if path.suffix == ".msh" else {}
-        meshio.write(path, meshio.Mesh(x, [(solid.meshio, nodes)]), **options)
-
-
-@pytest.mark.parametrize(
-    ("kind", "ending"),
-    [
-        *itertools.product(["tet10", "hex20", "wedge15"], ["inp", "bdf"]),
-        *itertools.product(["tet10", "hex20"], ["vtu", "vtk", "msh"]),
-    ],
-)
-def test_mid_side_nodes_in_another_order_are_named(tmp_path, kind, ending):
-    path, (x, nodes) = tmp_path / f"part.{ending}", two(kind)
-    for order, wrong in ((nodes, False), (rolled(nodes, len(SOLIDS[kind].corners)), True)):
-        write(path, kind, x, order)
-        if not wrong:
-            assert read_mesh(path, materials=False).blocks[0].kind == kind
-            continue
-        with pytest.raises(DeckError, match=r"in all 2 .* the order of the nodes is another one") as caught:
-            read_mesh(path, materials=False)
-        assert "merge" not in caught.value.remedy
-
-
-@pytest.mark.parametrize(("cell", "corners"), [("quad8", 4), ("triangle6", 3)])
-def test_shells_in_another_order_are_named(tmp_path, cell, corners):
-    ring = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])[:corners]
-    x = np.vstack([ring, (ring + np.roll(ring, -1, axis=0)) / 2])
-    given = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))}
-    for order in (np.arange(2 * corners), np.r_[0:corners, np.roll(np.arange(corners, 2 * corners), 1)]):
-        meshio.write(tmp_path / "skin.vtu", meshio.Mesh(x, [(cell, order[None])]))
-        if order[corners] == corners:
-            assert read_mesh(tmp_path / "skin.vtu", solids=False, materials=False, given=given).shells
-            continue
-        with pytest.raises(DeckError, match=r"in all 1 .* the order of the nodes is another one"):
-            read_mesh(tmp_path / "skin.vtu", solids=False, materials=False, given=given)
+    assert len(read(np.stack([order, order + len(x)])).elements) == 1
+    rolled = np.r_[order[:corners], np.roll(order[corners:], 1)]
+    with pytest.raises(DeckError, match=r"in all 2 .* the order of the nodes is another one") as caught:
+        read(np.stack([rolled, rolled + len(x)]))
+    assert "merge" not in caught.value.remedy

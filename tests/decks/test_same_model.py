@@ -46,7 +46,7 @@ class Element:
 
 
 class Model:
-    """Every kind but two, a quadratic hexahedron beside a wedge, curved; numbers out of order."""
+    """Every kind, a quadratic hexahedron beside a wedge, curved; numbers out of order."""
 
     def __init__(self):
         self.x: dict[int, tuple[float, float, float]] = {}
@@ -61,6 +61,7 @@ class Model:
         self.add("tet10", 11, [(8, 0, 0), (9, 0, 0), (8, 1, 0), (8, 0, 1)])
         self.add("tet10", 11, [(9, 0, 0), (9, 1, 1), (8, 1, 0), (8, 0, 1)])
         self.add("pyra5", 11, [*((x, y, 2) for x, y in SQUARE), (0.5, 0.25, 3)])
+        self.add("tet4", 12, [(12, 0, 0), (13, 0, 0), (12, 1, 0), (12, 0, 1)])
         self.foot = self.elements[0].corners[:4]
 
     def add(self, kind, region, corners):
@@ -95,12 +96,7 @@ def nastran(path):
         lines += [",".join([e.solid.nastran if i == 0 else "+", *row]) for i, row in enumerate(rows)]
     for i, (_, m) in REGIONS.items():
         lines += [f"PSOLID,{i},{m.id}", f"MAT1,{m.id},{m.youngs_modulus!r},,{m.poisson_ratio!r},{m.density!r}"]
-    lines += [
-        "SPC1,4,123," + ",".join(map(str, MODEL.foot)),
-        "SET1,5," + ",".join(map(str, MODEL.foot)),
-        "ENDDATA",
-        "",
-    ]
+    lines += ["SPC1,4,123," + ",".join(map(str, MODEL.foot)), "SET1,5," + ",".join(map(str, MODEL.foot)), "ENDDATA", ""]
     path.write_text("\n".join(lines))
     return read_nastran(path)
 
@@ -146,33 +142,6 @@ def gmsh_2(path, binary):
     return read_gmsh(path)
 
 
-def gmsh_4(path, binary):
-    """Numbers as (kind, values): int, size and double are distinguished only in binary."""
-
-    def body(*parts: tuple[str, list]) -> bytes:
-        if binary:
-            return b"".join(
-                struct.pack(f"<{len(v)}{ {'int': 'i', 'size': 'Q', 'double': 'd'}[k] }", *v) for k, v in parts
-            )
-        return "\n".join(" ".join(map(repr, values)) for _, values in parts).encode()
-
-    entities = [("size", [0, 0, 1, 2])]
-    for tag, group, bounds in ((1, 4, 1), (1, 11, 0), (2, 12, 0)):
-        entities += [("int", [tag]), ("double", [0.0] * 6), ("size", [1]), ("int", [group]), ("size", [bounds])]
-        entities += [("int", [7] * bounds)]
-    ids = list(MODEL.x)
-    nodes = [("size", [1, len(ids), min(ids), max(ids)]), ("int", [3, 1, 0]), ("size", [len(ids)]), ("size", ids)]
-    nodes += [("double", list(MODEL.x[i])) for i in ids]
-    elements = [("size", [1 + len(MODEL.elements), 1 + len(MODEL.elements), 1, 900])]
-    elements += [("int", [2, 1, QUADRANGLE]), ("size", [1]), ("size", [1, *MODEL.foot])]
-    for e in MODEL.elements:
-        elements += [("int", [3, e.region - 10, e.solid.gmsh]), ("size", [1]), ("size", [e.id, *e.nodes("gmsh")])]
-    head = b"4.1 1 8\n" + struct.pack("<i", 1) if binary else b"4.1 0 8"
-    parts = [section(n, body(*p)) for n, p in (("Entities", entities), ("Nodes", nodes), ("Elements", elements))]
-    path.write_bytes(section("MeshFormat", head) + NAMES.encode() + b"".join(parts))
-    return read_gmsh(path)
-
-
 def grid(path, binary=True):
     """VTK's wedges are written mirrored: the normal of their first triangle points out of the cell."""
     index = {i: k for k, i in enumerate(MODEL.x)}
@@ -199,8 +168,6 @@ FORMATS = {
     "abaqus": lambda folder: abaqus(folder / "part.inp"),
     "gmsh 2.2": lambda folder: gmsh_2(folder / "part.msh", False),
     "gmsh 2.2 binary": lambda folder: gmsh_2(folder / "part.msh", True),
-    "gmsh 4.1": lambda folder: gmsh_4(folder / "part.msh", False),
-    "gmsh 4.1 binary": lambda folder: gmsh_4(folder / "part.msh", True),
     "vtu": lambda folder: grid(folder / "part.vtu"),
     "vtu text": lambda folder: grid(folder / "part.vtu", False),
     "vtk": lambda folder: grid(folder / "part.vtk"),
@@ -208,7 +175,6 @@ FORMATS = {
 
 
 def with_materials(mesh: Mesh) -> Mesh:
-    """Materials where the format has none."""
     if mesh.materials:
         return mesh
     regions = {i: replace(region, material=REGIONS[i][1].id) for i, region in mesh.regions.items()}
@@ -216,7 +182,6 @@ def with_materials(mesh: Mesh) -> Mesh:
 
 
 def by_number(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """K and M with rows in the order of the node numbers."""
     order = (3 * np.argsort(mesh.node_ids)[:, None] + np.arange(3)).ravel()
     return tuple(operator.constant.toarray()[np.ix_(order, order)] for operator in assemble(with_materials(mesh)))
 

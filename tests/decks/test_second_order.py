@@ -123,7 +123,6 @@ def test_what_is_wrong_is_named_with_file_line_and_remedy(tmp_path, old, new, wh
 
 
 def test_a_face_below_is_counted_the_other_way(tmp_path):
-    """A pressure on SNEG is that on SPOS against it, node by node."""
     def load(side):
         surface = f"*SURFACE, NAME=S\nALL, {side}\n*STEP"
         return made(tmp_path / "a.inp", ABAQUS.replace("*STEP", surface).replace("*DLOAD\nALL, P,", "*DSLOAD\nS, P,")).loads

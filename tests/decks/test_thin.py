@@ -22,8 +22,6 @@ ROD = GivenSection(("spar",), BeamSection(1e-4))
 
 @pytest.fixture
 def strip(tmp_path):
-    """The strip as gmsh text, changed, with sections by their last key."""
-
     def of(*changes, text=None, unit="m", **sections):
         text = text or gmsh(**({"unit": 1e-3} if unit == "mm" else {}))
         for old, new in changes:
@@ -110,16 +108,12 @@ def test_skin_on_a_solid_stands_beside_it(tmp_path):
     assert mesh.ignored == {"triangle cells": 1}
 
 
-@pytest.mark.parametrize("version", ["2.2", "4.1"])
-def test_an_element_in_two_groups_counts_once_and_has_one_section(strip, tmp_path, version):
+def test_an_element_in_two_groups_counts_once_and_has_one_section(strip):
     last = gmsh().splitlines()[-2].split()
     again = f"29 3 2 4 4 {' '.join(last[5:])}\n$EndElements"
     text = gmsh().replace("$Elements\n28", "$Elements\n29").replace("$EndElements", again)
-    if version == "4.1":  # one quadrangle on a surface of two groups
-        text = SQUARE
     both = strip(text=text, a=GivenSection((3, 4), ShellSection(T)))
-    count = 16 if version == "2.2" else 1
-    assert len(both.shells[0].ids) == count
+    assert len(both.shells[0].ids) == 16
     assert set(both.shells[0].region) == {3}
     assert any("in several physical groups with a section" in note for note in both.notes)
     assert both.element_sets["2d-4"].tolist() == both.shells[0].ids[-1:].tolist()
@@ -127,51 +121,11 @@ def test_an_element_in_two_groups_counts_once_and_has_one_section(strip, tmp_pat
         strip(text=text, a=GivenSection((3,), ShellSection(T)), b=GivenSection((4,), ShellSection(2 * T)))
 
 
-SQUARE = """\
-$MeshFormat
-4.1 0 8
-$EndMeshFormat
-$Entities
-0 0 1 0
-1 0 0 0 1 1 0 2 3 4 0
-$EndEntities
-$Nodes
-1 4 1 4
-2 1 0 4
-1
-2
-3
-4
-0 0 0
-1 0 0
-1 1 0
-0 1 0
-$EndNodes
-$Elements
-1 1 9 9
-2 1 3 1
-9 1 2 3 4
-$EndElements
-"""
-
-
 @pytest.mark.parametrize(
     ("sections", "changes", "key", "what", "remedy"),
     [
-        (
-            {"a": GivenSection(("skim",), ShellSection(T))},
-            (),
-            "a.regions",
-            "no region 'skim' of triangles",
-            "mean skin?",
-        ),
-        (
-            {"a": SHELL, "b": GivenSection(None, ShellSection(T))},
-            (),
-            "b.regions",
-            "skin has the section a already",
-            "one",
-        ),
+        ({"a": GivenSection(("skim",), ShellSection(T))}, (), "a.regions", "no region 'skim' of triangles", "mean skin?"),
+        ({"a": SHELL, "b": GivenSection(None, ShellSection(T))}, (), "b.regions", "skin has the section a already", "one"),
         (
             {"a": GivenSection(("spar",), BEAM.section, direction=(1.0, 0.0, 0.0))},
             (),
@@ -186,13 +140,7 @@ $EndElements
             "13 is a 9-node quadrangle",
             "SecondOrderIncomplete = 1",
         ),
-        (
-            {},
-            (),
-            None,
-            r"no solid element \(12 2-node lines, 16 4-node quadrangles\)",
-            "mesh.sections gives their regions",
-        ),
+        ({}, (), None, r"no solid element \(12 2-node lines, 16 4-node quadrangles\)", "mesh.sections gives their regions"),
     ],
 )
 def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key, what, remedy):
@@ -210,21 +158,3 @@ def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
     for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):
         with pytest.raises(UserError, match=what):
             read_mesh(tmp_path / "part.vtu", given={"mesh.sections.a": GivenSection(regions, ShellSection(T))})
-
-
-ONE = (
-    "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n1 0 0 0\n2 1 0 0\n3 {} {} {}\n4 0 1 0\n$EndNodes\n"
-    "$Elements\n1\n1 3 2 7 1 1 2 3 4\n$EndElements\n"
-)
-
-
-@pytest.mark.parametrize(
-    ("corner", "what"),
-    [((0.5, 0.5, 0), "corner of 180° or more"), ((0, 1, 0), "corner of 180° or more")],
-    ids=["straight", "two nodes in one place"],
-)
-def test_shapes_that_no_shell_can_have_are_named_with_the_line_of_the_element(strip, corner, what):
-    with expect_refusal(DeckError, rf"quad4 1 .*({what})", where="strip.msh:13", remedy=""):
-        strip(text=ONE.format(*corner), every=GivenSection(None, ShellSection(T)))
-
-

@@ -9,12 +9,12 @@ from strainsight.errors import UserError
 from strainsight.measurements.bridges import Bridge
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import Clock, to_step, uniform_clock
+from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import known_unit
 
 from ..refusals import expect_refusal
 
-# Readings become SI by what is stated, and by nothing else.
 TIME = np.arange(1000) * 1e-3
 
 
@@ -27,29 +27,27 @@ def calibrated(values, settings, unit=None):
 
 
 @pytest.mark.parametrize(
-    ("unit", "si"),
-    [
-        ("um/m", 1e-6), ("µm/m", 1e-6), ("μm/m", 1e-6), ("ppm", 1e-6), ("strain", 1.0), ("%", 0.01), ("[um/m]", 1e-6),
-        ("µε", 1e-6), ("m/s²", 1.0), ("m/s^2", 1.0), ("m/s**2", 1.0), ("g", 9.80665), ("mm/s2", 1e-3), ("kN", 1e3),
-        ("lbf", 4.4482216152605), ("mm", 1e-3), ("um", 1e-6), ("N·m", 1.0), ("N m", 1.0), ("psi", 6894.757293168361),
-    ],
-)  # fmt: skip
-def test_units_and_their_spellings(unit, si):
-    assert known_unit(unit).factor == pytest.approx(si, rel=1e-15)
-    np.testing.assert_allclose(calibrated(np.full(1000, 3.0), ChannelSettings(unit))[0], 3 * si, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
     ("units", "si"),
     [
         (("strain", "Strain", "in/in", "mm/mm", "MM/MM", "inch/inch", "ε", "ɛ"), 1.0),
-        (("uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain", "µɛ", "µε", "USTRAIN"), 1e-6),
+        (("um/m", "µm/m", "μm/m", "[um/m]", "ppm", "uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain"), 1e-6),
+        (("µɛ", "µε", "USTRAIN"), 1e-6),
         (("mm/m", "µm/mm", "‰", "millistrain"), 1e-3),
+        (("%",), 0.01),
+        (("m/s²", "m/s^2", "m/s**2"), 1.0),
+        (("g",), 9.80665),
+        (("mm/s2", "mm"), 1e-3),
+        (("um",), 1e-6),
+        (("kN",), 1e3),
         (("lbf", "lb", "Pounds", "pound"), 4.4482216152605),
+        (("N·m", "N m"), 1.0),
+        (("psi",), 6894.757293168361),
     ],
 )
-def test_units_in_other_words(units, si):
-    assert [known_unit(unit).factor for unit in units] == pytest.approx([si] * len(units), rel=1e-15)
+def test_units_and_their_spellings(units, si):
+    for unit in units:
+        assert known_unit(unit).factor == pytest.approx(si, rel=1e-15)
+        np.testing.assert_allclose(calibrated(np.full(1000, 3.0), ChannelSettings(unit))[0], 3 * si, rtol=1e-14)
 
 
 def test_the_file_and_the_settings_have_to_agree_unless_overridden():
@@ -89,7 +87,6 @@ def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
 
 
 def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
-    """Ends of a span belong to it; an absurd number there is no error."""
     values = np.full(1000, 5.0)
     values[[100, 200, 201]] = 1e31, 700.0, -900.0
     spans = ((0.1, 0.1), (0.1995, 0.2015))
@@ -118,18 +115,27 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("settings", "wrong", "said"),
     [
-        ({"unit": "mV/V"}, "without bridge"),
-        ({"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
-        ({"unit": "um/m", "sign": 0}, "sign"),
-        ({"unit": "um/m", "scale": -1.0}, "scale"),
-        ({"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
+        (ChannelSettings, {"unit": "mV/V"}, "without bridge"),
+        (ChannelSettings, {"unit": "um/m", "bridge": Bridge("quarter", 2.0)}, "with a quarter bridge"),
+        (ChannelSettings, {"unit": "um/m", "sign": 0}, "sign"),
+        (ChannelSettings, {"unit": "um/m", "scale": -1.0}, "scale"),
+        (ChannelSettings, {"unit": "um/m", "zero": (1.0, 0.0)}, "window"),
+        (Bridge, {"arrangement": "quartr", "gauge_factor": 2.0}, "unknown bridge"),
+        (Bridge, {"arrangement": "quarter", "gauge_factor": 0.0}, "gauge factor"),
+        (Bridge, {"arrangement": "half-poisson", "gauge_factor": 2.0}, "no Poisson's ratio"),
+        (Bridge, {"arrangement": "half", "gauge_factor": 2.0, "poisson_ratio": 0.3}, "no gauge across"),
+        (Bridge, {"arrangement": "full-poisson", "gauge_factor": 2.0, "poisson_ratio": 0.5}, "outside"),
+        (TextFormat, {"decimal": ";"}, "decimal"),
+        (TextFormat, {"delimiter": ",", "decimal": ","}, "decimal"),
+        (TextFormat, {"delimiter": "ab"}, "delimiter"),
+        (TextFormat, {"header_line": 0}, "line"),
     ],
 )
-def test_settings_that_cannot_be(wrong, said):
+def test_settings_that_cannot_be(settings, wrong, said):
     with pytest.raises(UserError, match=said):
-        ChannelSettings(**wrong)
+        settings(**wrong)
 
 
 # One uniform clock: gaps of whole steps are filled, everything else is refused at its place.

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from strainsight import processes
 from strainsight.errors import UserError
 from strainsight.measurements import daq_file
 from strainsight.measurements.daq_file import read_daq
@@ -50,25 +48,16 @@ def refused(path, said="", **options):
     assert len(str(caught.value)) < 2000
 
 
+CONTENTS = {"empty": b"", "rubbish": RUBBISH, "zeros": bytes(5000), "text": b"time,G1\n0,1\n" * 99}
+
+
 @pytest.mark.parametrize("kind", NAMES)
-@pytest.mark.parametrize("content", ["empty", "rubbish", "head", "zeros", "text"])
+@pytest.mark.parametrize("content", [*CONTENTS, "head"])
 def test_what_is_no_such_file(tmp_path, kind, content):
     path = tmp_path / NAMES[kind]
-    path.write_bytes(
-        {
-            "empty": b"",
-            "rubbish": RUBBISH,
-            "head": HEADS[kind] + RUBBISH,
-            "zeros": bytes(5000),
-            "text": b"time,G1\n0,1\n" * 99,
-        }[content]
-    )
-    refused(
-        path,
-        "the file is empty"
-        if content == "empty"
-        else f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in",
-    )
+    path.write_bytes(CONTENTS.get(content, HEADS[kind] + RUBBISH))
+    other = f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in"
+    refused(path, "the file is empty" if content == "empty" else other)
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -78,24 +67,6 @@ def test_a_file_that_was_cut(tmp_path, name, share):
     np.testing.assert_array_equal(read(path).channels["G1"], A)
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     refused(path)
-
-
-def test_a_channel_that_is_missing_through_the_process(tmp_path):
-    path = FILES["a.tdms"](tmp_path / "a.tdms")
-    with expect_refusal(UserError, "no channel 'G3'", remedy="did you mean"):
-        read_daq("tdms", path, ["G1", "G3"])
-
-
-HANGS = "import time; time.sleep(60)"
-
-
-@pytest.mark.parametrize("does", ["import os; os.abort()", HANGS])
-def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
-    monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-c", does])
-    for limit in ("START_LIMIT", "TIME_LIMIT"):
-        monkeypatch.setattr(daq_file, limit, 0.5)
-    monkeypatch.setattr(processes, "LONGER", 1.0)
-    refused(FILES["a.tdms"](tmp_path / "a.tdms"), "the TDMS library crashed, or did not come to an end", sandboxed=True)
 
 
 @pytest.mark.parametrize(("kind", "package"), [("mdf", "asammdf"), ("tdms", "npTDMS")])

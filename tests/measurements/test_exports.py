@@ -65,7 +65,6 @@ def the_record(found, names=("G1", "F")):
 
 
 def advised(path, key, **options):
-    """The value that a remedy states for a key."""
     with pytest.raises(UserError) as caught:
         read(path, **options)
     found = re.search(rf"`estimate\.text\.{key}: (.*?)`", caught.value.remedy)
@@ -76,7 +75,6 @@ def advised(path, key, **options):
 @pytest.mark.parametrize("mark", ["\t", ";"])
 @pytest.mark.parametrize("below", [True, False])
 def test_catman_is_read_after_what_its_messages_say(tmp_path, mark, below):
-    """Lines of the project above the names, units below them or in brackets, decimal commas, the code page of Windows."""
     names = [TIME, "MX840A_0 hw Kanal_1", "Kraft"]
     units = ["s", "µm/m", "kN"]
     head = (
@@ -189,10 +187,7 @@ def test_a_rate_takes_the_place_of_the_time(tmp_path):
     np.testing.assert_array_equal(recording.channels["G1"], [0, np.nan, 24.9])
     assert recording.units == {"F": "kN", "G1": "um/m"}
     assert recording.place(2).endswith("a.csv:4")
-
-
-def test_a_table_without_time_may_have_one_column(tmp_path):
-    path = written(tmp_path / "a.csv", ["G1", "1", "1", "2"])
+    path = written(tmp_path / "one.csv", ["G1", "1", "1", "2"])
     np.testing.assert_array_equal(read_recording(path, ["G1"], rate=100.0).channels["G1"], [1, 1, 2])
 
 

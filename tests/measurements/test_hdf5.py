@@ -44,37 +44,24 @@ def test_datasets_of_any_depth_type_and_storage(make):
         file["column"] = A[:, None]
         file["link"] = h5py.SoftLink("/run 1/here")
         file["run 1/here"] = h5py.SoftLink("strain/a")
+        file["filled"] = np.where(np.arange(100) % 7 == 0, -999.0, A)
+        file["filled"].attrs["_FillValue"] = -999.0
+        file["table"] = np.stack([T * 1e3, A, 2 * A], axis=1)
+        file["table"].attrs["units"] = ["ms", "um/m", "g"]
 
-    found = read_hdf5(make(fill), ["run 1/strain/a", "/b", "column", "link"], time="time", sandboxed=False)
-    np.testing.assert_array_equal(found.time, T)
-    np.testing.assert_array_equal(found.channels["run 1/strain/a"], A.astype("f4"))
-    np.testing.assert_array_equal(found.channels["/b"], np.arange(100))
-    np.testing.assert_array_equal(found.channels["column"], A)
-    np.testing.assert_array_equal(found.channels["link"], A.astype("f4"))
-    assert found.units == {"run 1/strain/a": "um/m", "/b": "mV/V", "column": None, "link": "um/m"}
-    assert found.channels["/b"].dtype == float
-    assert found.place(3).endswith("test.h5, sample 4")
-
-
-def test_columns_of_a_table(make):
-    def fill(file):
-        file["data"] = np.stack([T * 1e3, A, 2 * A], axis=1)
-        file["data"].attrs["units"] = ["ms", "um/m", "g"]
-
-    found = read_hdf5(make(fill), ["data[2]", "data[1]"], time="data[0]", sandboxed=False)
-    np.testing.assert_allclose(found.time, T, rtol=1e-15)
-    np.testing.assert_array_equal(found.channels["data[2]"], 2 * A)
-    assert found.units == {"data[2]": "g", "data[1]": "um/m"}
-
-
-def test_fill_values_and_nan_are_missing(make):
-    def fill(file):
-        file["a"] = np.where(np.arange(100) % 7 == 0, -999.0, A)
-        file["a"].attrs["_FillValue"] = -999.0
-        file["b"] = np.where(np.arange(100) % 7 == 0, np.nan, A)
-
-    found = read_hdf5(make(fill), ["a", "b"], time="time", sandboxed=False)
-    np.testing.assert_array_equal(found.channels["a"], found.channels["b"])
+    path = make(fill)
+    expected = {
+        "run 1/strain/a": A.astype("f4"), "/b": np.arange(100), "column": A, "link": A.astype("f4"),
+        "filled": np.where(np.arange(100) % 7 == 0, np.nan, A), "table[2]": 2 * A, "table[1]": A,
+    }  # fmt: skip
+    for clock in ("time", "table[0]"):
+        recording = read_hdf5(path, list(expected), time=clock, sandboxed=False)
+        np.testing.assert_allclose(recording.time, T, rtol=1e-15)
+        for name, values in expected.items():
+            np.testing.assert_array_equal(recording.channels[name], values)
+    assert list(recording.units.values()) == ["um/m", "mV/V", None, "um/m", None, "g", "um/m"]
+    assert recording.channels["/b"].dtype == float
+    assert recording.place(3).endswith("test.h5, sample 4")
 
 
 def hole(file):
@@ -98,56 +85,38 @@ def virtual(file):
 
 
 FAULTS = {
-    "external link": (lambda file: file.__setitem__("a", h5py.ExternalLink("other.h5", "/a")), "link to another file"),
-    "behind a soft link": (
-        lambda file: (
-            file.__setitem__("e", h5py.ExternalLink("x.h5", "/")),
-            file.__setitem__("a", h5py.SoftLink("/e/a")),
-        ),
-        "link to another file",
-    ),
-    "soft links in a circle": (
-        lambda file: (file.__setitem__("a", h5py.SoftLink("/b")), file.__setitem__("b", h5py.SoftLink("/a"))),
-        "more than 16 links",
-    ),
+    # datasets and links of a file, or what makes them
+    "external link": ({"a": h5py.ExternalLink("other.h5", "/a")}, "link to another file"),
+    "behind a soft link": ({"e": h5py.ExternalLink("x.h5", "/"), "a": h5py.SoftLink("/e/a")}, "link to another file"),
+    "soft links in a circle": ({"a": h5py.SoftLink("/b"), "b": h5py.SoftLink("/a")}, "more than 16 links"),
     "virtual": (virtual, "from another file"),
     "external storage": (
-        lambda file: file.create_dataset("a", (100,), float, external=[("other.raw", 0, 800)]),
-        "from another file",
+        lambda file: file.create_dataset("a", (100,), float, external=[("other.raw", 0, 800)]), "from another file",
     ),
-    "text": (lambda file: file.__setitem__("a", ["1"] * 100), "not real numbers"),
-    "compound": (lambda file: file.__setitem__("a", np.zeros(100, [("x", float)])), "not real numbers"),
-    "table": (lambda file: file.__setitem__("a", np.zeros((100, 3))), "has 3 columns"),
-    "shorter": (lambda file: file.__setitem__("a", A[:99]), "has 99 samples, the clock 100"),
+    "text": ({"a": ["1"] * 100}, "not real numbers"),
+    "compound": ({"a": np.zeros(100, [("x", float)])}, "not real numbers"),
+    "table": ({"a": np.zeros((100, 3))}, "has 3 columns"),
+    "shorter": ({"a": A[:99]}, "has 99 samples, the clock 100"),
     "absurd": (lambda file: file.create_dataset("a", (10**15,), float, chunks=(1000,)), "claims 1000000000000000"),
-    "chunks": (
-        lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)),
-        "stored in chunks",
-    ),
+    "chunks": (lambda file: file.create_dataset("a", (100,), float, chunks=(2**29 - 8,), maxshape=(None,)), "stored in chunks"),
     "gaps for a whole disk": (
         lambda file: file.create_dataset("a", (10**8,), float, chunks=(10**6,), fillvalue=np.nan),
         "claims 800000000 bytes in a file of|has 100000000 samples",
     ),
     "half written": (hole, "5 of 10 blocks"),
-    "infinite": (
-        lambda file: file.__setitem__("a", np.where(np.arange(100) == 4, np.inf, A)),
-        "sample 5 of 'a' is infinite",
-    ),
+    "infinite": ({"a": np.where(np.arange(100) == 4, np.inf, A)}, "sample 5 of 'a' is infinite"),
     "two units": (two_units, "states the units"),
     "packed": (packed, "packed values"),
-    "time missing": (
-        lambda file: (file.__setitem__("a", A), file.__setitem__("time", T + np.nan)),
-        "say the unit|missing",
-    ),
-}
+    "time missing": ({"a": A, "time": T + np.nan}, "say the unit|missing"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_what_cannot_be_imported_is_refused(make, fault):
-    fill, said = FAULTS[fault]
-    name = "g/a" if said is None else "a"
-    with expect_refusal(UserError, said or "link to another file", remedy="") as caught:
-        read_hdf5(make(fill), [name], time="time", sandboxed=False)
+    content, said = FAULTS[fault]
+    path = make(content if callable(content) else lambda file: [file.__setitem__(*item) for item in content.items()])
+    with expect_refusal(UserError, said, remedy="") as caught:
+        read_hdf5(path, ["a"], time="time", sandboxed=False)
     assert "test.h5" in caught.value.where
 
 
@@ -180,7 +149,6 @@ BUSY = "import time, sys; sys.stdin.read(); print('ready', flush=True)\nwhile Tr
 
 
 def test_the_limit_is_one_of_processor_time(make, monkeypatch):
-    """A library that goes round in circles is ended by what it has used, long before the clock would."""
     path = make(lambda file: file.__setitem__("a", A))
     monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", BUSY])
     monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
@@ -190,7 +158,6 @@ def test_the_limit_is_one_of_processor_time(make, monkeypatch):
 
 
 def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, monkeypatch):
-    """It takes three times its limit by the clock, and nothing of the processor."""
     path = make(lambda file: file.__setitem__("a", A))
     answers = (
         "import sys, time, json\nsys.stdin.read()\n"

@@ -14,7 +14,6 @@ from strainsight.measurements.reader import read_recording
 from ..refusals import expect_refusal
 from .written import COUNT, A, B, T, mdf, signal
 
-# Channels of MDF files as asammdf writes them come back in physical units, on the clock of their master channel.
 pytest.importorskip("asammdf")
 
 
@@ -84,16 +83,8 @@ def test_several_rates_are_refused_with_channels_and_rates(tmp_path):
 
 def test_text_is_refused(tmp_path):
     states = {"val_0": 0, "text_0": b"off", "val_1": 1, "text_1": b"on"}
-    path = mdf(
-        tmp_path / "a.mf4",
-        (
-            "rig",
-            [
-                signal("relay", (B > 0).astype("u1"), conversion=states),
-                signal("note", np.array([b"ok"] * COUNT), encoding="utf-8"),
-            ],
-        ),
-    )
+    relay = signal("relay", (B > 0).astype("u1"), conversion=states)
+    path = mdf(tmp_path / "a.mf4", ("rig", [relay, signal("note", np.array([b"ok"] * COUNT), encoding="utf-8")]))
     for name in ("relay", "note"):
         with pytest.raises(UserError, match=f"'{name}' holds text, not numbers"):
             read(path, [name])
@@ -112,13 +103,11 @@ def test_another_time_of_the_same_group(tmp_path):
 
 
 # Conversion rules of MDF channels give the physical values of the standard, or are refused; raw values never pass for them.
-pytest.importorskip("asammdf")
 RAW = np.arange(COUNT) % 40
 """Raw values 0 … 39."""
 
 
 def converted(tmp_path, rule, raw=RAW, version="4.10", **more):
-    """Physical values of a channel that asammdf wrote with this rule: its own form, or one of its blocks."""
     path = tmp_path / ("a.mf4" if version > "4" else "a.mdf")
     mdf(path, ("rig", [signal("G1", raw, conversion=rule, **more)]), version=version)
     return read_daq("mdf", path, ["G1"], sandboxed=False).channels["G1"]
@@ -165,7 +154,6 @@ def test_ranges_hold_their_upper_limit_for_integers_only(tmp_path):
 
 
 def test_a_table_with_text_gives_numbers_where_no_sample_is_text(tmp_path):
-    """As loggers mark an error: 255 is text, all else a linear rule."""
     from asammdf.blocks.conversion_utils import from_dict
 
     line = from_dict({"a": 0.5, "b": 3.0})
@@ -200,7 +188,6 @@ def test_a_rule_that_gives_no_value_is_refused(tmp_path, rule, message):
 
 
 def test_a_rule_that_is_damaged_is_refused(tmp_path):
-    """asammdf leaves such a rule out, and gives raw values."""
     path = mdf(tmp_path / "a.mf4", ("rig", [signal("G1", B, conversion={"a": 0.5, "b": 3.0})]))
     content = bytearray(path.read_bytes())
     at = content.rindex(b"##CC")

@@ -22,7 +22,6 @@ pytest.importorskip("asammdf")
 
 @pytest.fixture
 def temporary(tmp_path, monkeypatch):
-    """The only folder for temporary files."""
     folder = tmp_path / "temporary"
     folder.mkdir()
     for name in ("TMPDIR", "TEMP", "TMP"):
@@ -53,7 +52,6 @@ def not_finalized(path):
 
 
 def unsorted(path):
-    """Records of two groups in one block, each behind the number of its group."""
     file = bytearray(mdf(path, ("one", [signal("G1")]), ("two", [signal("G2", B)])).read_bytes())
 
     def link(block, number):

@@ -22,10 +22,8 @@ def read(path, channels, **options):
 
 def test_values_units_and_time(tmp_path):
     """Times of sample k are wf_start_offset + k wf_increment."""
-    path = tdms(
-        tmp_path / "a.tdms",
-        {"rig/G1": waveform(wf_start_offset=0.25), "rig/G2": waveform(B, "N", wf_start_offset=0.25)},
-    )
+    channels = {"rig/G1": waveform(wf_start_offset=0.25), "rig/G2": waveform(B, "N", wf_start_offset=0.25)}
+    path = tdms(tmp_path / "a.tdms", channels)
     found = read_recording(path, ["G2", "rig/G1"])
     np.testing.assert_allclose(found.time, 0.25 + T, rtol=1e-14)
     np.testing.assert_array_equal(found.channels["rig/G1"], A)
@@ -76,33 +74,24 @@ def test_channels_with_slashes_and_quotes_in_their_names(tmp_path):
         np.testing.assert_array_equal(read(tmp_path / "a.tdms", [name]).channels[name], A)
 
 
-@pytest.mark.parametrize("later", [{"wf_start_time": START + np.timedelta64(100, "ms")}, {"wf_start_offset": 0.1}])
-def test_channels_that_started_at_different_times_are_refused(tmp_path, later):
-    path = tdms(
-        tmp_path / "a.tdms",
-        {"rig/G1": waveform(wf_start_time=START), "rig/G2": waveform(**{"wf_start_time": START} | later)},
-    )
+LATER = START + np.timedelta64(100, "ms")
+
+
+@pytest.mark.parametrize(("start", "offset"), [(LATER, 0.0), (START, 0.1), (LATER, -0.1)])
+def test_start_and_offset_together_make_the_clock(tmp_path, start, offset):
+    second = waveform(wf_start_time=start, wf_start_offset=offset)
+    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(wf_start_time=START), "rig/G2": second})
+    if offset < 0:  # it makes up for the start
+        np.testing.assert_allclose(read(path, ["G1", "G2"]).time, T, atol=1e-12)
+        return
     with pytest.raises(UserError, match=r"'G2' has 400 samples from 0\.1 to 0\.499 s"):
         read(path, ["G1", "G2"])
 
 
-def test_an_offset_that_makes_up_for_the_start_is_one_clock(tmp_path):
-    """0.1 s later by the clock of the wall, 0.1 s earlier by the offset."""
-    later = {"wf_start_time": START + np.timedelta64(100, "ms"), "wf_start_offset": -0.1}
-    path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(wf_start_time=START), "rig/G2": waveform(**later)})
-    np.testing.assert_allclose(read(path, ["G1", "G2"]).time, T, atol=1e-12)
-
-
 def test_a_time_channel(tmp_path):
     stamps = START + np.arange(len(A)) * np.timedelta64(1000, "us")
-    path = tdms(
-        tmp_path / "a.tdms",
-        {
-            "rig/Zeit": (1e3 * T + 7.0, {"unit_string": "ms"}),
-            "rig/stamps": (stamps, {}),
-            "rig/G1": (A, {"unit_string": "um/m"}),
-        },
-    )
+    channels = {"rig/Zeit": (1e3 * T + 7.0, {"unit_string": "ms"}), "rig/stamps": (stamps, {})}
+    path = tdms(tmp_path / "a.tdms", channels | {"rig/G1": (A, {"unit_string": "um/m"})})
     np.testing.assert_allclose(read(path, ["G1"], time="Zeit", time_unit="ms").time, T + 7e-3, rtol=1e-12)
     np.testing.assert_allclose(read(path, ["G1"], time="stamps", time_unit="s").time, T, atol=1e-12)
     with pytest.raises(UserError, match="'G1' has no wf_increment") as caught:
@@ -127,15 +116,9 @@ def test_nan_is_missing_and_infinite_is_refused(tmp_path):
 
 
 def test_text_lengths_and_units_that_cannot_be_imported(tmp_path):
-    path = tdms(
-        tmp_path / "a.tdms",
-        {
-            "rig/G1": waveform(),
-            "rig/short": waveform(A[:-1]),
-            "rig/note": waveform(["a"] * len(A)),
-            "rig/two": waveform(unit="um/m", Unit="N"),
-        },
-    )
+    channels = {"G1": waveform(), "short": waveform(A[:-1]), "note": waveform(["a"] * len(A))}
+    channels["two"] = waveform(unit="um/m", Unit="N")
+    path = tdms(tmp_path / "a.tdms", {f"rig/{name}": channel for name, channel in channels.items()})
     for names, said in (
         (["G1", "short"], "'short' has 399 samples from 0 to 0.398 s"),
         (["note"], "'note' holds text or objects, not numbers"),

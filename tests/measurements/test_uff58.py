@@ -17,7 +17,6 @@ def head(
     count, *, node=12, direction=3, kind=1, data=2, even=1, start=0.0, step=1e-3, abscissa=17, ordinate=3,
     time_label="NONE", unit="NONE", below="NONE", id_line="gauge 1",
 ):  # fmt: skip
-    """The eleven records."""
     return "".join(
         line + "\n"
         for line in (
@@ -33,7 +32,6 @@ def head(
 
 
 def text(values, **header):
-    """A dataset 58 in text."""
     body = numbers(values, **header)
     header.pop("time", None)
     return f"    -1\n    58\n{head(len(values), **header)}{body}    -1\n"
@@ -51,7 +49,6 @@ def numbers(values, *, data=2, even=1, time=None, **_):
 
 
 def binary(values, *, order="<", time=None, time_type="f4", newline=b"", **header):
-    """A dataset 58b."""
     number = f"{order}f{8 if header.get('data', 2) == 4 else 4}"
     rows = np.zeros(len(values), [("x", order + time_type), ("y", number)] if time is not None else [("y", number)])
     rows["y"] = values
@@ -223,21 +220,18 @@ def test_what_pyuff_writes_comes_back(tmp_path, coded, even):
     pyuff = pytest.importorskip("pyuff")
     t = 2 + np.arange(101) / 1024
     writer = pyuff.UFF(str(tmp_path / "test.uff"))
+    axes, units = ("abscissa", "ordinate", "orddenom", "z_axis"), ("len", "force", "temp")
+    zeros = {f"{axis}_{unit}_unit_exp": 0 for axis in axes for unit in units}
+    zeros |= dict.fromkeys(("load_case_id", "ref_node", "ref_dir", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0)
+    none = dict.fromkeys(["id2", "id3", "id4", "id5", "rsp_ent_name", "ref_ent_name"], "NONE")
+    none |= dict.fromkeys(["orddenom_axis_units_lab", "z_axis_axis_units_lab"], "NONE")
     for node in (5, 6):
-        writer.write_sets(
-            pyuff.prepare_58(
-                binary=coded, id1=f"gauge {node}", id2="NONE", id3="NONE", id4="NONE", id5="NONE", func_type=1, ver_num=1,
-                load_case_id=0, rsp_ent_name="NONE", rsp_node=node, rsp_dir=-1, ref_ent_name="NONE", ref_node=0, ref_dir=0,
-                abscissa_spacing=even, z_axis_value=0.0, abscissa_spec_data_type=17, abscissa_len_unit_exp=0,
-                abscissa_force_unit_exp=0, abscissa_temp_unit_exp=0, abscissa_axis_units_lab="s",
-                ordinate_spec_data_type=3, ordinate_len_unit_exp=0, ordinate_force_unit_exp=0, ordinate_temp_unit_exp=0,
-                ordinate_axis_units_lab="um/m", orddenom_spec_data_type=0,
-                orddenom_len_unit_exp=0, orddenom_force_unit_exp=0, orddenom_temp_unit_exp=0,
-                orddenom_axis_units_lab="NONE", z_axis_spec_data_type=0, z_axis_len_unit_exp=0, z_axis_force_unit_exp=0,
-                z_axis_temp_unit_exp=0, z_axis_axis_units_lab="NONE", data=node * A, x=t,
-            ),
-            "add",
+        record = pyuff.prepare_58(
+            binary=coded, id1=f"gauge {node}", func_type=1, ver_num=1, rsp_node=node, rsp_dir=-1, abscissa_spacing=even,
+            z_axis_value=0.0, abscissa_spec_data_type=17, abscissa_axis_units_lab="s", ordinate_spec_data_type=3,
+            ordinate_axis_units_lab="um/m", data=node * A, x=t, **zeros, **none,
         )  # fmt: skip
+        writer.write_sets(record, "add")
     found = read_uff58(tmp_path / "test.uff", ["6:-X", "gauge 5"])
     np.testing.assert_allclose(found.channels["6:-X"], 6 * A, rtol=0 if coded else 1e-11)
     np.testing.assert_allclose(found.channels["gauge 5"], 5 * A, rtol=0 if coded else 1e-11)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from dataclasses import dataclass, fields
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -16,14 +16,13 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import MeshColumns, mesh_from
-from strainsight.records.record import Place, dataset, group, listed, read, record, written
+from strainsight.records.record import Place, dataset, group, read, record, written
 from strainsight.rom.inertia import InertiaInvariants
 from strainsight.workflow.artefact import Artefact, Header
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.store import write_artefact
 
 
-# A record is written, read and listed by what its fields say; shapes that contradict each other are found where they arise.
 @record
 class Body:
     mass: float = dataset("/mass", "kg", "", "its mass")
@@ -40,42 +39,6 @@ class Run:
     bodies: dict[str, Body] = group("/bodies/<name>")
     first: Body = group("/first")
     bonded: np.ndarray | None = dataset("/glued", "m", "bonded", "distance", default=None)
-
-
-@dataclass(frozen=True)
-class Affine:
-    """As a kernel has it."""
-
-    constant: np.ndarray
-    slopes: dict[str, np.ndarray]
-
-
-@record
-class AffineForm:
-    constant: np.ndarray = dataset("/constant", "1/s", "row × row", "constant term")
-    slopes: dict[str, np.ndarray] = dataset("/<name>", "1/s per SI unit", "row × row", "slope in <name>")
-
-    @classmethod
-    def of(cls, value: Affine) -> AffineForm:
-        return cls(constant=value.constant, slopes=value.slopes)
-
-    def made(self) -> Affine:
-        return Affine(self.constant, self.slopes)
-
-
-@record
-class Model:
-    damping: Affine = group("/damping", AffineForm)
-
-
-@record
-class History:
-    value: np.ndarray = dataset("/value", "<unit>", "sample", "history of <what>")
-
-
-@record
-class Histories:
-    loads: dict[str, History] = group("/loads/<name>", unit="unit of <name>", what="<name>")
 
 
 def run_of(**changes) -> Run:
@@ -122,16 +85,6 @@ def test_units_names_and_labels_of_axes_are_those_of_the_fields():
     assert "/glued" not in datasets
 
 
-def test_records_by_name_take_unit_and_words_of_their_name():
-    loads = {name: History(value=np.zeros(2)) for name in ("E", "tip")}
-    datasets = written(Histories(loads=loads), UNITS)
-    assert {path: (own.unit, own.description) for path, own in datasets.items()} == {
-        "/loads/E/value": ("Pa", "history of E"),
-        "/loads/tip/value": ("N", "history of tip"),
-    }
-    assert listed(Histories) == [("/loads/<name>/value", "sample", "unit of <name>", "history of <name>")]
-
-
 def test_lengths_that_contradict_each_other_are_not_written():
     with pytest.raises(ValueError, match=r"/strain has 3 along '/time' and /time says 4"):
         written(run_of(strain=np.ones((3, 2))), UNITS)
@@ -151,16 +104,6 @@ def test_lengths_that_contradict_each_other_in_a_file_are_named_where_they_are_r
         _ = found.direction
 
 
-def test_a_dataclass_of_a_kernel_stands_through_its_form(tmp_path):
-    model = Model(damping=Affine(np.eye(2), {"E": np.ones((2, 2))}))
-    datasets = written(model)
-    assert sorted(datasets) == ["/damping/E", "/damping/constant"]
-    found = read(Model, stored(tmp_path, datasets)).damping
-    assert isinstance(found, Affine)
-    np.testing.assert_array_equal(found.constant, np.eye(2))
-    assert list(found.slopes) == ["E"]
-
-
 def test_a_record_that_was_read_goes_to_another_process_whole(tmp_path):
     found = pickle.loads(pickle.dumps(read(Run, stored(tmp_path, written(run_of(), UNITS)))))
     (tmp_path / "toy.h5").unlink()
@@ -169,7 +112,6 @@ def test_a_record_that_was_read_goes_to_another_process_whole(tmp_path):
     np.testing.assert_array_equal(found.strain, np.ones((4, 2)))
 
 
-# A mesh that was written is read again, whatever it holds.
 DECK = """\
 BEGIN BULK
 CORD2R,5,0,0.,0.,0.,0.,0.,1.
@@ -255,7 +197,6 @@ def test_everything_of_a_mesh_comes_back(tmp_path):
             assert same(own, there), field.name
 
 
-# A reduced body comes back from its artefact as it was reduced.
 def test_everything_of_a_reduced_body_comes_back(tmp_path):
     rng = np.random.default_rng(0)
     inertia = InertiaInvariants(
@@ -276,7 +217,7 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         ),
         damping=AffineOperator(np.eye(2), {}),
         basis=np.eye(6, 2),
-        interface={"7": np.eye(6, 2), "12": 2 * np.eye(6, 2)},
+        interface={"12": 2 * np.eye(6, 2), "7": np.eye(6, 2)},
         inertia=inertia,
     )
     datasets = written(ReducedBodies(bodies={"b": own}))
@@ -284,14 +225,10 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
         tmp_path / "reduce.h5", Output(datasets, {}, "toy"), Header("reduce", 1, "key", {}, {}, {})
     )
     found = read(ReducedBodies, artefact).bodies["b"]
-    assert (found.clamped, found.cut) == (True, 5.0)
     assert found.stiffness.coefficients["E t"].bases == own.stiffness.coefficients["E t"].bases
     for t in (0.5, 1.5, 4.0):
         np.testing.assert_array_equal(*(X.stiffness.at({"E": 2.0, "t": t}) for X in (found, own)))
+    for field in fields(ReducedBody):
+        if field.name not in ("stiffness", "damping"):
+            assert same(getattr(found, field.name), getattr(own, field.name)), field.name
     np.testing.assert_array_equal(found.damping.at({"E": 2.0}), np.eye(2))
-    np.testing.assert_array_equal(found.reach["E"], [1.0, 4.0])
-    np.testing.assert_array_equal(found.interface["12"], 2 * np.eye(6, 2))
-    for name in ("frequency", "mass", "basis"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(own, name))
-    for field in fields(InertiaInvariants):
-        np.testing.assert_array_equal(getattr(found.inertia, field.name), getattr(inertia, field.name))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from itertools import product
 
 import numpy as np
@@ -13,16 +11,12 @@ from tests.decks.abaqus.test_contact import HEX20
 from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import DeckError
 from strainsight.fem.constraints import constraint_transform
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import modes
 
-from ...refusals import expect_refusal
-from .test_loads import bar, displacement
+from ...refusals import refusal_table
+from ..programs import displacements, frequencies, needs_calculix, printed_displacements
+from .test_loads import bar
 
-# *EQUATION: the displacements that CalculiX finds of the same deck, sets, and what cannot be taken.
 EQUATIONS = """\
 *NODE, NSET=NALL
 900, 1., .2, .1
@@ -44,19 +38,16 @@ EQUATIONS = """\
 """
 
 
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
+@needs_calculix
 def test_displacements_with_equations_are_those_of_calculix(tmp_path):
     """Weighted, to a node that no element has, along axes of nodes, to the ground."""
     path = tmp_path / "bar.inp"
     load = "*STEP\n*STATIC\n*CLOAD\n900, 1, 2.E4\n900, 2, 1.E4\n23, 3, -3.E4\n*NODE PRINT, NSET=NALL\nU\n*END STEP\n"
     path.write_text(bar() + EQUATIONS + load)
-    expected = displacement(path)
+    expected = printed_displacements(path)
     mesh = read_abaqus(path)
     assert [len(own.node) for own in mesh.relations] == [2, 3, 1, 4]
-    (name,) = mesh.loads
-    model = build_model(mesh)
-    S = input_shape(model, [PointLoad(name, deck_load=name, factor=True)])
-    u = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
+    (u,) = displacements(mesh, *mesh.loads)
     # CalculiX prints along the axes of a node, and two motions of 900 alone
     printed = np.array([row @ mesh.axes.get(node, np.eye(3)) for node, row in enumerate(u)])
     assert np.abs(printed[-1, :2]).min() > 0.01 * np.abs(printed).max()
@@ -102,22 +93,15 @@ def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(re
     assert "the equations of step 2" in mesh.notes[-1]
 
 
-@pytest.mark.parametrize(
-    ("cards", "what", "line"),
-    [
-        ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
-        ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
-        ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
-        ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
-        ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
-        ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
-        ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
-    ],
-)
-def test_equations_that_cannot_be_taken_are_named(read, cards, what, line):
-    text = bar()
-    with expect_refusal(DeckError, what, where=f":{text.count(chr(10)) + line}", remedy=""):
-        read(text + cards)
+test_equations_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + cards, [
+    ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
+    ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
+    ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
+    ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
+    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
+    ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
+    ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
+], before=bar().count("\n"))
 
 
 # *CYCLIC SYMMETRY MODEL: a sector of a wheel made whole, beside the wheel written whole, and CalculiX.
@@ -168,16 +152,11 @@ def wheel(sectors: int, material: str = MATERIAL, section: str = "", more: str =
     return "\n".join([*lines, *sets, material]) + more
 
 
-def frequencies(mesh, count=24):
-    model = build_model(mesh)
-    return modes(model.stiffness.constant, model.mass.constant, count)[0]
-
-
 def test_a_sector_has_the_frequencies_and_the_mass_of_the_wheel_written_whole(read):
     held = "*BOUNDARY\nINNER, 2, 2\n"
     ring, whole = read(wheel(1, more=SECTOR + held)), read(wheel(N, more=held))
     assert len(ring.position) == len(whole.position)
-    assert frequencies(ring) == pytest.approx(frequencies(whole), rel=1e-8)
+    assert frequencies(ring, 24) == pytest.approx(frequencies(whole, 24), rel=1e-8)
     for a, b in zip(mass_properties(ring), mass_properties(whole), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-9)
     assert sum(own.mass for own in ring.point_masses) == 50 * N
@@ -267,41 +246,10 @@ def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read
     assert frequencies(ring, 6) == pytest.approx(frequencies(read(wedge(0.0)), 6), rel=1e-4)
 
 
-def test_an_equation_for_a_cut_node_alone_is_refused(read):
-    low, high = 2, 6  # of the first cut face
-    with pytest.raises(DeckError, match=r"\*EQUATION.* is one with a node of the opposite cut face"):
-        read(wheel(1, more=f"{SECTOR}*EQUATION\n2\n{low}, 1, 1., {high}, 1, -1.\n"))
-
-
-def test_cut_faces_that_do_not_meet_are_refused(read):
-    with pytest.raises(DeckError, match="do not meet where one is turned by 360°/7"):
-        read(wheel(1, more=SECTOR.replace("N=5", "N=7")))
-
-
-@pytest.mark.parametrize(
-    ("more", "match"),
-    [
-        ("*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
-        ("*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
-    ],
-)
-def test_stages_of_several_numbers_are_refused(read, more, match):
-    with pytest.raises(DeckError, match=match):
-        read(wheel(1, more=SECTOR + more))
-
-
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
-def test_nodal_diameters_of_calculix_are_modes_of_the_ring(tmp_path, read):
-    text = wheel(1, more="*BOUNDARY\nINNER, 2, 2\n" + SECTOR).replace("N=5", "N=5, NGRAPH=1")
-    step = "*STEP\n*FREQUENCY\n6\n*SELECT CYCLIC SYMMETRY MODES, NMIN=0, NMAX=2\n*END STEP\n"
-    (tmp_path / "wheel.inp").write_text(text + step)
-    subprocess.run(["ccx", "wheel"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    rows = [line.split() for line in (tmp_path / "wheel.dat").read_text().splitlines()]
-    rows = [row for row in rows if len(row) == 6 and row[0].isdigit() and row[1].isdigit()]
-    # CalculiX writes modes of no nodal diameter twice, and of others both of a pair
-    of = {d: [float(row[4]) for row in rows if int(row[0]) == d] for d in range(3)}
-    of[0] = of[0][::2]
-    limit = min(own[-1] for own in of.values())
-    expected = sorted(f for own in of.values() for f in own if f < 0.999 * limit)
-    assert len(expected) > 6
-    np.testing.assert_allclose(frequencies(read(text))[: len(expected)], expected, rtol=2e-6)
+test_sectors_that_are_no_ring_are_refused = refusal_table(lambda more: wheel(1, more=more), [
+    (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
+    # nodes 2 and 6 of the first cut face
+    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
+], placed=False)

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import DeckError
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape
-from strainsight.fem.model import build_model, nodal
+from strainsight.mesh.laminates import Lamina, Laminate, Ply
 
-from ...refusals import expect_refusal
+from ...refusals import refusal_table
 
 FLAT = """\
 *NODE
@@ -68,6 +64,29 @@ def test_elements_arrive_in_blocks_of_a_kind_with_regions_sections_and_lines(rea
     assert mesh.ignored == {}
 
 
+def test_plies_of_composites_and_of_one_lamina(read):
+    """From the lower face up, as Nastran's PCOMP has them."""
+    text = FLAT[: FLAT.index("*SHELL SECTION")] + (
+        "*SHELL SECTION, ELSET=QUAD, COMPOSITE, SYMMETRIC, DENSITY=2., OFFSET=.25\n"
+        ".001, 3, CARBON, 0.\n.002, 3, Carbon, 30.\n.004, 3, STEEL\n"
+        "*SHELL SECTION, ELSET=TRI, COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.\n"
+        "*ORIENTATION, NAME=SKEW\n1., 2., 0., -2., 1., 0.\n3, 0.\n"
+        "*MATERIAL, NAME=CARBON\n*ELASTIC, TYPE=LAMINA\n1.4e11, 1.e10, .3, 5.e9, 4.e9, 3.e9\n*DENSITY\n1600.\n"
+    )
+    mesh = read(text)
+    ((carbon, lamina),) = mesh.laminae.items()
+    ((steel, _),) = mesh.materials.items()
+    half = (Ply(carbon, 0.001, 0.0), Ply(carbon, 0.002, 30.0), Ply(steel, 0.004, 0.0))
+    lower = Laminate((Ply(carbon, 0.001, 0.0), Ply(carbon, 0.002, -60.0)))
+    assert mesh.sections == {1: Laminate((*half, *half[::-1]), 2.0), 2: lower}
+    assert replace(lamina, name="") == Lamina(carbon, 1.4e11, 1e10, 0.3, 5e9, 4e9, 3e9, 1600.0)
+    quad, triangle = mesh.shells
+    np.testing.assert_allclose([*quad.offset, *triangle.offset], [-0.25 * 0.014, 0], atol=1e-18)
+    np.testing.assert_allclose(triangle.axis, [[np.sqrt(0.2), np.sqrt(0.8), 0]])
+    one = read(text.replace("COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.", "MATERIAL=CARBON\n.003"))
+    assert one.sections[2] == Laminate((Ply(carbon, 0.003),))
+
+
 @pytest.mark.parametrize(
     ("given", "offset"), [("SPOS", -0.05), ("sneg", 0.05), ("-.5", 0.05), ("0.", 0.0), ("1.5", -0.15)]
 )
@@ -94,7 +113,6 @@ def test_an_orientation_gives_the_axis_that_follows_the_one_near_the_normal(read
 
 
 def test_shells_of_an_instance_stand_where_it_does(read):
-    """Turned by 90° about y, x goes to −z and the axis of the orientation with it."""
     body = FLAT[: FLAT.index("*MATERIAL")] + "*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL, ORIENTATION=O\n.1\n"
     body += "*SHELL SECTION, ELSET=TRI, MATERIAL=STEEL\n.2\n*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n3, 0.\n"
     material = FLAT[FLAT.index("*MATERIAL") : FLAT.index("*SHELL")]
@@ -122,7 +140,6 @@ def test_pressures_of_dload_act_along_the_normal_and_of_dsload_against_that_of_t
 
 
 def test_a_force_per_volume_is_that_times_thickness_per_area(read):
-    """The volumes are 2 · 0.1 and 1 · 0.2."""
     load = read(FLAT + "*ELSET, ELSET=ALL\nQUAD, TRI\n*DLOAD\nALL, BY, 5.\n").loads["DLOAD-1"]
     np.testing.assert_allclose(load.force.sum(axis=0), [0, 2, 0], atol=1e-15)
     np.testing.assert_allclose(load.force[:, 1], [0.25, 0.25 + 1 / 3, 0.25 + 1 / 3, 0.25, 1 / 3])
@@ -163,56 +180,17 @@ def test_what_shells_are_not_the_same_without_is_listed(read):
     assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S9R5"}
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "what", "line"),
-    [
-        ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
-        ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
-        ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
-        (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
-        (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
-        (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
-        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
-        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
-        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
-        (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
-    ],
-)
-def test_what_is_wrong_is_named_with_file_and_line(read, old, new, what, line):
-    with expect_refusal(DeckError, what, where=f"deck.inp:{line}", remedy=""):
-        read(changed(old, new))
-
-
-def strip() -> str:
-    """A strip of 16 × 2 S4, 2 × 0.2 × 0.05, held at x = 0, under a pressure."""
-    lines, n = ["*NODE"], 16
-    lines += [f"{1 + i + (n + 1) * j}, {2 * i / n}, {0.1 * j}, 0." for j in range(3) for i in range(n + 1)]
-    lines += ["*ELEMENT, TYPE=S4, ELSET=ALL"]
-    for j in range(2):
-        for i in range(n):
-            a = 1 + i + (n + 1) * j
-            lines += [f"{1 + i + n * j}, {a}, {a + 1}, {a + n + 2}, {a + n + 1}"]
-    lines += ["*MATERIAL, NAME=M", "*ELASTIC", "2.1E11, .3", "*DENSITY", "7850."]
-    lines += ["*SHELL SECTION, ELSET=ALL, MATERIAL=M", ".05", "*NSET, NSET=END"]
-    lines += [", ".join(str((n + 1) * (j + 1)) for j in range(3)), "*BOUNDARY", *(f"{1 + (n + 1) * j}, 1, 6" for j in range(3))]
-    return "\n".join([*lines, "*STEP", "*STATIC", "*DLOAD", "ALL, P, 3.E4", "*NODE PRINT, NSET=END", "U", "*END STEP", ""])
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
-def test_a_pressure_bends_a_strip_as_in_calculix(tmp_path):
-    """CalculiX makes solids of the shells: deflections agree to 0.3 %, and in sign."""
-    path = tmp_path / "strip.inp"
-    path.write_text(strip())
-    subprocess.run(["ccx", "strip"], cwd=tmp_path, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    rows = [line.split() for line in (tmp_path / "strip.dat").read_text().splitlines()]
-    expected = [float(row[3]) for row in rows if len(row) == 4 and row[0].isdigit()]
-    mesh = read_abaqus(path)
-    model = build_model(mesh)
-    load = input_shape(model, [PointLoad("p", deck_load="DLOAD-1", factor=True)])
-    u = nodal(model, factorise(model.stiffness.constant).solve(load)).reshape(-1, 3)
-    end = [mesh.node_index(i) for i in mesh.node_sets["END"].tolist()]
-    assert len(expected) == 3
-    np.testing.assert_allclose(u[end, 2], expected, rtol=0.01)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+    ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
+    ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
+    ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
+    (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
+    ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
+    (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
+])

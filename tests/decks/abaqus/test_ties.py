@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import DeckError
 from strainsight.fem.constraints import constraint_transform
 
-from ...refusals import expect_refusal
+from ...refusals import expect_refusal, refusal_table
 
 POINTS = np.array([(0, 0, 0), (2, 0, 0), (2, 3, 0), (0, 3, 0), (0, 0, 5), (2, 0, 5), (2, 3, 5), (0, 3, 5)], dtype=float)
 NODES = "*NODE\n" + "".join(f"{i}, {x}, {y}, {z}\n" for i, (x, y, z) in enumerate(POINTS.tolist(), start=1))
@@ -191,11 +191,6 @@ def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, memb
     np.testing.assert_allclose(motions(mesh), motions(other), atol=1e-12)
 
 
-def test_components_of_a_kinematic_coupling(read):
-    tie = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n1,\n3, 4\n"
-    assert read(BRICK + tie).rigid[0].components == (0, 2, 3)
-
-
 @pytest.mark.parametrize(
     ("surface", "weight"), [("TYPE=NODE\nTOP, 2.", 2.0), ("TYPE=NODE\nTOP", 1.0), ("TYPE=ELEMENT\nE, S2", 1.5)]
 )
@@ -208,10 +203,22 @@ def test_distributing_couplings_weigh_by_area(read, surface, weight):
     np.testing.assert_allclose(averaging.weight, weight)
 
 
-def test_an_influence_radius_chooses_the_near_nodes(read):
-    tie = "*SURFACE, NAME=S\nE,\n*COUPLING, REF NODE=100, SURFACE=S, INFLUENCE RADIUS=5.\n*KINEMATIC\n"
-    distance = np.linalg.norm(POINTS - [1, 1, 9], axis=1)
-    assert set(read(BRICK + tie).rigid[0].nodes) == set(np.flatnonzero(distance <= 5.0))
+NEAR = "*SURFACE, NAME=S\nE,\n*COUPLING, REF NODE=100, SURFACE=S, INFLUENCE RADIUS=5.\n*KINEMATIC\n"
+COMPONENTS = "*SURFACE, NAME=S, TYPE=NODE\nTOP\n*COUPLING, REF NODE=100, SURFACE=S\n*KINEMATIC\n1,\n3, 4\n"
+
+
+@pytest.mark.parametrize(
+    ("tie", "nodes", "components"),
+    [
+        (COMPONENTS, TOP, (0, 2, 3)),
+        (NEAR, set(np.flatnonzero(np.linalg.norm(POINTS - [1, 1, 9], axis=1) <= 5.0).tolist()), (0, 1, 2, 3, 4, 5)),
+        ("*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n", {9}, (0, 1, 2)),
+    ],
+)
+def test_nodes_and_components_of_a_tie(read, tie, nodes, components):
+    (rigid,) = read(BRICK + tie).rigid
+    assert (set(rigid.nodes.tolist()), rigid.components) == (nodes, components)
+    assert rigid.reference == (4 if "PIN" in tie else 8)
 
 
 def test_a_node_for_the_rotations_of_a_rigid_body(read):
@@ -225,35 +232,20 @@ def test_other_constraints_are_counted(read):
     assert mesh.rigid == ()
 
 
-def test_a_pin_of_coincident_nodes_is_imported(read):
-    (rigid,) = read(BRICK + "*NODE\n105, 0., 0., 5.\n*MPC\nPIN, 105, 5\n").rigid
-    assert (rigid.reference, list(rigid.nodes), rigid.components) == (4, [9], (0, 1, 2))
-
-
-@pytest.mark.parametrize(
-    ("lines", "what", "line"),
-    [
-        ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
-        ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
-        ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-        ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
-        (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
-        ("*RIGID BODY", "has no REF NODE", 1),
-        ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
-        ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
-        ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
-        (
-            "*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2",
-            "single components of node 5",
-            4,
-        ),
-    ],
-)
-def test_what_is_wrong_is_named_with_its_line(read, lines, what, line):
-    with expect_refusal(DeckError, what, where=f"deck.inp:{BRICK.count(chr(10)) + line}", remedy=""):
-        read(f"{BRICK}{lines}\n")
+test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
+    ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
+    ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
+    ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
+    ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
+    ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
+    (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
+    ("*RIGID BODY", "has no REF NODE", 1),
+    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
+    ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
+    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
+    ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
+], before=BRICK.count("\n"))
 
 
 ROT = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n"

@@ -9,16 +9,18 @@ import numpy as np
 DATA = Path(__file__).parents[1] / "data"
 REAL = sorted(DATA.glob("pin-*.msh"))
 
-OLD = """\
-$MeshFormat
-2.2 0 8
-$EndMeshFormat
+NAMES = """\
 $PhysicalNames
 2
 2 4 "foot"
 3 9 "steel part"
 $EndPhysicalNames
-$Nodes
+"""
+OLD = f"""\
+$MeshFormat
+2.2 0 8
+$EndMeshFormat
+{NAMES}$Nodes
 5
 10 0 0 0
 7 1 0 0
@@ -33,16 +35,11 @@ $Elements
 8 4 2 9 2 7 30 4 5
 $EndElements
 """
-NEW = """\
+NEW = f"""\
 $MeshFormat
 4.1 0 8
 $EndMeshFormat
-$PhysicalNames
-2
-2 4 "foot"
-3 9 "steel part"
-$EndPhysicalNames
-$Entities
+{NAMES}$Entities
 0 0 1 2
 1 0 0 0 1 1 0 1 4 0
 1 0 0 0 1 1 1 1 9 1 1
@@ -74,16 +71,11 @@ $Elements
 $EndElements
 """
 # The same with counts of blocks only, entities' tags before dimensions, and nodes in one line (format 4.0).
-FORMER = """\
+FORMER = f"""\
 $MeshFormat
 4 0 8
 $EndMeshFormat
-$PhysicalNames
-2
-2 4 "foot"
-3 9 "steel part"
-$EndPhysicalNames
-$Entities
+{NAMES}$Entities
 1 0 1 2
 1 0 0 0 0 0 0 0
 1 0 0 0 1 1 0 1 4 0

@@ -10,14 +10,11 @@ import pytest
 
 from strainsight.decks.gmsh.mesh import read_gmsh
 from strainsight.errors import DeckError
-from strainsight.mesh.kinds import kind_of
 
-from ...refusals import expect_refusal
-from ...solids import SOLIDS, facets_point_outward
+from ...refusals import expect_refusal, refusal_table
 from .conftest import DATA, FORMER, NEW, OLD, REAL, check_same
 
 
-# Gmsh meshes keep their numbers and groups in every format of the file.
 def test_every_format_that_gmsh_writes_gives_the_same_mesh():
     meshes = [read_gmsh(path) for path in REAL]
     assert len(meshes) == 4
@@ -96,47 +93,41 @@ def test_parameters_of_nodes_on_their_entities_are_left(read):
     for row in ("0 0 0\n", "1 0 0\n", "0 1 0\n"):
         parametric = parametric.replace("\n" + row, "\n" + row[:-1] + " 0.5 0.25\n", 1)
     check_same(read(parametric), read(NEW))
-    old = (
-        OLD.replace("Nodes", "ParametricNodes")
-        .replace("10 0 0 0", "10 0 0 0 0 1")
-        .replace("7 1 0 0", "7 1 0 0 1 5 0.5")
-    )
-    old = (
-        old.replace("30 0 1 0", "30 0 1 0 2 5 0.5 0.25")
-        .replace("4 0 0 1", "4 0 0 1 3 1")
-        .replace("5 1 1 1", "5 1 1 1 3 1")
-    )
+    old = OLD.replace("Nodes", "ParametricNodes")
+    parameters = {"10 0 0 0": "0 1", "7 1 0 0": "1 5 0.5", "30 0 1 0": "2 5 0.5 0.25", "4 0 0 1": "3 1", "5 1 1 1": "3 1"}
+    for node, more in parameters.items():
+        old = old.replace(f"\n{node}\n", f"\n{node} {more}\n")
     check_same(read(old), read(OLD))
 
 
-def test_an_entity_in_two_physical_volumes_is_in_both_sets_and_the_lower_region(read):
-    mesh = read(NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"))
-    assert mesh.blocks[0].region.tolist() == [9, 3]
-    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [8], "steel part": [6, 8]}
-    assert mesh.regions[3].name == "volume 3"
-    assert any("1 element in several physical volumes (3, 9)" in note for note in mesh.notes)
+REPEATED = OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", "9 4 2 3 2 7 30 4 5\n$EndEl")
+GROUPS = {
+    # text, regions of the two solids, sets, names of regions, note
+    "an entity in two volumes is in both sets and the lower region": (
+        NEW.replace("2 0 0 0 1 1 1 1 9 0", "2 0 0 0 1 1 1 2 9 -3 0"), [9, 3], {"3d-3": [8], "steel part": [6, 8]},
+        {3: "volume 3", 9: "steel part"}, "1 element in several physical volumes (3, 9)",
+    ),
+    "an element that format 2 repeats for its second group counts once": (
+        REPEATED, [3, 9], {"3d-3": [9], "steel part": [6, 9]}, {3: "volume 3", 9: "steel part"}, "element 8 is 9 again",
+    ),
+    "without volumes all is one region": (
+        OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"), [1, 1], {}, {1: "solids"}, "no physical volumes",
+    ),
+    "elements outside all volumes are a region of their own": (
+        OLD.replace("4 2 9 2", "4 2 0 2"), [10, 9], {"steel part": [6]}, {9: "steel part", 10: "no physical volume"},
+        "1 element in no physical volume: region 10",
+    ),
+}  # fmt: skip
 
 
-def test_an_element_that_format_2_repeats_for_its_second_group_counts_once(read):
-    text = OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", "9 4 2 3 2 7 30 4 5\n$EndEl")
+@pytest.mark.parametrize("name", GROUPS)
+def test_physical_volumes_are_regions_and_sets(read, name):
+    text, regions, sets, names, note = GROUPS[name]
     mesh = read(text)
-    assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([9, 6], [3, 9])
-    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == {"3d-3": [9], "steel part": [6, 9]}
-    assert "element 8 is 9 again" in mesh.notes[0]
-
-
-def test_without_physical_volumes_all_is_one_region(read):
-    mesh = read(OLD.replace("4 2 9 1", "4 2 0 1").replace("4 2 9 2", "4 0"))
-    assert {i: r.name for i, r in mesh.regions.items()} == {1: "solids"}
-    assert mesh.element_sets == {}
-    assert "no physical volumes" in mesh.notes[0]
-
-
-def test_elements_outside_all_physical_volumes_are_a_region_of_their_own(read):
-    mesh = read(OLD.replace("4 2 9 2", "4 2 0 2"))
-    assert mesh.blocks[0].region.tolist() == [10, 9]
-    assert mesh.regions[10].name == "no physical volume"
-    assert mesh.notes == ("1 element in no physical volume: region 10",)
+    assert mesh.blocks[0].region.tolist() == regions
+    assert {k: v.tolist() for k, v in mesh.element_sets.items()} == sets
+    assert {i: region.name for i, region in mesh.regions.items()} == names
+    assert any(note in text for text in mesh.notes)
 
 
 def test_sections_that_are_not_imported_are_counted(read):
@@ -145,60 +136,23 @@ def test_sections_that_are_not_imported_are_counted(read):
     check_same(read(extra), read(OLD))
 
 
-# Elements of gmsh in our order: mid-side nodes on their edges, facets outward.
-def one_element(kind: str) -> str:
-    solid = SOLIDS[kind]
-    x = solid.points(solid.gmsh_edges)
-    nodes = [f"{i} {p[0]} {p[1]} {p[2]}" for i, p in enumerate(x, 1)]
-    element = f"1 {solid.gmsh} 2 1 1 " + " ".join(str(i) for i in range(1, len(x) + 1))
-    parts = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(x)), *nodes, "$EndNodes"]
-    return "\n".join([*parts, "$Elements", "1", element, "$EndElements", ""])
-
-
-@pytest.mark.parametrize("kind", [kind for kind, solid in SOLIDS.items() if solid.gmsh])
-def test_nodes_lie_where_vtk_says_and_normals_of_all_facets_point_outward(read, kind):
-    mesh = read(one_element(kind))
-    (block,) = mesh.blocks
-    x = mesh.position[block.nodes[0]]
-    assert block.kind == kind
-    np.testing.assert_allclose(x, SOLIDS[kind].points(), atol=1e-15)
-    assert facets_point_outward(x, kind_of(kind).facets)
-
-
-# What is wrong with a gmsh mesh is named with its line.
-BROKEN = {
-    "missing node": (OLD, "7 30 4 5\n", "7 30 4 6\n", 21, "element 8 (4-node tetrahedron) refers to node 6"),
-    "node twice": (OLD, "\n4 0 0 1", "\n7 0 0 1", 14, "node number 7 stands twice"),
-    "same element again": (
-        OLD,
-        "2 7 30 4 5",
-        "2 10 30 4 7",
-        21,
-        "element 8 (tet4): the same nodes as element 6 (tet4) at ",
-    ),
-    "collapsed": (OLD, "2 7 30 4 5", "2 7 30 4 4", 21, "element 8 (tet4): a node stands twice"),
-    "not finite": (OLD, "5 1 1 1", "5 1 nan 1", 15, "node 5 has a coordinate that is not a finite"),
-    "a word": (OLD, "7 1 0 0", "7 1 O 0", 12, "'O' is no number"),
-    "too many claimed": (OLD, "$Nodes\n5", "$Nodes\n900000000000", 11, "more numbers are claimed"),
-    "elements claimed": (OLD, "$Elements\n3", "$Elements\n4", 21, "4 elements are claimed, 3 are there"),
-    "blocks claimed": (NEW, "2 5 4 30", "2 6 4 30", None, "6 nodes are claimed, the blocks hold 5"),
-    "unknown type": (OLD, "8 4 2 9", "8 77 2 9", 21, "element type 77 is unknown"),
-    "no nodes": (OLD, "Nodes", "Knots", 1, "there is no section $Nodes"),
-    "format 1": (OLD, OLD, "$NOD\n0\n$ENDNOD\n", 1, "format 1 of gmsh"),
-    "partitions": (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", None, "is partitioned"),
-    "a dimension of many digits": (OLD, '3 9 "', "9" * 5000 + ' 9 "', None, "should read like"),
-    "bad name": (OLD, '"foot"', "foot", 6, "should read like"),
-}
-
-
-@pytest.mark.parametrize("case", BROKEN)
-def test_what_is_wrong_is_named_with_its_line(read, case):
-    text, old, new, line, message = BROKEN[case]
-    with pytest.raises(DeckError) as error:
-        read(text.replace(old, new))
-    assert message in error.value.what
-    assert error.value.remedy
-    assert line is None or error.value.where.endswith(f"part.msh:{line}")
+test_what_is_wrong_is_named_with_its_line = refusal_table(str.replace, [
+    (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
+    (OLD, "\n4 0 0 1", "\n7 0 0 1", "node number 7 stands twice", 14),
+    (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
+    (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): a node stands twice", 21),
+    (OLD, "5 1 1 1", "5 1 nan 1", "node 5 has a coordinate that is not a finite", 15),
+    (OLD, "7 1 0 0", "7 1 O 0", "'O' is no number", 12),
+    (OLD, "$Nodes\n5", "$Nodes\n900000000000", "more numbers are claimed", 11),
+    (OLD, "$Elements\n3", "$Elements\n4", "4 elements are claimed, 3 are there", 21),
+    (NEW, "2 5 4 30", "2 6 4 30", "6 nodes are claimed, the blocks hold 5", ""),
+    (OLD, "8 4 2 9", "8 77 2 9", "element type 77 is unknown", 21),
+    (OLD, "Nodes", "Knots", r"there is no section \$Nodes", 1),
+    (OLD, OLD, "$NOD\n0\n$ENDNOD\n", "format 1 of gmsh", 1),
+    (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", "is partitioned", ""),
+    (OLD, '3 9 "', "9" * 5000 + ' 9 "', "should read like", ""),
+    (OLD, '"foot"', "foot", "should read like", 6),
+])
 
 
 @pytest.mark.parametrize(
@@ -227,13 +181,3 @@ def test_binary_counts_beyond_the_file_are_refused(read):
     for claimed in (2**40, 2**62, 2**64 - 1):
         with pytest.raises(DeckError, match=r"\$Nodes: .*(claimed|beyond)"):
             read(content[:at] + struct.pack("<Q", claimed) + content[at + 8 :])
-
-
-@pytest.mark.parametrize("name", ["pin-2.2-binary.msh", "pin-4.1-binary.msh"])
-@pytest.mark.parametrize("section", [b"$Nodes\n", b"$Elements\n"])
-def test_a_binary_file_that_ends_at_a_count_is_refused(read, name, section):
-    content = (DATA / name).read_bytes()
-    at = content.index(section) + len(section)
-    for end in range(at - 2, at + 12):
-        with pytest.raises(DeckError):
-            read(content[:end])

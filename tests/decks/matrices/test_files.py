@@ -20,7 +20,6 @@ from strainsight.errors import DeckError, StrainsightError
 from ...refusals import expect_refusal
 
 
-# Matrices and numberings from files: what is read, what is refused, and what is said of a triangle.
 @pytest.fixture
 def K() -> sparse.csr_array:
     A = sparse.random_array((8, 8), density=0.3, rng=np.random.default_rng(1))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import struct
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +21,6 @@ from strainsight_cli.main import app
 
 from ...refusals import expect_refusal
 
-# OUTPUT4 files against pyYeti, and what is no such file.
 pytestmark = pytest.mark.filterwarnings("ignore::RuntimeWarning:pyyeti")
 
 
@@ -67,7 +68,6 @@ def test_the_formats_of_field_width_9_and_16_digits(tmp_path):
 
 
 def long_integers(A, kind=2) -> bytes:
-    """A binary file with 64-bit integers (ILP-64), written by hand: dense columns."""
     frame = lambda payload: struct.pack("<i", len(payload)) + payload + struct.pack("<i", len(payload))  # noqa: E731
     n, m = A.shape
     parts = [frame(struct.pack("<4q", m, n, 2, kind) + b"KAA             ")]
@@ -128,60 +128,11 @@ def test_damaged_text_is_refused_at_its_line(tmp_path, change, said, line):
     assert caught.value.where == (f"{path}:{line}" if line else str(path))
 
 
-# Matrices that CalculiX 2.20 wrote of one C3D4, whose nodes 3 and 4 move: .sti, .mas and .dof.
-DECK = """\
-*NODE
-1, 0., 0., 0.
-2, 1., 0., 0.
-3, 0., 1., 0.
-4, .25, .25, 1.
-*ELEMENT, TYPE=C3D4, ELSET=E
-1, 1, 2, 3, 4
-*MATERIAL, NAME=S
-*ELASTIC
-2.1e11, .3
-*DENSITY
-7850.
-*SOLID SECTION, ELSET=E, MATERIAL=S
-*BOUNDARY
-1, 1, 3
-2, 1, 3
-3, 1, 2
-*STEP
-*FREQUENCY, SOLVER=MATRIXSTORAGE
-*END STEP
-"""
-DOF = "3.3\n4.1\n4.2\n4.3\n"
-STI = """\
-1 1  1.6406250000000e+10
-1 2  0.0000000000000e+00
-2 2  1.3461538461538e+10
-1 3  1.3461538461538e+10
-2 3  0.0000000000000e+00
-3 3  1.3461538461538e+10
-1 4 -1.1778846153846e+10
-2 4  0.0000000000000e+00
-3 4  0.0000000000000e+00
-4 4  4.7115384615385e+10
-"""
-MAS = """\
-1 1  8.1770833333333e+01
-1 2  0.0000000000000e+00
-2 2  8.1770833333333e+01
-1 3  0.0000000000000e+00
-2 3  0.0000000000000e+00
-3 3  8.1770833333333e+01
-1 4  8.1770833333333e+01
-2 4  0.0000000000000e+00
-3 4  0.0000000000000e+00
-4 4  8.1770833333333e+01
-"""
-
-
 @pytest.fixture
 def job(tmp_path):
-    for ending, text in ((".inp", DECK), (".dof", DOF), (".sti", STI), (".mas", MAS)):
-        (tmp_path / f"job{ending}").write_text(text)
+    """A deck, and the matrices that CalculiX 2.20 wrote of it: one C3D4, whose nodes 3 and 4 move."""
+    for path in (Path(__file__).parent / "data").iterdir():
+        shutil.copy(path, tmp_path)
     return tmp_path / "job.inp"
 
 
@@ -199,17 +150,17 @@ def test_stiffness_is_that_of_the_deck_and_mass_that_of_one_point(job):
 @pytest.mark.parametrize(
     ("ending", "text", "what"),
     [
-        (".sti", STI + "2 1 0.0\n", "both triangles"),
+        (".sti", "{}2 1 0.0\n", "both triangles"),
         (".sti", "1 1\n", "not row, column and value"),
         (".sti", "1 1 1.\n1 2 x\n", r"job.sti:2.*'1 2 x' is not row, column and value"),
         (".sti", "", "the file is empty"),
-        (".dof", DOF + "5\n", "no node.component"),
-        (".dof", DOF + "4.2\n", "node 4, component 2 is numbered twice"),
+        (".dof", "{}5\n", "no node.component"),
+        (".dof", "{}4.2\n", "node 4, component 2 is numbered twice"),
     ],
 )
 def test_what_is_no_matrix_of_calculix_is_refused(job, ending, text, what):
     path = job.with_suffix(ending)
-    path.write_text(text)
+    path.write_text(text.format(path.read_text()))
     with pytest.raises(DeckError, match=what) as caught:
         read_numbering(path) if ending == ".dof" else read_matrix(path)
     assert str(path) in str(caught.value)

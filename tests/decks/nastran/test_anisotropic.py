@@ -13,10 +13,9 @@ from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
 
 from ...anisotropy import CONSTANTS, TURN, flexibility, strains, tensor, triclinic, turned, work, works_of
-from ...refusals import expect_refusal
-from ..abaqus.test_anisotropic import MIDDLES, about, inverse
+from ...refusals import expect_refusal, refusal_table
+from ..abaqus.test_anisotropic import MIDDLES, about, check_layers, inverse
 
-# MAT9 and MAT11 along CORDM, against tensors with four indices; errors with their remedy.
 NASTRAN = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 """MAT9: G44 is of xy, G55 of yz, G66 of zx (Quick Reference Guide)."""
 CORNERS = np.array([[x, y, z] for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], float)
@@ -32,7 +31,6 @@ def card(name, *values):
 
 
 def deck(material, cordm="", system="CORD2R"):
-    """The brick with axes of `TURN` at `ORIGIN`."""
     points = [ORIGIN, ORIGIN + TURN[:, 2], ORIGIN + TURN[:, 0]]
     lines = [card("GRID", i, "", *x) for i, x in enumerate(BRICK, start=1)]
     lines += ["CHEXA,10,1,1,2,3,4,5,6", ",7,8", card("PSOLID", 1, 3, cordm), card(system, 5, 0, *np.ravel(points))]
@@ -48,25 +46,16 @@ MAT11 = card("MAT11", 3, *CONSTANTS[0], *CONSTANTS[1], *CONSTANTS[2], 1600.0)
 
 @pytest.mark.parametrize(("cordm", "axes"), [("", np.eye(3)), ("0", np.eye(3)), ("5", TURN)])
 def test_mat9_has_the_work_of_its_tensor(read, cordm, axes):
-    mesh = read(deck(mat9(triclinic()), cordm))
-    check_mesh(mesh)
-    C, volume = turned(tensor(triclinic(), NASTRAN), axes), np.linalg.det(BRICK[[1, 3, 4]] - BRICK[0])
-    found = works_of(assemble_stiffness(mesh), mesh.position)
-    np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=1e-8)
+    mesh, volume = read(deck(mat9(triclinic()), cordm)), np.linalg.det(BRICK[[1, 3, 4]] - BRICK[0])
+    check_layers(mesh, turned(tensor(triclinic(), NASTRAN), axes), volume)
     assert mass_properties(mesh)[0] == pytest.approx(1600.0 * volume)
     assert mesh.ignored == ({} if cordm == "5" else {"CORD2R that no card refers to": 1})
     assert mesh.notes == ()
 
 
 def test_mat11_is_the_inverse_of_its_flexibility(read):
-    """Stress that makes ε = S σ: the work of a strain by C is that of its stress by S."""
-    mesh = read(deck(MAT11, "5"))
-    S = turned(flexibility(*CONSTANTS), TURN)
     volume = np.linalg.det(BRICK[[1, 3, 4]] - BRICK[0])
-    K = assemble_stiffness(mesh)
-    for stress in 1e9 * np.array(strains()):
-        z = (mesh.position @ np.einsum("ijkl,kl->ij", S, stress)).ravel()
-        assert 0.5 * z @ (K @ z) == pytest.approx(volume * work(S, stress), rel=1e-8)
+    check_layers(read(deck(MAT11, "5")), turned(inverse(flexibility(*CONSTANTS)), TURN), volume)
 
 
 @pytest.mark.parametrize("system", ["CORD2C", "CORD2S"])
@@ -90,35 +79,13 @@ def test_axes_of_a_curved_system_are_those_at_each_point(read, system):
     np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=1e-3)
 
 
-def test_mat1_written_as_mat9_is_the_same(read):
-    E, nu = 2.1e11, 0.3
-    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
-    C = np.diag([2 * mu] * 3 + [mu] * 3)
-    C[:3, :3] += lam
-    fields = [f"{v:.16e}" for v in C[np.triu_indices(6)]]
-    K, other = (
-        assemble_stiffness(read(deck(text, cordm)))
-        for text, cordm in (
-            (card("MAT1", 3, f"{E:.16e}", "", str(nu), "7850."), "5"),
-            (card("MAT9", 3, *fields, "7850."), "5"),
-        )
-    )
-    assert abs(K - other).max() < 1e-12 * abs(K).max()
-
-
-@pytest.mark.parametrize(
-    ("material", "cordm", "what", "remedy"),
-    [
-        (mat9(np.diag([1.0, 1, 1, 1, 0, 1])), "", "the 5th of the diagonal of its stiffness is 0", "positive values"),
-        (mat9(np.eye(6) + 1.5 * np.eye(6)[[1, 0, 2, 3, 4, 5]]), "", "least eigenvalue is -0.5", "off the diagonal"),
-        (mat9(triclinic()), "6", "coordinate system 6", "add the card"),
-        (MAT11.replace("3.0000000000e-01", "4."), "", "least eigenvalue is -", "E_i/E_j"),
-        (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "a MAT1 has it too", "its own id"),
-    ],
-)
-def test_what_is_wrong_is_named_with_its_remedy(read, material, cordm, what, remedy):
-    with expect_refusal(DeckError, what, remedy=remedy):
-        read(deck(material, cordm))
+test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck, [
+    (mat9(np.diag([1.0, 1, 1, 1, 0, 1])), "", "the 5th of the diagonal of its stiffness is 0"),
+    (mat9(np.eye(6) + 1.5 * np.eye(6)[[1, 0, 2, 3, 4, 5]]), "", "least eigenvalue is -0.5"),
+    (mat9(triclinic()), "6", "coordinate system 6"),
+    (MAT11.replace("3.0000000000e-01", "4."), "", "least eigenvalue is -"),
+    (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "a MAT1 has it too"),
+], placed=False)
 
 
 # PCOMPS along CORDM, against tensors with four indices; errors with file, line and remedy.
@@ -144,15 +111,9 @@ def layered_deck(head=(5, 13, "", "", "", "", ""), plies=PLIES, nodes=IN_NASTRAN
     return "\n".join(["BEGIN BULK", *lines, "ENDDATA", ""])
 
 
-def check(mesh, C):
-    check_mesh(mesh)
-    found = works_of(assemble_stiffness(mesh), mesh.position)
-    np.testing.assert_allclose(found, [VOLUME * work(C, own) for own in strains()], rtol=1e-8)
-
-
 def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
     mesh = read(layered_deck())
-    check(mesh, 0.6 * STEEL + 0.2 * sum(turned(CARBON, AXES @ about(3, angle)) for angle in (30, -45)))
+    check_layers(mesh, 0.6 * STEEL + 0.2 * sum(turned(CARBON, AXES @ about(3, angle)) for angle in (30, -45)), VOLUME)
     assert mesh.regions[1].name == "PCOMPS 1"
     mass, centre = mass_properties(mesh)
     assert mass == pytest.approx(VOLUME * (0.4 * 1600 + 0.6 * 7800), rel=1e-9)
@@ -162,7 +123,7 @@ def test_plies_count_by_their_share_and_turn_about_the_axis_across(read):
 @pytest.mark.parametrize(("psdir", "lies"), [("", np.eye(3)), (23, np.array([[0, -1.0, 0], [1, 0, 0], [0, 0, 1]]))])
 def test_the_first_digit_of_psdir_is_along_plies_at_0(read, psdir, lies):
     mesh = read(layered_deck((5, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)]))
-    check(mesh, turned(CARBON, AXES @ lies @ about(3, 20)))
+    check_layers(mesh, turned(CARBON, AXES @ lies @ about(3, 20)), VOLUME)
 
 
 @pytest.mark.parametrize("psdir", [12, 32, 21, 31])
@@ -175,7 +136,7 @@ def test_the_second_digit_is_across(read, psdir):
     system[:, rest] = np.cross(system[:, (rest + 1) % 3], system[:, (rest + 2) % 3])
     other = card("CORD2R", 6, 0, 0.0, 0.0, 0.0, *system[:, 2], *system[:, 0])
     mesh = read(layered_deck((6, psdir, "", "", "", "", ""), [(1, 3, 1.0, 20.0)], more=[other]))
-    check(mesh, turned(CARBON, AXES @ about(3, 20)))
+    check_layers(mesh, turned(CARBON, AXES @ about(3, 20)), VOLUME)
 
 
 def test_the_first_ply_is_at_the_first_facet(read):
@@ -204,7 +165,6 @@ def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
 
 
 def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
-    """One ply, or 30°, 0° and 30°: of an element that stands on its head the stiffness is the same."""
     one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
     for plies in (one, three):
         upright, turned_over = (
@@ -214,21 +174,11 @@ def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
         np.testing.assert_allclose(turned_over, upright, rtol=1e-9, atol=1e-9 * abs(upright).max())
 
 
-@pytest.mark.parametrize(
-    ("options", "what", "remedy"),
-    [
-        ({"plies": [(1, 3, 0.0, 0.0)]}, "the thickness of ply 1 is 0, not positive", "positive thickness"),
-        ({"plies": [(1, 9, 1.0)]}, "material 9 is not in the deck", "add a MAT1"),
-        ({"head": (5, 33, "", "", "", "", "")}, "PSDIR is 33", "12, 13, 21, 23, 31 or 32"),
-        ({"head": ("", 13, "", "", "", "", "")}, "CORDM is blank", "CORD2R"),
-        ({"head": (77, 13, "", "", "", "", "")}, "coordinate system 77", "add the card"),
-        ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 can have no layers", "CHEXA and CPENTA"),
-    ],
-)
-def test_what_is_wrong_is_named_with_file_line_and_remedy(read, options, what, remedy):
-    text = layered_deck(**options)
-    with pytest.raises(DeckError, match=what) as error:
-        read(text)
-    lines = text.split("\n")
-    assert lines[int(error.value.where.rpartition(":")[2]) - 1].startswith("PCOMPS")
-    assert remedy in error.value.remedy
+test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda options: layered_deck(**options), [
+    ({"plies": [(1, 3, 0.0, 0.0)]}, "the thickness of ply 1 is 0, not positive", 25),
+    ({"plies": [(1, 9, 1.0)]}, "material 9 is not in the deck", 25),
+    ({"head": (5, 33, "", "", "", "", "")}, "PSDIR is 33", 25),
+    ({"head": ("", 13, "", "", "", "", "")}, "CORDM is blank", 25),
+    ({"head": (77, 13, "", "", "", "", "")}, "coordinate system 77", 25),
+    ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 can have no layers", 23),
+])

@@ -32,7 +32,6 @@ def grid(kind: str, x: np.ndarray) -> pyvista.UnstructuredGrid:
 
 
 def check_element(mesh, kind):
-    """Mid-side nodes on their edges and all facets outward."""
     (block,) = mesh.blocks
     x = mesh.position[block.nodes[0]]
     corners, edges = len(SOLIDS[kind].corners), SOLIDS[kind].edges
@@ -80,16 +79,14 @@ def test_med_counts_every_solid_the_other_way_round(write, kind, mirrored):
     assert any("against the convention of med" in note for note in mesh.notes) is not mirrored
 
 
-@pytest.mark.parametrize("kind", WRITTEN)
-@pytest.mark.parametrize("name", ["part.vtu", "part.vtk", "part.xdmf", "part.vol"])
+FORMATS = {
+    **dict.fromkeys(["part.vtu", "part.vtk", "part.xdmf", "part.vol"], WRITTEN),
+    **dict.fromkeys(["part.mesh", "part.meshb", "part.avs", "part.su2", "part.f3grid", "part.dato"], LINEAR),
+}
+
+
+@pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, kinds in FORMATS.items() for kind in kinds])
 def test_what_meshio_writes_comes_back(write, name, kind):
-    x = nodes_of(kind)
-    check_element(read_meshio(write(name, [(SOLIDS[kind].meshio, [np.arange(len(x))])], x)), kind)
-
-
-@pytest.mark.parametrize("name", ["part.mesh", "part.meshb", "part.avs", "part.su2", "part.f3grid", "part.dato"])
-@pytest.mark.parametrize("kind", LINEAR)
-def test_linear_solids_of_other_formats(write, name, kind):
     x = nodes_of(kind)
     check_element(read_meshio(write(name, [(SOLIDS[kind].meshio, [np.arange(len(x))])], x)), kind)
 
@@ -204,20 +201,15 @@ def test_a_file_in_pieces_is_refused_because_only_one_would_be_read(write):
         read_meshio(path)
 
 
+VTK = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("part.vtu", "no mesh", "cannot be read as vtu"),
-        (
-            "part.vtk",
-            "# vtk DataFile Version 4.2\nx\nASCII\nDATASET STRUCTURED_POINTS\n",
-            "STRUCTURED_POINTS is no mesh",
-        ),
-        (
-            "part.vtk",
-            "# vtk DataFile Version 4.2\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n",
-            "90000000000 entries are claimed in a file of",
-        ),
+        ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "STRUCTURED_POINTS is no mesh"),
+        ("part.vtk", f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n", "90000000000 entries are claimed in a file of"),
         ("part.med", "no mesh", "cannot be read as HDF5"),
         ("part.step", "ISO-10303-21;", "no mesh format that is known by its ending .step"),
     ],
@@ -232,7 +224,6 @@ def test_other_files_are_refused_without_a_word_from_meshio(tmp_path, capfd, nam
 
 @pytest.mark.parametrize("name", ["grid.vtu", "grid.vtk"])
 def test_voxels_are_hexahedra(tmp_path, name):
-    """pyvista's ImageData: boxes of 1 × 2 × 3 cells, and VTK's own volume of them."""
     grid = pyvista.ImageData(dimensions=(2, 3, 4), spacing=(0.1, 0.2, 0.3)).cast_to_unstructured_grid()
     grid.save(tmp_path / name)
     (block,) = read_meshio(tmp_path / name).blocks

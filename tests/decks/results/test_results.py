@@ -18,13 +18,11 @@ from strainsight.decks.results import ansys, vtu
 from strainsight.decks.results.reader import read_responses
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 
+from ...bodies import body
 from ...frd import Found, write_frd
 from ...refusals import expect_refusal
-from ...solids import SOLIDS
 
-# Results of CalculiX: a file that it wrote, files in its three ways to write numbers, and damaged ones.
 COLUMN = Path(__file__).parent / "data" / "column.frd"
 """A column of two cubes of 1 m, clamped below; steps 1 and 2: 1 N along x and y on node 11 of its top; step 3: three modes."""
 
@@ -55,27 +53,19 @@ def test_the_mesh_of_a_file_of_calculix():
     assert mesh.position[10].tolist() == [1.0, 1.0, 2.0]
 
 
+def box(u, v, w):
+    return u, 1.25 * v, 1.5 * w
+
+
 @pytest.mark.parametrize("kind", ["hex8", "wedge6", "tet4", "hex20", "wedge15", "tet10"])
 def test_every_solid_keeps_its_nodes(kind, tmp_path):
-    mesh = mesh_of(kind, SOLIDS[kind].points())
+    mesh = body(kind, (1, 1, 1), box)
     write_frd(tmp_path / "one.frd", mesh, motions(mesh), form=3)
     again = read_mesh(tmp_path / "one.frd")
     check_geometry(again)
     assert again.blocks[0].kind == kind
     assert np.array_equal(again.node_ids[again.blocks[0].nodes], mesh.node_ids[mesh.blocks[0].nodes])
     assert np.array_equal(again.position, mesh.position)
-
-
-def mesh_of(kind, position):
-    n = len(position)
-    return Mesh(
-        node_ids=10 + np.arange(n),
-        position=position,
-        blocks=(CellBlock(kind, np.array([7]), np.arange(n)[None], np.array([1])),),
-        regions={1: Region(1, "S", 1)},
-        materials={1: Material(1, 2.1e11, 0.3, 7850.0)},
-        fixed=np.zeros((0, 2), dtype=np.int64),
-    )
 
 
 def motions(mesh):
@@ -88,7 +78,7 @@ def motions(mesh):
 
 @pytest.mark.parametrize(("form", "digits"), [(1, 5e-6), (2, 6e-8), (3, 0.0)])
 def test_numbers_as_text_and_binary(form, digits, tmp_path):
-    mesh = mesh_of("hex8", SOLIDS["hex8"].points())
+    mesh = body("hex8", (1, 1, 1), box)
     wanted = motions(mesh)
     write_frd(tmp_path / "a.frd", mesh, wanted, form=form)
     (tmp_path / "b.frd.gz").write_bytes(gzip.compress((tmp_path / "a.frd").read_bytes()))
@@ -115,7 +105,6 @@ def test_a_number_that_is_wider_than_its_column(tmp_path):
 
 
 def step(kind: str):
-    """The file with its static steps said to be of another kind."""
     return lambda text: text.replace(
         "                     0    1           1", f"                     {kind}    1           1"
     )
@@ -145,7 +134,6 @@ def test_a_file_that_is_not_there_or_no_results(tmp_path):
 
 
 def test_one_response_at_a_time(tmp_path):
-    """The first response is there before the rest of the file is looked at: what is damaged behind it does not show."""
     text = COLUMN.read_text()
     second = text.index("    1PSTEP", text.index("    1PSTEP") + 1)
     (tmp_path / "a.frd").write_text(text[:second] + "  100CX")
@@ -156,23 +144,11 @@ def test_one_response_at_a_time(tmp_path):
 
 
 # The result file that comes with ansys-mapdl-reader: modes of a free-standing block of hexahedra.
-@pytest.fixture(scope="module")
-def file():
-    from ansys.mapdl.reader import examples
-
-    return examples.rstfile
-
-
-@pytest.fixture(scope="module")
-def ours(file):
-    return list(read_responses(file))
-
-
 @pytest.mark.slow
-def test_modes_are_those_that_the_library_reads_here(file, ours):
-    from ansys.mapdl.reader import read_binary
+def test_modes_are_those_that_the_library_reads_here():
+    from ansys.mapdl.reader import examples, read_binary
 
-    theirs = read_binary(file)
+    ours, theirs = list(read_responses(examples.rstfile)), read_binary(examples.rstfile)
     assert [(r.kind, r.step, r.number) for r in ours] == [("mode", 1, k) for k in range(1, 7)]
     np.testing.assert_array_equal([r.frequency for r in ours], theirs.time_values)
     for row, response in enumerate(ours):
@@ -242,16 +218,6 @@ def test_without_the_library_the_command_that_installs_it_is_named(tmp_path, mon
     assert caught.value.remedy == 'install it: pip install "strainsight[results]"'
 
 
-@pytest.mark.slow
-def test_a_file_cut_short_is_refused(file, tmp_path):
-    path = tmp_path / "run.rst"
-    path.write_bytes(Path(file).read_bytes()[:300_000])
-    with pytest.raises(DeckError) as caught:
-        list(read_responses(path))
-    assert "run.rst" in caught.value.where
-    assert caught.value.remedy
-
-
 def test_a_reader_that_dies_costs_the_file_and_not_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(ansys, "COMMAND", [sys.executable, "-c", "print('ready', flush=True)"])
     with pytest.raises(DeckError, match="ansys-mapdl-reader crashed, or did not come to an end"):
@@ -292,21 +258,9 @@ def with_field_data(tmp_path, point_data, frequencies):
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("name", ["run.vtu", "run.vtk"])
 def test_modes_and_displacements_by_their_names(tmp_path, name):
-    path = written(
-        tmp_path,
-        {
-            "GlobalNodeId": np.array([7, 5, 3, 1]),
-            "mode_2_40.5Hz": 2 * SHAPE,
-            "Displacement_3": SHAPE.astype("f4"),
-            "U": 4 * SHAPE,
-            "stress_mode_1": SHAPE,
-            "mode_1_stress": SHAPE,
-            "temperature": SHAPE[:, 0],
-            "velocity": SHAPE,
-        },
-        name=name,
-    )
-    mode, displacement, u = read_responses(path)
+    data = {"GlobalNodeId": np.array([7, 5, 3, 1]), "mode_2_40.5Hz": 2 * SHAPE, "Displacement_3": SHAPE.astype("f4")}
+    others = dict.fromkeys(["stress_mode_1", "mode_1_stress", "velocity"], SHAPE) | {"temperature": SHAPE[:, 0]}
+    mode, displacement, u = read_responses(written(tmp_path, data | {"U": 4 * SHAPE} | others, name=name))
     assert (mode.kind, mode.step, mode.number, mode.frequency) == ("mode", 1, 2, 40.5)
     assert (displacement.kind, displacement.step, displacement.number) == ("static", 3, 1)
     assert (u.step, u.label) == (1, "U")
@@ -332,16 +286,12 @@ def test_a_mode_without_frequency_is_refused(tmp_path):
         list(read_responses(written(tmp_path, {"mode_1": SHAPE})))
     with pytest.raises(DeckError, match="mode 3 has no frequency"):
         list(read_responses(with_field_data(tmp_path, {"mode_3": SHAPE}, [1.5, 2.5])))
-    with pytest.raises(DeckError, match="the frequency of the mode is nan"):
-        list(read_responses(with_field_data(tmp_path, {"mode_1": SHAPE}, [np.nan])))
 
 
 @pytest.mark.usefixtures("here")
 def test_damaged_files_are_refused(tmp_path):
-    motion = SHAPE.copy()
-    motion[2, 1] = np.nan
     with pytest.raises(DeckError, match="node 3 moves by"):
-        list(read_responses(written(tmp_path, {"U": motion})))
+        list(read_responses(written(tmp_path, {"U": np.where(SHAPE[2, 1] == SHAPE, np.nan, SHAPE)})))
     path = written(tmp_path, {"U": SHAPE})
     path.write_bytes(path.read_bytes()[:400])
     with pytest.raises(DeckError, match="cannot be read as vtu"):

@@ -1,4 +1,4 @@
-"""One model through files of four kinds, two of them along cylindrical axes of nodes: the modes that SciPy found come back."""
+"""One model through files of two kinds, one of them along cylindrical axes of nodes: the modes that SciPy found come back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import nodal
 
 from ...frd import solved
-from . import test_op2, test_punch, test_universal
+from . import test_op2
 
 MODES, CENTRE = 3, np.array([-1.0, -2.0, 0.0])
 LAYERS, HELD = 4, (1, 2, 3, 4)
@@ -65,25 +65,6 @@ def write_op2(path, mesh, found):
     path.write_bytes(w.file(w.block("OUGV1", *records)))
 
 
-def write_pch(path, mesh, found):
-    blocks = []
-    for k, f in enumerate(found.frequency):
-        motion = along_node_axes(mesh, found.shapes[:, :, k])
-        blocks += [test_punch.mode(k + 1, (2 * np.pi * f) ** 2), test_punch.rows(mesh.node_ids, motion)]
-    test_punch.written(path.parent, *blocks).rename(path)
-
-
-def write_unv(path, mesh, found):
-    path.write_text(
-        "".join(
-            test_universal.dataset55(
-                mode=k + 1, values=(f, 0.0, 0.0, 0.0), body=test_universal.lines(mesh.node_ids, found.shapes[:, :, k])
-            )
-            for k, f in enumerate(found.frequency)
-        )
-    )
-
-
 def write_vtu(path, mesh, found):
     import meshio
 
@@ -92,10 +73,7 @@ def write_vtu(path, mesh, found):
     meshio.Mesh(mesh.position, [("hexahedron", np.arange(8)[None])], point_data=data).write(path)
 
 
-@pytest.mark.parametrize(
-    ("ending", "write", "digits"),
-    [("op2", write_op2, 1e-9), ("pch", write_pch, 3e-6), ("unv", write_unv, 3e-5), ("vtu", write_vtu, 1e-9)],
-)
+@pytest.mark.parametrize(("ending", "write", "digits"), [("op2", write_op2, 1e-9), ("vtu", write_vtu, 1e-9)])
 def test_modes_come_back_on_the_nodes_of_the_deck(tmp_path, deck, mesh, found, ending, write, digits):
     path = tmp_path / f"run.{ending}"
     write(path, mesh, found)
