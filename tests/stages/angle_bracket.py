@@ -7,9 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from typer.testing import CliRunner
-
-from strainsight_cli.main import app
 
 from ..models import ended
 from .angle_record import DIRECTIONS, GAUGES, GUESS, MESHES, POINTS, RATE, SOFTER, Span, loads, spans, stored
@@ -173,12 +170,6 @@ def estimate(
         held_out=(own["/hold_out/predicted"] - own["/gauge/measured"]) / own["/hold_out/std"] if held_out else None,
         said=end.text,
     )
-
-
-def invoked(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.output
-    return " ".join(done.output.split())
 
 
 def _numbers(values: Sequence[float] | np.ndarray) -> str:

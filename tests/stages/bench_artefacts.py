@@ -15,8 +15,6 @@ from strainsight.records.bench_estimated import (
     RingEstimate,
     SensorMatch,
 )
-from strainsight.records.bench_placed import BenchCandidates, BenchLayout, BenchPlaced
-from strainsight.records.layout import Augmented, Bound, PoolTable, Removals, Rules, Selection
 from strainsight.records.record import written as datasets_of
 from strainsight.records.simulated import RingMotion, Simulated, Violation, WorstInstant
 from strainsight.workflow.artefact import Artefact, Header
@@ -126,63 +124,3 @@ def _ring(time: np.ndarray) -> RingEstimate:
         displacement=np.zeros((len(time), 5)), std=np.full((len(time), 5), 1e-7), instants=time[::10],
         pressure=2e9 - 1e8 * (time[::10] - 1.5) ** 2, pressure_std=np.full(len(time[::10]), 5e6), worst=balls,
     )  # fmt: skip
-
-
-def placed(folder: Path) -> Artefact:
-    """Four gauges of a pool of twelve, and two layouts at random."""
-    layouts = {
-        layout: BenchLayout(
-            candidate=np.arange(4),
-            sensor=("", "", "", ""),
-            position=np.arange(12.0).reshape(4, 3),
-            direction=np.tile([0.0, 0.6, -0.8], (4, 1)),
-            length=np.zeros(4),
-            metric=1.0,
-            std=np.array([std]),
-            without=np.full((4, 1), np.inf),
-        )
-        for layout, std in (("place", 100.0), ("random-1", 900.0), ("random-2", np.inf))
-    }
-    gauges, pool = np.arange(4), np.arange(12)
-    selection = Selection(
-        gauge=gauges, number=gauges, channel=gauges[:, None], rank=gauges + 1, element=gauges, facet=np.ones(4),
-        nodes=np.zeros((4, 8)), position=np.zeros((4, 3)), direction=np.zeros((4, 3)),
-    )  # fmt: skip
-    record = BenchPlaced(
-        inputs=("Fz",),
-        units=("N",),
-        candidates=BenchCandidates(
-            position=np.zeros((500, 3)),
-            direction=np.zeros((500, 3)),
-            element=np.arange(500),
-            facet=np.ones(500),
-            response=np.zeros((500, 1)),
-        ),
-        augmented=Augmented(
-            state=("q1", "dq1/dt", "Fz"),
-            F=-np.eye(3)[None], H=np.ones((1, 12, 3)), Q=np.eye(3)[None], R=np.ones((1, 12)), weight=np.ones((1, 3)),
-            scale=np.ones((1, 3)),
-        ),
-        pool=PoolTable(candidate=pool, channel=pool, row=pool, gauges=pool[:, None]),
-        elimination=Removals(
-            removed=np.arange(8), trace=np.linspace(1.0, 2.0, 9), rise=np.full(8, 0.125), unknowns=("Fz",),
-            blocks=np.linspace(1.0, 2.0, 9)[:, None], solves=np.ones(8), ties=np.zeros(8),
-        ),
-        residual=1e-14,
-        greedy=selection,
-        final=selection,
-        loss=np.array([3.0, 2.5, np.inf, np.nan]),
-        certificate=Bound(lower_bound=1.98, gap=0.01, weights=np.full(12, 1 / 3)),
-        baseline={"random_1": 4.0},
-        criteria=Rules(
-            rule=("final", "random_1"), gauges=np.array([gauges, gauges + 4]), value=np.array([[2.0, 2.0], [4.0, np.inf]]),
-            std={"Fz": np.array([100.0, np.inf])}, name=("trace", "log_determinant"),
-        ),
-        advice=("Four gauges are <enough>.",),
-        layouts=layouts,
-    )  # fmt: skip
-    summary = {
-        "criterion": "trace", "candidates": 500, "pool": 12, "selected": 4, "trace_final": 2.0, "gap": 0.01, "lower_bound": 1.98,
-        "proven": False, "std.Fz": 100.0,
-    }  # fmt: skip
-    return written(folder, "place", record, summary)

@@ -1,13 +1,11 @@
-"""Plain tests of a cantilever: what is known, what is not, which gauges; and their records in every format."""
+"""Plain tests of a cantilever: what is known, what is not, which gauges; and their records."""
 
 from __future__ import annotations
 
-import csv
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 from typer.testing import CliRunner
 
@@ -17,7 +15,6 @@ from strainsight_cli.main import app
 from ..shared import ROOT, once, without_hot_spots
 
 DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
-FORMATS = {"csv": "test.csv", "hdf5": "test.h5"}
 E, DENSITY = 2.1e11, 7850.0
 """The truth [Pa, kg/m³]."""
 
@@ -130,55 +127,22 @@ def node_at(deck: Path, place: tuple[float, float, float]) -> int:
 
 
 def recorded(folder: Path, name: str) -> Path:
-    """The folder with readings of a case in both formats, a config for each, and its results up to validate, in a copy."""
+    """The folder of the config of a case with its results up to validate, in a copy."""
     text = config(name, CASES[name], DECK, 0)
     shutil.copytree(once("plain", text, lambda place: _record(place, name)), folder, dirs_exist_ok=True)
-    return folder / name
+    return folder
 
 
 def _record(folder: Path, name: str) -> None:
-    node = node_at(DECK, (1.0, 0.0, 0.095))
-    for form in FORMATS:
-        (folder / f"{name}-{form}.yaml").write_text(config(name, CASES[name], DECK, node))
+    path = folder / f"{name}.yaml"
+    path.write_text(config(name, CASES[name], DECK, node_at(DECK, (1.0, 0.0, 0.095))))
     with without_hot_spots():
-        invoked("validate", folder / f"{name}-csv.yaml", "--results", folder / "results")
-    with (folder / "results" / name / "measured.csv").open(encoding="utf-8") as lines:
-        head, *rows = csv.reader(lines)
-    names = [cell.split(" ")[0] for cell in head]
-    values = dict(zip(names, np.array([[float(cell or "nan") for cell in row] for row in rows]).T, strict=True))
-    own = folder / name
-    own.mkdir()
-    _as_csv(own / FORMATS["csv"], values)
-    _as_hdf5(own / FORMATS["hdf5"], values)
+        invoked("validate", path, "--results", folder / "results")
 
 
-def estimated(own: Path, form: str) -> tuple[Artefact, str]:
-    """What a file says, and what is said of it."""
-    folder, name = own.parent, own.name
-    said = invoked(
-        "estimate",
-        folder / f"{name}-{form}.yaml",
-        "--results",
-        folder / "results",
-        "--measurements",
-        own / FORMATS[form],
-        "--no-page",
-    )
-    return Artefact(folder / "results" / name / "estimate.h5"), said
-
-
-def _unit(name: str) -> str:
-    return "m/m" if name.startswith("G") else "N"
-
-
-def _as_csv(path: Path, values: dict[str, np.ndarray]) -> None:
-    rows = zip(*values.values(), strict=True)
-    lines = [",".join(values), *(",".join("" if np.isnan(x) else repr(float(x)) for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n")
-
-
-def _as_hdf5(path: Path, values: dict[str, np.ndarray]) -> None:
-    with h5py.File(path, "w") as file:
-        for name, own in values.items():
-            file[name] = own
-            file[name].attrs["units"] = "s" if name == "time" else _unit(name)
+def estimated(folder: Path, name: str) -> tuple[Artefact, str]:
+    """The estimate of what validate has measured, and what is printed."""
+    results = folder / "results"
+    words = ["--results", results, "--measurements", results / name / "measured.csv", "--no-page"]
+    message = invoked("estimate", folder / f"{name}.yaml", *words)
+    return Artefact(results / name / "estimate.h5"), message

@@ -13,22 +13,9 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.mesh.units import to_si
 
+from ..shared import script
 from .angle_bracket import EXACT, TRUE_E, Found, estimate
-from .angle_record import (
-    DATA,
-    GAUGES,
-    GUESS,
-    MESHES,
-    MODES,
-    POINTS,
-    RATE,
-    SHOCK,
-    SOFTER,
-    loads,
-    simulated,
-    spans,
-    stored,
-)
+from .angle_record import GAUGES, GUESS, MESHES, MODES, POINTS, RATE, SHOCK, SOFTER, loads, spans, stored
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 STATED = EXACT.replace("}", ", model: 0.03}")
@@ -44,7 +31,6 @@ def right() -> Found:
 def test_deck_and_record_are_what_the_scripts_say():
     listed, name = (MESHES / "angle.sha256").read_text().split()
     assert hashlib.sha256((MESHES / name).read_bytes()).hexdigest() == listed
-    assert DATA.stat().st_size + (MESHES / name).stat().st_size < 300_000
     frequency, records = stored()
     assert len(frequency) == MODES
     samples = len(loads()["tip"]) - 1
@@ -56,12 +42,6 @@ def test_the_coarse_mesh_has_the_modes_of_calculix():
     model = build_model(to_si(read_mesh(MESHES / "angle.bdf.gz"), "mm", "t"))
     own = modes(model.stiffness.constant, model.mass.constant, 6)[0] * np.sqrt(SOFTER)
     np.testing.assert_allclose(own, stored()[0][:6], rtol=2.5e-3)
-
-
-def test_the_points_lie_away_from_the_gauges():
-    gauge, point = (np.array([span.position for span in spans(places)]) for places in (GAUGES, POINTS))
-    assert np.linalg.norm(gauge[:, None] - point, axis=2).min() > 6.0
-    assert len(np.unique(point.round(3), axis=0)) == 20
 
 
 @pytest.mark.slow
@@ -127,7 +107,8 @@ def test_the_modulus_is_found_beside_a_known_shaker():
 def test_calculix_writes_the_record_again(tmp_path):
     """Its first tenth of a second, here and now."""
     wanted = spans(GAUGES) + spans(POINTS)
-    frequency, strain = simulated({"tip": loads()["tip"][:101]}, wanted, tmp_path)
+    calculix = script("benchmarks/angle_by_calculix.py")
+    frequency, strain = calculix.simulated({"tip": loads()["tip"][:101]}, wanted, tmp_path)
     kept, records = stored()
     np.testing.assert_allclose(frequency, kept, rtol=1e-5)
     expected = records["alone"][: len(strain)]

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.mesh.vtkhdf import VTK_TYPE
-
 from ..models import ended
 from ..robustness.small import BENCH
 
@@ -63,15 +61,6 @@ def test_the_state_space_answers_a_load_as_the_pendulum_does():
         x = np.linalg.solve(1j * w * np.eye(2) - own["A"], own["B"])
         exact = 1.0 / (J * (OMEGA**2 - w**2) + 1j * w * 0.4)
         np.testing.assert_allclose(own["C"] @ x + own["D"], [[exact], [0], [0]], atol=1e-9)
-
-
-def test_shapes_stand_in_a_grid_that_paraview_plays():
-    pyvista = pytest.importorskip("pyvista")
-    reader = pyvista.get_reader(str(ended("modes", ARM.replace("POSE", DOWN)).folder / "modes.vtkhdf"))
-    grid = reader.read()
-    assert set(grid.celltypes) == {VTK_TYPE["line"]}
-    assert grid.points[:, 2].min() == pytest.approx(-1.0)
-    assert np.abs(grid["mode"]).max() == pytest.approx(1 / np.sqrt(J), rel=1e-6)
 
 
 @pytest.mark.parametrize("stage", ["simulate", "statics"])

@@ -67,9 +67,6 @@ def test_an_angle_from_a_file_is_followed_through_its_samples():
     np.testing.assert_allclose(found["/sensors/tip"][:, [0, 2]], np.column_stack([np.cos(p), -np.sin(p)]), atol=1e-5)
 
 
-BLOCK = "bodies: {block: {type: rigid, mass: 3.0, inertia: {xx: 1, yy: 1, zz: 1}}}"
-
-
 def test_a_cylinder_lifts_a_flap_to_the_angle_of_its_triangle():
     """Law of cosines: |d|² = a² + b² − 2ab cos, pivot, foot of the cylinder and eye."""
     found = simulated(
@@ -120,10 +117,9 @@ simulate: {duration: 1.0, time_step: 0.005}
 def test_what_a_generic_joint_leaves_free_is_free_and_the_rest_is_held(free):
     held = [own for own in ("x", "y", "z", "about_x", "about_y", "about_z") if own != free]
     axis = [float(free.endswith(own)) for own in "xyz"]
-    spin = [2.0 * own for own in axis]
     found = simulated(
         f"""
-{BLOCK.replace("zz: 1}", f"zz: 1}}, spin: {spin}")}
+bodies: {{block: {{type: rigid, mass: 3.0, inertia: {{xx: 1, yy: 1, zz: 1}}, spin: {[2.0 * own for own in axis]}}}}}
 frames: {{wall: {{body: ground}}, at: {{body: block}}}}
 joints: {{guide: {{type: generic, frames: [wall, at], held: [{", ".join(held)}]}}}}
 sensors: {{x: {{type: motion, frame: at, quantity: x_axis}}, y: {{type: motion, frame: at, quantity: y_axis}}}}
@@ -137,37 +133,11 @@ simulate: {{duration: 1.0, time_step: 0.005, start: as_given}}
     assert np.arctan2(np.cross(start, turned) @ axis, start @ turned) == pytest.approx(2.0, abs=1e-3)
 
 
-@pytest.mark.parametrize(
-    ("change", "key", "says"),
-    [
-        (("end: -7.0, duration: 2.0", "end: -700.0, duration: 2.0"), "joints.motor.drive", "turns by 13.1 rad in a step"),
-        (("drive: {signal", "drive: {start: 1.0, signal"), "joints.motor.drive.start", "says where it starts"),
-        (("frames: [wall, end], axis: y, drive", "frames: [wall, end], axis: x, drive"), "joints", "motor"),
-    ],
-)
-def test_drives_that_cannot_be_are_refused_with_their_place(change, key, says):
-    assert change[0] in PENDULUM
-    done = run(PENDULUM.replace(*change))
+def test_a_start_of_a_drive_that_its_signal_has_is_refused():
+    done = run(PENDULUM.replace("drive: {signal", "drive: {start: 1.0, signal"))
     assert done.code == 2, done.output
-    assert key in done.output
-    assert says in done.output
-
-
-WHEEL = """
-bodies: {wheel: {type: rigid, mass: 2.0, inertia: {xx: 0.7, yy: 0.7, zz: 0.7}}}
-frames: {wall: {body: ground}, hub: {body: wheel}, rim: {body: wheel, pose: {origin: [0, 0.5, 0]}}}
-joints: {axle: {type: revolute, frames: [wall, hub]}}
-simulate: {duration: 1.0, time_step: 0.005, start: as_given}
-"""
-def test_an_accelerometer_on_what_stands_still_sees_gravity_turn():
-    """−g turns about x from upwards to sideways, by a quarter of a turn."""
-    gravity = "weight: {type: gravity, turns: {axis: [2, 0, 0], signal: {type: ramp, end: 1.5707963267948966, duration: 1.0}}}"
-    sensor = "sensors: {felt: {type: acceleration, frame: hub}, held: {type: reaction, joint: weld}}"
-    text = WHEEL.replace("axle: {type: revolute", "weld: {type: fixed") + f"forces: {{{gravity}}}\n{sensor}\n"
-    found = simulated(text)
-    np.testing.assert_allclose(found["/sensors/felt"][[0, -1]], [[0, 0, G], [0, -G, 0]], atol=1e-10)
-    np.testing.assert_allclose(found["/sensors/held"][:, :3], 2.0 * found["/sensors/felt"], atol=1e-9)
-    np.testing.assert_allclose(found["/inputs/weight"][-1], np.pi / 2)
+    assert "joints.motor.drive.start" in done.output
+    assert "says where it starts" in done.output
 
 
 def test_a_pitch_bearing_is_turned_against_the_friction_of_its_load():

@@ -188,6 +188,7 @@ def test_a_layout_for_load_and_modulus_is_the_best_of_its_pool():
     assert place.summary["trace_final"] == pytest.approx(min(costs.values()), rel=1e-6)
     assert place.summary["trace_initial"] == pytest.approx(2.0, rel=1e-9)
     assert place.summary["lower_bound"] <= min(costs.values()) * (1 + 1e-9)
+    assert place.summary["gap"] == pytest.approx(1 - place.summary["lower_bound"] / min(costs.values()), abs=1e-6)
 
 
 def test_a_run_in_two_poses_that_are_one_is_a_run_in_one():

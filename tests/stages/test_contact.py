@@ -23,6 +23,8 @@ from strainsight_cli.main import app
 
 from ..bodies import body
 from ..models import artefacts
+from ..wrong.decks import config
+from ..wrong.models import pair
 
 ROOT = Path(__file__).parents[2]
 LUG, DECK = ROOT / "configs" / "lug" / "lug-input.yaml", ROOT / "meshes" / "lug.bdf.gz"
@@ -195,73 +197,30 @@ def test_a_part_that_is_held_otherwise_has_no_such_face(init):
     assert "  # exclude: " in text
 
 
-def cubes(cells, fixed, first=1):
-    """Nastran cards of cubes of the unit cell: cells of positions and edge lengths, each with nodes of its own."""
-    lines = ["SOL 103", "CEND", "BEGIN BULK"]
-    for n, (at, size) in enumerate(cells):
-        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-        ids = [8 * n + k + first for k in range(8)]
-        lines += [
-            f"GRID,{i},,{','.join(str(a + size * c) for a, c in zip(at, corner, strict=True))}"
-            for i, corner in zip(ids, corners, strict=True)
-        ]
-        lines.append(f"CHEXA,{n + 1},1,{','.join(map(str, ids[:6]))}\n,{ids[6]},{ids[7]}")
-    lines += ["PSOLID,1,1", "MAT1,1,2.1+11,,.3,7850.", f"SPC1,1,123,{','.join(map(str, fixed))}", "ENDDATA"]
-    return "\n".join(lines) + "\n"
+BETWEEN = "box: [[0.39, -1, -1], [0.41, 1, 1]]"
+TIED = (
+    f", faces: {{fine: {{normal: [-1, 0, 0], {BETWEEN}}}, coarse: {{normal: [1, 0, 0], {BETWEEN}}}}}, "
+    "ties: [{type: surface, set: fine, to: coarse}]"
+)
 
 
-CONFIG = """\
-kind: placement
-name: own
-mesh: {{file: {file}{more}}}
-loads:
-  tip: {{node: 4, direction: [0, 0, 1], known: true, signal: {{type: sine, frequency: 20.0, amplitude: 1.0}}}}
-parameters: {{E: {{property: youngs_modulus, region: 1, guess: 2.0e11, range: [1.0e11, 3.0e11]}}}}
-damping: {{type: modal, ratio: 0.01}}
-train: {{duration: 1.0, time_step: 1.0e-3}}
-gauges: {{direction: {{type: axis, axis: [1, 1, 1]}}, noise_std: {{value: 1.0e-7}}}}
-place: {{estimate: [E], keep: 1}}
-validate: {{time_step: 1.0e-3, duration: 1.0, initial_std: {{E: 0.1}}}}
-"""
-
-
-def imported(folder, deck, more=""):
-    (folder / "own.bdf").write_text(deck)
-    (folder / "own.yaml").write_text(CONFIG.format(file="own.bdf", more=more).replace("node: 4", "node: 7"))
-    done = CliRunner(env={"COLUMNS": "4000"}).invoke(
-        app, ["import", str(folder / "own.yaml"), "--results", str(folder / "results")]
-    )
-    return done.exit_code, " ".join(done.output.split())
-
-
-PAIR = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.0, 0.0), 1.0)], (1, 4, 5, 8, 10, 11))
-
-
-def test_two_cubes_that_are_not_merged_are_named_and_are_one_part_with_mesh_merge(tmp_path):
-    code, said = imported(tmp_path, PAIR)
-    assert code == 0
-    assert "8 nodes lie in the place of another that is not joined to them, as 2 and 9 at (1, 0, 0) m" in said
-    assert said.index("8 nodes lie in the place") == said.index("warning") + len("warning: ")
-    code, said = imported(tmp_path, PAIR, ", merge: 1.0e-6")
-    assert code == 0
-    assert "4 nodes became others within 1e-06 m, as 9 which is 2 now" in said
-    assert "nodes lie in the place" not in said
-    assert "12 nodes, 2 hex8" in said
-
-
-def test_a_small_cube_on_a_large_one_hangs_until_it_is_tied(tmp_path):
-    deck = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.25, 0.25), 0.5)], (1, 4, 5, 8, 10, 11))
-    code, said = imported(tmp_path, deck)
-    assert code == 0
-    assert "4 nodes lie on elements that are not theirs, as 9 on element 1 at (1, 0.25, 0.25) m" in said
-    deck = deck.replace("SPC1,1,123,1,4,5,8,10,11", "SPC1,1,123,1,4,5,8")
-    faces = (
-        ", faces: {fine: {normal: [-1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]},"
-        " coarse: {normal: [1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]}},"
-        " ties: [{type: surface, set: fine, to: coarse}]"
-    )
-    code, said = imported(tmp_path, deck, faces)
-    assert code == 0, said
-    assert "not theirs" not in said
-    assert "mesh.ties.0" in said
-
+@pytest.mark.parametrize(
+    ("cells", "mesh", "says", "gone"),
+    [
+        ((4, 1, 1), ", merge: 1.0e-6", "4 nodes became others within 1e-06 m, as 101 which is 5 now", "nodes lie in the place"),
+        ((4, 2, 2), TIED, "mesh.ties.0", "not theirs"),
+    ],
+    ids=["merged", "tied"],
+)
+def test_two_bars_end_to_end_become_one_part(tmp_path, cells, mesh, says, gone):
+    (tmp_path / "deck.bdf").write_text(pair((0.4, 0.0, 0.0), cells))
+    words = ["import", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "results")]
+    outputs = []
+    for own in ("", mesh):
+        (tmp_path / "own.yaml").write_text(config(mesh=own))
+        done = CliRunner(env={"COLUMNS": "4000"}).invoke(app, words)
+        assert done.exit_code == 0, done.output
+        outputs.append(" ".join(done.output.split()))
+    assert gone in outputs[0]
+    assert says in outputs[1]
+    assert gone not in outputs[1]
