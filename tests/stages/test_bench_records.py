@@ -56,8 +56,8 @@ def table(simulated):
 
 @pytest.fixture(scope="module")
 def run(table):
-    def of(*changes, rows=table):
-        lines = ["t,upper [um/m],side,y,z", *(",".join(f"{x:.15g}" for x in row) for row in rows)]
+    def of(*changes):
+        lines = ["t,upper [um/m],side,y,z", *(",".join(f"{x:.15g}" for x in row) for row in table)]
         return ended("estimate", RIG, *changes, files={"test.csv": "\n".join(lines) + "\n"}, beside=BESIDE)
 
     return of
@@ -89,14 +89,6 @@ def test_samples_are_taken_as_they_are(run, simulated):
     assert np.isnan(tip[:, 0]).all()
     np.testing.assert_allclose(tip[:, 1:], simulated["/sensors/tip"][1:, 1:], rtol=1e-12, atol=1e-15)
     assert found.summary["mismatch.tip"] < 0.01
-
-
-def test_a_file_with_a_finer_clock_is_thinned_to_the_steps_of_the_filter(run, table):
-    fine = np.linspace(0, table[-1, 0], 2 * len(table) - 1)
-    rows = np.column_stack([fine, *(np.interp(fine, table[:, 0], column) for column in table[:, 1:].T)])
-    (coarse, _), (thinned, _) = histories(run(measured())), histories(run(measured(), rows=rows))
-    for name, history in thinned.items():
-        np.testing.assert_allclose(history, coarse[name], rtol=1e-6, atol=1e-6)
 
 
 def test_a_load_that_only_a_component_feels_that_nobody_measured_is_refused_by_name(run):

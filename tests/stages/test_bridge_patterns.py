@@ -10,15 +10,8 @@ import yaml
 
 from strainsight import api
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
-from strainsight.cases.structure.nuisances import nuisances_of, tolerated
 from strainsight.cases.structure.placed import placement_output
-from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.errors import ConfigError, UserError
-from strainsight.gauges.bonded import BondedEntry, bonded
-from strainsight.gauges.candidates import concatenate
-from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.sensitivity import CALIBRATION_POISSON
-from strainsight.mesh.facets import exterior_facets
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks, config_of
 
@@ -96,46 +89,6 @@ def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_he
 
     axial, bending = (beam[2]({"gauges.bridge": pattern})[1] for pattern in ("half-axial", "half-bending"))
     assert np.abs(axial.reading()).max() < 1e-9 * np.abs(bending.reading()).max()
-
-
-def test_a_pool_of_bridges_is_half_that_of_gauges_on_both_sides(beam):
-    _, training = beam[2]({"gauges.bridge": "half-bending"})
-    _, single = beam[2]({})
-    assert training.candidates.gauges == single.candidates.gauges / 2
-    assert training.candidates.bridged.all()
-
-
-@pytest.mark.parametrize("pattern", ["full-bending", "full-torsion"])
-def test_nuisances_of_a_bridge_are_those_of_single_gauges_drawn_by_hand(beam, pattern):
-    """3000 draws know a variance to 1/√1500; three of that are asked. 1 mm and 2°: second order is 0.1 % of it."""
-    mesh, reduced, of = beam
-    stated = {"position": 0.001, "angle": 2.0, "gain": 0.01, "transverse": 0.01}
-    case, training = of({"gauges.bridge": pattern, "tolerances": {**ONLY_GAIN, **stated}})
-    gauge = training.candidates.gauges // 2
-    problem = problem_of(case.config, case.files, reduced, training, api.screen(case, mesh, reduced, training))
-    channels = problem.channels.of(np.array([gauge]))[0]
-    model = filter_model(problem, channels, problem.h)
-    own = nuisances_of(tolerated(case.config, mesh, reduced, training, channels), model, channels)
-    n = reduced.model.size
-    q = np.random.default_rng(6).standard_normal(n) / np.sqrt(np.mean(training.coordinate**2, axis=0)).max()
-    variance = np.sum((own.D[:, 0, :n] @ q) ** 2)
-
-    facets, z = exterior_facets(mesh), (reduced.basis @ q).reshape(-1, 1)
-    grids, signs = training.candidates.take(channels).grids, training.candidates.take(channels).sign_of_grid
-    rng, draws, total = np.random.default_rng(7), 3000, 0.0
-
-    def read(position, direction, offset, turn):
-        one, _ = bonded(mesh, facets, [BondedEntry(position, direction)], 1e-6)
-        many = concatenate([one] * draws)
-        return channel_rows(mesh.position, many, z, facets=facets, offset=offset, rotation=turn)[:, 0]
-
-    for x, d, normal, sign in zip(grids.position, grids.direction, grids.normal, signs, strict=True):
-        place, turn = 0.001 * rng.standard_normal((draws, 2)), 2.0 * rng.standard_normal(draws)
-        along = read(x, d, place, turn)
-        across = read(x, np.cross(normal, d), np.column_stack([place[:, 1], -place[:, 0]]), turn)
-        K, g = 0.01 * rng.standard_normal((2, draws))
-        total = total + sign * (1 + g) * (along + K * across) / (1 - CALIBRATION_POISSON * K)
-    assert np.var(total) == pytest.approx(variance, rel=3 / np.sqrt(draws / 2))
 
 
 @pytest.mark.parametrize("pattern", ["half-bending", "full-torsion"])
