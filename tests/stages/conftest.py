@@ -6,10 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
+from strainsight_cli.main import app
 
 from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made, without_hot_spots  # noqa: F401  for the tests beside
 from .column import on_column
@@ -28,6 +30,13 @@ def finished(job: Job, stages=PLACEMENT):
     """Run the stages and return stage → (status, reason, artefact)."""
     events = [event for event in run(stages, job) if event.artefact is not None]
     return {event.stage: (event.status, event.reason, event.artefact) for event in events}
+
+
+def invoked(*words: object) -> str:
+    """What a command that succeeds prints, in one line."""
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
 
 
 @pytest.fixture(scope="module")

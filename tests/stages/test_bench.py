@@ -91,7 +91,6 @@ def test_a_pendulum_swings_with_the_period_of_its_length():
 
 
 def test_gauges_may_be_zeroed_at_the_start(bench, bench_config):
-    """Only what they read at the start goes; the bench itself is the same."""
     changes = ("simulate.duration=0.1", "sensors.gauges.zeroed=true")
     zeroed = made(bench_config, *changes, only=MOVED, beside=BENCHES)["simulate"]
     plain = bench["simulate"]["/sensors/gauges"][:11]

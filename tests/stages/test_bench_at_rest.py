@@ -80,21 +80,6 @@ def test_modes_of_what_topples_say_so():
     assert own.summary["toppling"] == 1
 
 
-def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of():
-    text = """
-kind: bearing
-name: own
-bearings:
-  pitch: {balls: 112, ball_diameter: 0.06, pitch_diameter: 2.3, contact_angle: 45, radius_inner_left: 0.0318,
-    radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318, pressure_limit: LIMIT}
-cases: {thrust: {force: [1.0e+6, 0, 0]}}
-"""
-    done = ended("bearing", text.replace("LIMIT", "1.0e+9"))
-    assert done.code == 0
-    assert "pitch under thrust reaches" in done.output
-    assert "beyond 1000 MPa" in done.output
-
-
 def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there():
     """The small bench, linear: the state space answers a constant load with what statics reads of it, of the same gauges."""
     text = BENCH.replace("type: sine, frequency: 2.0, amplitude: 100.0", "type: constant, value: 10.0")

@@ -144,7 +144,6 @@ def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much():
 
 
 def test_a_bushing_that_is_turned_too_far_is_refused():
-    """By 0.12 rad about x."""
     mount = "mount: {type: bushing, frames: [origin, centre], stiffness: [1, 1, 1, 9, 9, 9]}"
     text = OSCILLATOR.replace("LAW", mount).replace("type: prismatic", "type: cylindrical")
     turned = f"[0.2, 0, 0], y_axis: [0, {np.cos(0.12):.15g}, {np.sin(0.12):.15g}]"

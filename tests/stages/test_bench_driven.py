@@ -95,7 +95,6 @@ simulate: {duration: 1.0, time_step: 0.01}
 
 
 def test_a_rod_without_mass_keeps_its_length():
-    """A bob on a distance joint is a pendulum of its length."""
     found = simulated(
         """
 bodies: {bob: {type: rigid, mass: 2.0, inertia: {xx: 1, yy: 1, zz: 1}, pose: {origin: [0.3, 0, -0.4]}}}

@@ -58,7 +58,6 @@ def run(*changes: str) -> Ended:
 
 @pytest.mark.slow
 def test_loads_on_a_turning_arm_are_known_to_their_sigma():
-    """The truth in steps of a twentieth; the arm, its weight and its inertia turn, and are known."""
     found = run("seed=3").artefact("estimate")
     for name in ("down", "side"):
         off = found[f"/inputs/{name}/estimate"] - found[f"/inputs/{name}/true"]

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from strainsight.cases.bench.inverse.numbers import ratio_numbers
+from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
+from strainsight.stages.bench.report import run as report
+from strainsight.workflow.stage import Context
 
 from ..models import ended
 from ..shared import slowly
@@ -51,6 +54,19 @@ def test_every_number_of_a_summary_is_listed(estimate, bench):
         (SMALL, "estimate.duration=0.3", measured, "estimate.hold_out=each"),
     ):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
+
+
+def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
+    changes = ("estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
+    upstream = {stage: estimate(DIAMETER, *changes, stage=stage) for stage in ("simulate", "estimate")}
+    found = upstream["estimate"]
+    output = report(Context(load_config(DIAMETER, changes).model, upstream, {}, lambda *_: None))
+    page = output.files["report.html"].decode()
+    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
+    assert f"{found.summary['channels']} channels tell Fx" in words
+    assert "Force on each of the 112 balls of bearing by the estimate" in words
+    assert "with ±2 claimed standard deviations, and smoothed (green)" in words
+    assert page.count("<figure") == output.summary["figures"] > 10
 
 
 PLACED = ("sensors.gauges={type: strain, body: beam, layout: place}",)

@@ -11,7 +11,7 @@ from strainsight.errors import StrainsightError
 
 from ..edges.beam import BENCH_CONFIG, bricks
 from ..edges.beam import finished as small
-from ..models import artefacts, ended
+from ..models import artefacts
 from .conftest import ROOT, job_of
 from .test_artefacts import assert_summary_is_listed
 
@@ -126,7 +126,6 @@ def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
 
 
 def test_filter_reaches_the_expected_sigma_of_a_random_layout(beam):
-    """The σ that the bench's own filter, with its constraints and its step, ends with."""
     text = {"sensors: {gauges:": "sensors: {others:", "duration: 0.05": "duration: 0.5"}
     estimate, place = run("field=null", only=ESTIMATED, **text)["estimate"], beam["place"]
     claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
@@ -141,8 +140,6 @@ def test_filter_reaches_the_expected_sigma_of_a_random_layout(beam):
     ],
 )
 def test_tolerances_and_noise_as_printed_are_in_what_was_expected(beam, how):
-    """Under loads that stay, which it knows without noise, the filter's σ ends where the placement says, and that is not where
-    exact gauges end."""
     done = run("simulate.duration=0.5", "field=null", "estimate.truth.noise=false", how, only=ESTIMATED)
     estimate, place = done["estimate"], done["place"]
     expected = place["/layouts/place/std"]
@@ -170,7 +167,6 @@ def test_a_disturbance_as_printed_is_refused_where_gauges_are_placed(tmp_path):
 
 
 def test_one_gauge_less_is_what_the_file_says_of_it(beam):
-    """Two gauges still tell the two loads, worse; the file lists them in newtons."""
     place = beam["place"]
     without, whole = place["/layouts/place/without"], place["/layouts/place/std"]
     assert np.all(without > whole * (1 - 1e-9))
@@ -195,7 +191,6 @@ SWINGING = {
 
 @pytest.mark.slow
 def test_the_poses_of_a_run_are_served_together():
-    """σ of layouts drawn at random is the largest of those that each pose by itself gives, and poses differ."""
 
     def placed(poses):
         text = {**SWINGING, "  random: 3": f"  random: 3\n  poses: {poses}\n  aggregate: worst"}
@@ -224,29 +219,17 @@ GLUED = "gauges: [{position: [1, 0, 0.095], direction: [1, 0, 0]}]"
         ({"body: beam, layout: place": f"body: beam, layout: place, {GLUED}"}, "sensors.gauges", "both"),
         ({BEAM[BEAM.index("place:\n  body") : BEAM.index("field:")]: ""}, "sensors.gauges.layout", "nothing is placed"),
         ({"field: {body: beam, instants: 3}": "field: {body: beam, instants: 3, every: 2}"}, "field.every", "both"),
-    ],
-)
-def test_what_contradicts_itself_is_refused_with_its_place(change, key, says):
-    done = ended("simulate", changed(**change))
-    assert done.code == 2, done.output
-    assert key in done.stderr
-    assert says in " ".join(done.stderr.split())
-    assert not list(done.folder.glob("*.h5"))
-
-
-@pytest.mark.parametrize(
-    ("change", "key", "says"),
-    [
         ({"keep: 3": "keep: 1"}, "place.keep", "1 gauges cannot observe 2 unknowns"),
         ({"exclude: [": "include: [{box: [[5, 5, 5], [6, 6, 6]]}]\n  exclude: ["}, "place.include", "no facet is left"),
+        # two loads that are one and the same
         ({"direction: [0, 1, 0], signal": "direction: [0, 0, 2], signal"}, "place.keep", "together"),
     ],
 )
 def test_what_cannot_be_placed_is_refused_with_its_place(change, key, says):
-    """One gauge for two loads; a zone beside the body; two loads that are one and the same."""
-    with pytest.raises(StrainsightError, match=says) as caught:
+    with pytest.raises(StrainsightError) as caught:
         run(**change)
-    assert caught.value.key == key
+    assert says in str(caught.value)
+    assert key in str([error.key for error in (caught.value, *getattr(caught.value, "others", ()))])
 
 
 @pytest.mark.slow

@@ -82,7 +82,6 @@ def test_a_file_gives_the_loads_that_the_run_gives_it_was_written_from(run, simu
 
 
 def test_samples_are_taken_as_they_are(run, simulated):
-    """A test has the noise that it has: none is added, and a component that nobody measured stays missing."""
     _, found = histories(run(measured(("gauges", "tip")), "estimate.sensors.tip={noise: 1.0e-6}"))
     np.testing.assert_allclose(found["/sensors/gauges/measured"], simulated["/sensors/gauges"][1:], rtol=1e-12, atol=1e-18)
     tip = found["/sensors/tip/measured"]

@@ -67,7 +67,6 @@ FELT = (
 
 @pytest.mark.slow
 def test_loads_from_gauges_and_an_accelerometer_keep_to_their_sigma_by_another_integrator():
-    """Radau's truth, four histories."""
     found = run(FELT).artefact("estimate").summary
     for name in ("side", "down"):
         assert 0.7 < found[f"ratio.{name}"] < 1.3
@@ -75,7 +74,6 @@ def test_loads_from_gauges_and_an_accelerometer_keep_to_their_sigma_by_another_i
 
 
 def test_an_accelerometer_beside_gauges_knows_the_load_across_the_spring_better():
-    """Gauges alone know it four times worse."""
     once = ("estimate.truth={model: own}", "estimate.runs=1", "simulate.duration=0.3")
     found = run(FELT, *once).artefact("estimate").summary
     assert found["mismatch.felt"] < 0.01
@@ -111,7 +109,6 @@ def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs
 @pytest.mark.slow
 @pytest.mark.parametrize("update", ["iterated", "one_shot"])
 def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claimed(update):
-    """Truths of the filter's own model, with offsets that walk."""
     sensors = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 1.0e-5, drift: 2.0e-5}, felt: {noise: 0.02}}"
     how = ("estimate.truth={model: walk}", "estimate.runs=10", "simulate.duration=0.2", f"estimate.method.update={update}")
     found = run(FELT, sensors, *how).artefact("estimate").summary

@@ -80,7 +80,6 @@ def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
 
 @pytest.mark.slow
 def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
-    """Six seeds of loads, start and disturbance from the filter's own model: innovations and errors of their claimed size."""
     found = hub_estimate(
         LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
     )
@@ -103,7 +102,6 @@ def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
 
 
 def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(estimate):
-    """The zero is of the history's first loads; a guess of zero beside it spoils nothing."""
     found = estimate(
         LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=0.3",
         "sensors.gauges.zeroed=true", *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
@@ -134,7 +132,6 @@ def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
 
 
 def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate):
-    """Loads that are taken for constant."""
     found = estimate(LOADS, "estimate.duration=1.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
     text = str(found.tables)
     assert "Fz is overconfident" in text

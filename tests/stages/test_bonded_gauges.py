@@ -124,7 +124,6 @@ def test_bonded_gauges_keep_names_and_places_in_another_placement(project):
 
 @pytest.mark.slow
 def test_a_bonded_gauge_may_have_a_name_of_the_users(project):
-    """It needs no file of the day: the name stands for the place that the config states."""
     row = lines(project / "bonded.csv")[0]
     place, along = ([float(row[f"{vector}_{x}"]) for x in "xyz"] for vector in ("position", "direction"))
     fixed = f"gauges.fixed=[{{name: root, position: {place}, direction: {along}}}]"
@@ -137,7 +136,6 @@ def test_a_bonded_gauge_may_have_a_name_of_the_users(project):
 
 @pytest.mark.slow
 def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
-    """Places, directions, angles between the grids, for grids in any sense about the normal."""
     rosettes = ["gauges.direction={type: axis, axis: [1, 0.2, 0], angles: [0, 45, 120]}", "gauges.rosette=true"]
     case = api.load(project / "test.yaml", [*rosettes, "place.keep=2"])
     mesh = api.mesh(case)

@@ -59,7 +59,6 @@ def aside(x):
 
 @pytest.mark.parametrize("clearance", [0.006, 0.02])
 def test_a_stated_clearance_is_kept_exactly(beam, clearance):
-    """Of the candidates on the four sides those stay that are so far from the edges along them, and no other."""
     training, screened = beam(f"gauges.clearance={clearance}")
     x = training.candidates.position[training.candidates.first]
     x = x - np.array([0.0, x[:, 1].min(), x[:, 2].min()])

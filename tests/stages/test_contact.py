@@ -183,7 +183,6 @@ def test_of_a_plate_one_side_is_left_out_and_the_other_named(init):
 
 
 def test_a_face_that_the_user_has_named_is_not_written_twice(init):
-    """Any point of the face says which it is."""
     own = yaml.safe_load(init(bolted(2), "-i", answers="0.09, 0.09, 0\nn\n"))
     assert own["mesh"]["faces"] == {"loaded": {"near": [0.09, 0.09, 0]}}
     assert (own["loads"]["force"]["set"], own["gauges"]["exclude"]) == ("loaded", ["loaded"])

@@ -63,7 +63,6 @@ def test_seconds_and_memory_of_the_measured_bodies_are_within_a_factor_of_two(sh
 
 
 def test_more_modes_take_longer_as_measured():
-    """`spectrum` of 40 modes of the plate."""
     at = {98_937: (14, 1.14), 300_141: (40, 3.35), 1_003_011: (172, 11.4)}
     for unknowns, (seconds, memory) in at.items():
         assert f"`spectrum` {seconds} s and {memory} GiB" in SCALING

@@ -115,7 +115,6 @@ LEVEL = {
     ("loads", "best", "undecided"), [("", "", ""), ("a", "a", ""), ("ab", "a", "b"), ("ac", "a", ""), ("ad", "a", "")]
 )
 def test_a_load_walks_otherwise_where_the_samples_say_so_by_far(loads, best, undecided):
-    """Each after those before it; a walk by which no filter follows the samples is out."""
 
     def other(so_far, name):
         return None if name == "d" else so_far ^ {name}

@@ -160,7 +160,6 @@ def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
 
 @pytest.mark.slow
 def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
-    """Everything that rests on them is NaN, and the estimates are those that have it otherwise."""
     sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
     estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
     results, found = changed(project, "alone", ALONE), {}
@@ -211,7 +210,6 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
 
 
 def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
-    """Of the load alone: a bank over the damping takes a sixth of the time of one over a modulus, too."""
     found = changed(tmp_path, "ranked", {**BLIND, "name: test\n": "name: ranked\n", **STUDIED})
     validate = Artefact(found / "validate.h5")
     assert 1 <= validate.summary["rank_claimed.side"] <= 10

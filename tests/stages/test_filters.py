@@ -69,7 +69,6 @@ def test_the_density_of_a_parameter_has_the_mean_and_the_sigma_that_are_claimed(
 
 
 def test_the_filters_by_themselves_are_what_the_comparison_says(validated):
-    """Parameters are constants in all three."""
     exact = validated(ROM, *EXACT).validated
     found = exact.compared
     assert found.filter == ("bank", "sigma-point", "extended")
@@ -130,7 +129,6 @@ def test_a_stated_sigma_is_that_of_the_sensor_and_leaves_the_noise_of_the_motion
 
 
 def test_the_comparison_is_of_the_samples_alone_whatever_the_tolerances(validated):
-    """None of its filters knows of any: the same samples have the same comparison."""
     wide, exact = validated(ROM, "tolerances={gain: 0.05}", EXACT[1]).validated, validated(ROM, *EXACT).validated
     np.testing.assert_array_equal(wide.gauge.measured, exact.gauge.measured)
     for name in exact.compared.std:
@@ -232,7 +230,6 @@ def test_the_truth_begins_as_the_training_run_does(beam, model, tolerance):
 
 
 def test_the_whole_model_moves_as_its_modes_do(beam):
-    """From the first sample on; twelve modes and static terms are all that counts at 20 Hz."""
     full, modes = (
         true_reading(beam, {"validate.truth.modes": 12, "validate.truth.model": model}) for model in ("full", "modes")
     )
