@@ -78,25 +78,15 @@ def bench(bench_config):
 
 @pytest.fixture(scope="session")
 def estimate():
-    """overrides → the artefact of an estimate on the column, which is reduced once for all."""
-
-    def of(config, *overrides, stage="estimate"):
-        return made(on_column(config), "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
-
-    return of
+    """config, overrides → the artefact of an estimate on the column, which is reduced once for all."""
+    return lambda config, *overrides, **stage: estimated(on_column(config), BENCHES, *overrides, **stage)
 
 
 @pytest.fixture(scope="session")
 def hub_estimate():
-    """overrides → the artefact of an estimate, its hub reduced once for all."""
-
-    def of(config, *overrides, stage="estimate"):
-        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=HUBS)[stage]
-
-    return of
+    """config, overrides → the artefact of an estimate, its hub reduced once for all."""
+    return lambda config, *overrides, **stage: estimated(config, HUBS, *overrides, **stage)
 
 
-@pytest.fixture(scope="session")
-def hub_bench(hub_estimate):
-    """simulate.h5 of one second of bench-full."""
-    return hub_estimate(ROOT / "configs" / "bench-full.yaml", stage="simulate")
+def estimated(config, beside, *overrides, stage="estimate"):
+    return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=beside)[stage]

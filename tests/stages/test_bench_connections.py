@@ -155,8 +155,7 @@ def test_a_bushing_that_is_turned_too_far_is_refused():
 
 
 def test_the_law_of_the_page_on_extending_is_one(tmp_path, monkeypatch):
-    """Law, section and entry as the page has them: a mass falls on the buffer and comes to rest at the root of
-    kρ + aρ³ + mg = 0, and moves as scipy integrates it."""
+    """Law, section and entry as the page has them: a mass falls on the buffer as scipy integrates it."""
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     text = text.split("## A force element of a bench")[1].split("\n## ")[0]
     law, section = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
@@ -179,20 +178,14 @@ forces:
   weight: {{type: gravity}}
   buffer: {{type: buffer, frames: [seat, foot], stiffness: {k}, cubic: {a}, damping: {c}, axis: z}}
 sensors: {{mass: {{type: motion, frame: foot}}}}
-simulate: {{duration: 0.2, time_step: STEP, start: START}}
+simulate: {{duration: 0.2, time_step: 5.0e-4, start: as_given}}
 """
 
-    def height(step, start):
-        path = tmp_path / "own.yaml"
-        path.write_text(f"kind: bench\nname: own\n{text}".replace("STEP", str(step)).replace("START", start), encoding="utf-8")
-        job = job_of(path, tmp_path / f"{step}-{start}")
-        stages = [stage for stage in bench_stages(job.config) if stage.name != "report"]
-        return finished(job, stages)["simulate"][2]["/sensors/mass"][:, 2]
-
-    rest = height(0.01, "equilibrium")
-    roots = np.roots([a, 0, k, m * g])
-    (root,) = roots[np.isreal(roots)].real
-    np.testing.assert_allclose(rest, root, rtol=0, atol=1e-11)
+    path = tmp_path / "own.yaml"
+    path.write_text(f"kind: bench\nname: own\n{text}", encoding="utf-8")
+    job = job_of(path, tmp_path / "results")
+    stages = [stage for stage in bench_stages(job.config) if stage.name != "report"]
+    height = finished(job, stages)["simulate"][2]["/sensors/mass"][:, 2]
     exact = solve_ivp(
         lambda t, z: [z[1], -(k * z[0] + a * z[0] ** 3 + c * z[1] * abs(z[1])) / m - g],
         (0, 0.2),
@@ -200,4 +193,4 @@ simulate: {{duration: 0.2, time_step: STEP, start: START}}
         rtol=1e-11,
         atol=1e-13,
     ).y[0, -1]
-    assert abs(height(5e-4, "as_given")[-1] - exact) < 1e-4 * abs(exact)
+    assert abs(height[-1] - exact) < 1e-4 * abs(exact)

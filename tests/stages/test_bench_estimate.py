@@ -98,8 +98,9 @@ def test_the_bench_of_the_manual_runs_as_it_says(more, last):
 
 
 @pytest.mark.slow
-def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(hub_estimate, hub_bench):
-    large = ("estimate.duration=1.0", f"estimate.measured.from={hub_bench.path}")
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(hub_estimate):
+    measured = hub_estimate(ROOT / "configs" / "bench-full.yaml", stage="simulate")
+    large = ("estimate.duration=1.0", f"estimate.measured.from={measured.path}")
     three = hub_estimate(SMALL, *large)
     five = hub_estimate(
         SMALL,

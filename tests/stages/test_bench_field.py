@@ -55,15 +55,15 @@ def pictures(field):
     return found
 
 
-def test_there_is_a_picture_an_instant_with_units(field, pictures):
+def test_there_is_a_picture_an_instant_with_units_and_the_summary_has_the_largest_stress(field, pictures):
     assert len(pictures) == 3
     np.testing.assert_allclose(field["/time"], [0.0, 0.02, 0.05])
     np.testing.assert_allclose(field["/VTKHDF/Steps/Values"], field["/time"])
-    assert set(pictures[0].cell_data) == {"strain", "stress", "von_mises", "principal"}
-    assert set(pictures[0].point_data) == {"displacement"}
     assert field.attributes("/VTKHDF/CellData/stress")["units"] == "Pa"
     assert field.attributes("/VTKHDF/PointData/displacement")["units"] == "m"
     assert all(grid.n_cells == field.summary["facets"] for grid in pictures)
+    worst = max(float(grid.cell_data["von_mises"].max()) for grid in pictures)
+    assert field.summary["von_mises"] == pytest.approx(worst, rel=1e-6)
 
 
 def test_the_tip_of_a_cantilever_goes_where_the_beam_formula_says(pictures):
@@ -90,12 +90,6 @@ def test_stress_and_strain_are_those_of_bending(pictures):
         np.testing.assert_allclose(grid.cell_data["strain"][own, 0] * MODULUS, expected, atol=0.01 * largest)
         strong = np.abs(expected) > 0.5 * largest
         np.testing.assert_allclose(grid.cell_data["von_mises"][own][strong], np.abs(expected)[strong], rtol=0.02)
-
-
-def test_the_summary_names_the_worst_place(field, pictures):
-    worst = max(float(grid.cell_data["von_mises"].max()) for grid in pictures)
-    assert field.summary["von_mises"] == pytest.approx(worst, rel=1e-6)
-    np.testing.assert_allclose(field["/von_mises"].max(), worst, rtol=1e-6)
 
 
 def test_points_of_a_body_that_moves_go_with_it():

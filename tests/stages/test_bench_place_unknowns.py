@@ -164,16 +164,6 @@ def test_the_response_to_a_modulus_is_that_of_two_equilibria():
 PLAIN = {"type": "strain", "body": "beam"}
 
 
-def test_advice_names_parameters_that_gauges_do_not_tell_and_whose_sigma_ignores_tolerances():
-    place, exact = free("estimate.parameters.E.std=1.0e+7", "estimate.tolerances={}")["place"], free()["place"]
-    assert place["/layouts/place/std"][1] == pytest.approx(1e7, rel=0.01)
-    said, silent = (" ".join(own["/advice"]) for own in (place, exact))
-    assert "Beside parameters σ here is that of exact gauges" in said
-    assert "Of E the gauges tell next to nothing" in said
-    assert "exact gauges" not in silent
-    assert "next to nothing" not in silent
-
-
 def test_a_layout_for_load_and_modulus_is_the_best_of_its_pool():
     place = free()["place"]
     F, H, Q, R, W = (place[f"/augmented/{name}"][0] for name in ("F", "H", "Q", "R", "weight"))

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import csv
+from io import StringIO
 
 import numpy as np
 import pytest
 
 from strainsight import api
 from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.layout.output import gauge_csv
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.errors import UserError
 
 from ..shared import slowly
-from .tested_beam import KNOWN, estimated, result, validated
+from .tested_beam import KNOWN, changed, estimated, result
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
@@ -27,7 +29,7 @@ BEFORE = "estimate.as_placed=false"
 def project(tmp_path_factory):
     """The beam with its modulus unknown, validated, and the file of where its gauges went."""
     folder = tmp_path_factory.mktemp("bonded")
-    validated(folder, KNOWN)
+    changed(folder, "test", KNOWN)
     (folder / "bonded.csv").write_bytes((folder / "results" / "test" / "gauges.csv").read_bytes())
     return folder
 
@@ -143,6 +145,8 @@ def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
     training = api.train(case, mesh, reduced)
     placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
     (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}, mesh, deck_frame("mm")))
+    table = csv.DictReader(StringIO(catman_table(placed.listed, Wiring(2.0, 120.0)).decode()), delimiter="\t")
+    assert [row["Name"] for row in table] == [f"{name} {angle}°" for name in ("G1", "G2") for angle in (0, 45, 120)]
     again = api.train(api.load(project / "test.yaml", [*rosettes, "gauges.fixed_file=rosettes.csv"]), mesh, reduced)
     assert again.name[:3] == ("G1", "G2", "")
     own, was = again.candidates, training.candidates

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +15,16 @@ import yaml
 from typer.testing import CliRunner
 
 from strainsight import api
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
+from strainsight.cases.layout.exports.element_sets import elements_of
+from strainsight.cases.layout.gauge_lines import gauge_lines
+from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.placed import placement_output
 from strainsight.errors import ConfigError, UserError
+from strainsight.gauges.edge_dimensions import no_edges
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -256,14 +264,19 @@ def placed(beam, changes):
     return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
 
 
-def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam):
+@pytest.fixture(scope="module")
+def by_pattern(beam):
+    """Pattern → placement of one gauge or one bridge."""
+    return {pattern: placed(beam, {"gauges.bridge": pattern}) for pattern in (None, "half-bending", "full-bending")}
+
+
+def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam, by_pattern):
     """Noise is that of the amplifier: σ falls as the arms, 2 and 4. By gains of 1 % under a slow load it falls as their root."""
-    noise = {pattern: placed(beam, {"gauges.bridge": pattern}) for pattern in (None, "half-bending", "full-bending")}
-    sigma = [found.expected.std["E"] for found in noise.values()]
+    sigma = [found.expected.std["E"] for found in by_pattern.values()]
     np.testing.assert_allclose(np.array(sigma[0]) / sigma, [1, 2, 4], rtol=0.01)
-    where = [found.listed.position[0] for found in noise.values()]
+    where = [found.listed.position[0] for found in by_pattern.values()]
     np.testing.assert_allclose([x[0] for x in where], where[0][0])  # where bending is most
-    arms = noise["full-bending"].listed.arms[0]
+    arms = by_pattern["full-bending"].listed.arms[0]
     np.testing.assert_array_equal(arms.sign, [1, -1, 1, -1])
     np.testing.assert_allclose(
         arms.grid.position[:, 2], np.where(arms.sign * arms.grid.normal[0, 2] > 0, SIZE[2], 0), atol=1e-9
@@ -274,7 +287,7 @@ def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_he
     slow |= {"gauges.noise_std": {"value": 1e-7}, "tolerances": ONLY_GAIN}
     mesh, reduced, of = beam
     gains = []
-    for pattern, found in noise.items():
+    for pattern, found in by_pattern.items():
         case, training = of({"gauges.bridge": pattern, **slow})
         screened = api.screen(case, mesh, reduced, training)
         gains.append(api.expect(case, mesh, reduced, training, screened, found.gauges).std["E"])
@@ -333,3 +346,28 @@ def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge
     axial = of({"gauges.bridge": "half-axial"})[1]
     assert axial.peak.max() < 1e-6 * plain.peak.max()
     np.testing.assert_allclose(axial.strained.max(), plain.peak.max(), rtol=1e-9)
+
+
+def only_row(table):
+    (row,) = csv.DictReader(StringIO(table.decode()), delimiter="\t")
+    return row
+
+
+@pytest.mark.parametrize(("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)])
+def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
+    """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
+    listed = by_pattern[pattern].listed
+    row = only_row(catman_table(listed, Wiring(2.0, 120.0)))
+    assert (row["Bridge"], row["Unit"]) == (wired, "um/m")
+    row = only_row(labview_table(listed, Wiring(2.0)))
+    assert (row["Measurement type"], row["Strain configuration"]) == ("Bridge (V/V)", "")
+    strain = 1e-4
+    assert float(row["Scale slope"]) * arms * 2.0 * strain / 4 == pytest.approx(arms * strain)
+    shop = Workshop(listed, gauge_lines(listed), no_edges(len(gauge_lines(listed))), deck_frame("mm"))
+    assert elements_of(shop) == {listed.labels[0]: sorted(set(listed.arms[0].grid.element.tolist()))}
+
+
+def test_two_arms_of_one_sign_are_opposite(by_pattern):
+    listed = by_pattern["half-bending"].listed
+    opposite = replace(listed, arms=(replace(listed.arms[0], sign=np.ones(2, dtype=int)),))
+    assert only_row(catman_table(opposite, Wiring(2.0, 120.0)))["Bridge"] == "half, arms 1 and 3"

@@ -93,22 +93,16 @@ WALL = "0, 0.135, 0.08"
 SMALL = ["rom.modes=4", "rom.parameter_samples=1", "train.time_step=2e-3"]
 
 
-def bolted(rise, *sets, below=False):
-    """An Abaqus deck of half a ring, radius 0.03 to 0.15 m, 0.04 m thick, held in its bore; outer wall of rise × 0.02 m.
-
-    below: with another such part that it lies on, 0.02 m thick, without common nodes, held at its bottom.
-    """
+def bolted(rise, *sets):
+    """An Abaqus deck of half a ring, radius 0.03 to 0.15 m, 0.04 m thick, held in its bore; outer wall of rise × 0.02 m."""
 
     def chart(u, v, w):
         return 0.03 * (1 + u) * np.cos(np.pi * v / 12), 0.03 * (1 + u) * np.sin(np.pi * v / 12), 0.02 * w
 
     mesh = body("hex8", (4, 12, 2 + rise), chart, keep=lambda i, j, k: k < 2 or i == 3)
     x, rows = mesh.position, mesh.blocks[0].nodes
-    if below:
-        other = body("hex8", (4, 12, 1), lambda u, v, w: chart(u, v, w - 1))
-        x, rows = np.vstack([x, other.position]), np.vstack([rows, len(x) + other.blocks[0].nodes])
     ids = np.arange(1, len(x) + 1)
-    bolt = ids[(np.linalg.norm(x[:, :2], axis=1) < 0.031) & (x[:, 2] > -0.01) | (x[:, 2] < -0.01)]
+    bolt = ids[np.linalg.norm(x[:, :2], axis=1) < 0.031]
     lines = ["*NODE", *(f"{i}, {', '.join(map(repr, p))}" for i, p in zip(ids, x.tolist(), strict=True))]
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=part"]
     lines += [f"{i}, {', '.join(map(str, 1 + row))}" for i, row in enumerate(rows, start=1)]
@@ -161,39 +155,10 @@ def test_no_candidate_lies_there_and_without_the_line_some_do(init, tmp_path):
     assert heights(other, deck).min() < 1e-9
 
 
-def test_a_face_that_another_part_touches_is_picked_by_its_normal_too(init):
-    """A point there is as near to one of them as to the other."""
-    own = yaml.safe_load(init(bolted(2, below=True), "--load", WALL))
-    normals = {name: tuple(face.get("normal", ())) for name, face in own["mesh"]["faces"].items() if name != "loaded"}
-    assert (0, 0, -1) in normals.values()
-    assert all(len(normal) == 3 for normal in normals.values())
-    done = CliRunner().invoke(app, ["import", "own.yaml"])
-    assert done.exit_code == 0, done.output
-    assert "lies on something" not in done.output
-
-
-def test_of_a_plate_one_side_is_left_out_and_the_other_named(init):
-    """Both may lie on something. With both left out there would be places on its rims alone."""
-    text = init(bolted(0), "--load", "node 1")
-    own = yaml.safe_load(text)
-    assert own["mesh"]["faces"].keys() == {"seat-1", "seat-2"}
-    assert own["gauges"]["exclude"] == ["seat-1"]
-    assert "    # seat-2,                     # the other side of the same bores: put it in if something lies there\n" in text
-    assert {own["mesh"]["faces"][name]["near"][2] for name in ("seat-1", "seat-2")} == {0.0, 0.04}
-
-
 def test_a_face_that_the_user_has_named_is_not_written_twice(init):
     own = yaml.safe_load(init(bolted(2), "-i", answers="0.09, 0.09, 0\nn\n"))
     assert own["mesh"]["faces"] == {"loaded": {"near": [0.09, 0.09, 0]}}
     assert (own["loads"]["force"]["set"], own["gauges"]["exclude"]) == ("loaded", ["loaded"])
-
-
-def test_a_part_that_is_held_otherwise_has_no_such_face(init):
-    text = init(bolted(2).replace("*BOUNDARY\nbolt, 1, 3\n", ""), "--load", WALL, "--held", "0.15, 0, 0.06")
-    own = yaml.safe_load(text)
-    assert own["mesh"]["faces"].keys() == {"held", "loaded"}
-    assert "exclude" not in own["gauges"]
-    assert "  # exclude: " in text
 
 
 BETWEEN = "box: [[0.39, -1, -1], [0.41, 1, 1]]"

@@ -26,7 +26,6 @@ from .tested_beam import (
     estimated,
     result,
     table,
-    validated,
     write,
 )
 
@@ -35,7 +34,9 @@ pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return validated(tmp_path_factory.mktemp("test"), {})
+    folder = tmp_path_factory.mktemp("test")
+    changed(folder, "test", {})
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +47,9 @@ def plain(project):
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
     """The modulus under the known load alone."""
-    return validated(tmp_path_factory.mktemp("known"), KNOWN)
+    folder = tmp_path_factory.mktemp("known")
+    changed(folder, "test", KNOWN)
+    return folder
 
 
 def test_estimate_finds_what_validate_found(project, plain):

@@ -86,12 +86,6 @@ FIELD = "estimate.field={every: 0.05}"
 PLAIN, COMPARED = "filter.compare=false", "filter.compare=true"
 
 
-def validated(folder: Path, changes: dict[str, str]) -> Path:
-    """The folder with test.yaml, its results up to validate, and measured.csv beside them."""
-    changed(folder, "test", changes)
-    return folder
-
-
 def changed(folder: Path, name: str, changes: dict[str, str], alone: bool = False) -> Path:
     """Results of `validate` of the config with these changes, without other filters and hot spots, made once for all files of
     tests; alone: by the command in this folder, for a config that names files there."""
