@@ -18,6 +18,17 @@ from ..shared import slowly
 from .conftest import BANK, DIAMETER, LOADS, ROOT, SMALL, job_of
 from .test_artefacts import assert_summary_is_listed
 
+PRELOAD = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
+GROOVES = tuple(
+    f"estimate.parameters.{name}={{bearing: pitch-bearing, property: radius_{name}, std: 1.0e-4}}"
+    for name in ("inner_left", "inner_right", "outer_left")
+)
+
+
+def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
+    job_of(DIAMETER, ROOT, PRELOAD)
+    job_of(DIAMETER, ROOT, BANK, *GROOVES[:2])
+
 
 @pytest.mark.parametrize(
     ("config", "change", "key", "what"),
@@ -37,11 +48,15 @@ from .test_artefacts import assert_summary_is_listed
         (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),
         (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "a form of the extended"),
         (LOADS, "estimate.method={noise: as_printed, step_error: estimated}", "estimate.method.step_error", "change after it"),
+        (DIAMETER, (PRELOAD, "bearings.pitch-bearing.groove_centres=fixed"), "estimate.parameters.preload", "the same unknown"),
+        (DIAMETER, (BANK, *GROOVES), "estimate.method.parameters", "4 parameters, a bank is of 3 at most"),
+        (DIAMETER, (BANK, "estimate.parameters.diameter.increment=1.0e-6"), "estimate.parameters.diameter.increment",
+         "in a bank parameters are constants"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_with_their_place(config, change, key, what):
     with pytest.raises(ConfigError) as refused:
-        job_of(config, ROOT, change)
+        job_of(config, ROOT, *((change,) if isinstance(change, str) else change))
     assert refused.value.key == key
     assert what in str(refused.value)
 

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from strainsight.cases.bench.inverse.balls import spread
-from strainsight.errors import ConfigError
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read
 
-from .conftest import BANK, DIAMETER, LOADS, MODULUS, ROOT, job_of
+from .conftest import BANK, DIAMETER, LOADS, MODULUS
 
 EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
 ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
@@ -170,33 +169,6 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
     assert both.summary["error.E"] < 4 * both.summary["std.E"] < 0.04
     assert alone.summary["identified.E"] is False
     assert alone.summary["std.E"] > 10 * both.summary["std.E"]
-
-
-PRELOAD = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
-GROOVES = [
-    f"estimate.parameters.{name}={{bearing: pitch-bearing, property: radius_{name}, std: 1.0e-4}}"
-    for name in ("inner_left", "inner_right", "outer_left")
-]
-
-
-def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
-    job_of(DIAMETER, ROOT, PRELOAD)
-    job_of(DIAMETER, ROOT, BANK, *GROOVES[:2])
-
-
-@pytest.mark.parametrize(
-    ("changes", "key", "says"),
-    [
-        ((PRELOAD, "bearings.pitch-bearing.groove_centres=fixed"), "parameters.preload", "the same unknown"),
-        ((BANK, *GROOVES), "method.parameters", "4 parameters, a bank is of 3 at most"),
-        ((BANK, "estimate.parameters.diameter.increment=1.0e-6"), "parameters.diameter.increment",
-         "in a bank parameters are constants"),
-    ],
-)  # fmt: skip
-def test_parameters_that_no_filter_can_part_are_refused(changes, key, says):
-    with pytest.raises(ConfigError, match=says) as refused:
-        job_of(DIAMETER, ROOT, *changes)
-    assert refused.value.key == f"estimate.{key}"
 
 
 def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -35,12 +36,8 @@ LOAD = {"known": True, "direction": [0, 0, 1], "signal": {"type": "sine", "frequ
 
 def unheld() -> str:
     """The beam without its SPC1 card."""
-    lines = bricks((8, 2, 2), "hex20", tip=False).replace("SPC = 1\n", "").splitlines()
-    kept, skip = [], False
-    for line in lines:
-        skip = line.startswith("SPC1") or (skip and line.startswith(","))
-        kept += [] if skip else [line]
-    return "\n".join([*kept, ""])
+    text = bricks((8, 2, 2), "hex20", tip=False).replace("SPC = 1\n", "")
+    return re.sub(r"^SPC1.*\n(,.*\n)*", "", text, flags=re.MULTILINE)
 
 
 def changes(faces: bool) -> dict:
