@@ -117,14 +117,6 @@ def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claime
         assert 0.65 < found[f"ratio.{name}"] < 1.4
 
 
-def test_offsets_are_drawn_anew_for_every_seed_and_walk_as_stated():
-    drawn = Offsets(np.array([1, 2]), np.array([1.0, 0.0]), np.array([0.0, 0.1])).drawn(100, 400, 3, 7)
-    assert not drawn[:, :, 0].any()
-    assert np.ptp(drawn[:, :, 1], axis=0).max() == 0
-    assert np.std(drawn[0, :, 1]) == pytest.approx(1.0, abs=0.1)
-    assert np.std(drawn[-1, :, 2]) == pytest.approx(1.0, abs=0.1)
-
-
 KNOWN_AT_FIRST = RIG.replace("std: 1.0e+2", "std: 1.0")
 LOOSE = "estimate.tolerances={position: 0.004, angle: 3.0, gain: 0.03, transverse: 0.01}"
 ON_TOP = "sensors.gauges.gauges=[" + ", ".join(

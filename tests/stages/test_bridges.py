@@ -87,17 +87,6 @@ def lines(path: Path):
         return list(csv.DictReader(stream))
 
 
-def test_a_layout_lists_every_arm_with_its_sign(project):
-    rows = lines(project / "results" / "edge" / "gauges.csv")
-    own = [row for row in rows if row["gauge"] == "torsion"]
-    assert [row["sign"] for row in own] == ["1", "1", "-1", "-1"]
-    assert {row["kind"] for row in own} == {"bridge"}
-    assert [float(row["normal_z"]) for row in own] == [1, -1, 1, -1]
-    assert len([row for row in rows if row["gauge"] == "bending"]) == 4
-    assert [row["sign"] for row in rows if row["gauge"] not in ("bending", "torsion")] == [""]
-    assert (project / "results" / "edge" / "gauges.unv").read_text().count("torsion arm ") == 4
-
-
 def test_bridges_come_back_from_the_file_of_their_layout_as_they_were(project):
     bonded = project / "bonded.csv"
     bonded.write_bytes((project / "results" / "edge" / "gauges.csv").read_bytes())
