@@ -133,29 +133,29 @@ def estimate(kind, *, guess, tolerances=EXACT, also=(), held_out=False, turned=N
     """Gauges are bonded where CalculiX has them; `alone` has one unknown load, `shaken` a known one too. also: parameters
     that are sought beside the load; held_out: every gauge by the others, too; turned: gauges that the config has turned."""
     strain, histories = np.vstack([np.zeros(len(GAUGES) + len(POINTS)), stored()[1][kind]]), loads()
-    read, there = strain[:, : len(GAUGES)], strain[:, len(GAUGES) :]
+    read, true = strain[:, : len(GAUGES)], strain[:, len(GAUGES) :]
     sigma = NOISE * float(read.std(axis=0).max())
     read = read + sigma * np.random.default_rng(SEED).standard_normal(read.shape)
-    columns = {"time": np.arange(len(read)) / RATE} | {f"s{i + 1}": 1e6 * own for i, own in enumerate(read.T)}
+    columns = {"time": np.arange(len(read)) / RATE} | {f"s{i + 1}": 1e6 * column for i, column in enumerate(read.T)}
     columns |= {"shaker": histories["shaker"]} if kind == "shaken" else {}
     stream = io.StringIO()
     np.savetxt(stream, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")
     config = json.dumps(config_of(kind, guess, tolerances, sigma, also, held_out, turned))
     end = ended("estimate", config, files={"angle.csv": stream.getvalue()}, beside="angle", words=("--no-page",))
-    own = end.artefact("estimate")
+    result = end.artefact("estimate")
     # a known load is interpolated: several steps of the filter a sample
-    every = (len(own["/time"]) - 1) // (len(read) - 1)
+    every = (len(result["/time"]) - 1) // (len(read) - 1)
     late = slice(every, None, every)
-    off = own["/virtual/strain"][late] - there[1:]
-    E, E_std = (float(own[f"/{name}/E"][-1]) / TRUE_E if also else np.nan for name in ("estimate", "std"))
+    off = result["/virtual/strain"][late] - true[1:]
+    E, E_std = (float(result[f"/{name}/E"][-1]) / TRUE_E if also else np.nan for name in ("estimate", "std"))
     return Found(
-        error=own["/smoothed/tip"][late] - histories["tip"][1:],
-        std=own["/smoothed_std/tip"][late],
-        field=np.sqrt(np.mean(off**2, axis=0) / np.mean(there**2, axis=0)),
-        field_share=np.mean(np.abs(off) < 2 * own["/virtual/std"][late], axis=0),
+        error=result["/smoothed/tip"][late] - histories["tip"][1:],
+        std=result["/smoothed_std/tip"][late],
+        field=np.sqrt(np.mean(off**2, axis=0) / np.mean(true**2, axis=0)),
+        field_share=np.mean(np.abs(off) < 2 * result["/virtual/std"][late], axis=0),
         E=E,
         E_std=E_std,
-        held_out=(own["/hold_out/predicted"] - own["/gauge/measured"]) / own["/hold_out/std"] if held_out else None,
+        held_out=(result["/hold_out/predicted"] - result["/gauge/measured"]) / result["/hold_out/std"] if held_out else None,
         said=end.text,
     )
 

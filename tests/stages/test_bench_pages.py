@@ -26,8 +26,8 @@ RUNS = [
 
 def statement(claim, all_runs=RUNS):
     measure = SimpleNamespace(**(CLAIM | claim))
-    (found,) = statements_of([SimpleNamespace(text="t", why="because", measure=measure)], all_runs)
-    return found
+    (result,) = statements_of([SimpleNamespace(text="t", why="because", measure=measure)], all_runs)
+    return result
 
 
 @pytest.mark.parametrize(
@@ -42,9 +42,9 @@ def statement(claim, all_runs=RUNS):
     ],
 )
 def test_claims_are_measured_in_the_numbers_of_the_runs(claim, verdict, values):
-    found = statement(claim)
-    assert found.verdict == verdict
-    np.testing.assert_allclose([value for _, _, value in found.found], values, rtol=1e-12)
+    result = statement(claim)
+    assert result.verdict == verdict
+    np.testing.assert_allclose([value for _, _, value in result.found], values, rtol=1e-12)
 
 
 def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
@@ -53,11 +53,11 @@ def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
         BenchRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
     ]
     claim = {"runs": [0, 1], "number": ["error.F", "nis"], "times": 100.0, "against": 0, "below": 1.0}
-    found = statement(claim, runs)
-    assert found.seeds == {
+    result = statement(claim, runs)
+    assert result.seeds == {
         (0, "error.F"): [100.0] * 3, (0, "nis"): [100.0], (1, "error.F"): [200.0, 100.0, 50.0], (1, "nis"): [150.0],
     }  # fmt: skip
-    assert found.why == "because"
+    assert result.why == "because"
 
 
 @pytest.mark.parametrize(

@@ -137,13 +137,6 @@ def test_a_sensor_takes_the_layout_over_where_it_was_placed(beam):
         )
 
 
-def test_filter_reaches_the_expected_sigma_of_a_random_layout(beam):
-    text = {"sensors: {gauges:": "sensors: {others:", "duration: 0.05": "duration: 0.5"}
-    estimate, place = run("field=null", only=ESTIMATED, **text)["estimate"], beam["place"]
-    claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]
-    np.testing.assert_allclose(claimed, place["/layouts/random-1/std"], rtol=1e-5)
-
-
 @pytest.mark.parametrize(
     "how",
     [

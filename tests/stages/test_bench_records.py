@@ -227,8 +227,8 @@ def test_error_of_loads_is_what_sigma_says_of_a_record_from_elsewhere(folder):
     found = Artefact(folder / "results" / "bench" / "estimate.h5")
     true = np.array([loads(t) for t in time]).T
     scores = [
-        (found[f"/inputs/{name}/estimate"] - own) / found[f"/inputs/{name}/std"]
-        for name, own in zip(("side", "down"), true, strict=True)
+        (found[f"/inputs/{name}/estimate"] - history) / found[f"/inputs/{name}/std"]
+        for name, history in zip(("side", "down"), true, strict=True)
     ]
     late = round(REST / 0.01) + 10
     ratio = np.sqrt(np.mean(np.square(scores)[:, late:]))

@@ -180,8 +180,8 @@ def test_two_bars_end_to_end_become_one_part(tmp_path, cells, mesh, says, gone):
     (tmp_path / "deck.bdf").write_text(pair((0.4, 0.0, 0.0), cells))
     words = ["import", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "results")]
     outputs = []
-    for own in ("", mesh):
-        (tmp_path / "own.yaml").write_text(config(mesh=own))
+    for more in ("", mesh):
+        (tmp_path / "own.yaml").write_text(config(mesh=more))
         done = CliRunner(env={"COLUMNS": "4000"}).invoke(app, words)
         assert done.exit_code == 0, done.output
         outputs.append(" ".join(done.output.split()))

@@ -121,23 +121,10 @@ def write(path: Path, head: list[str], values: np.ndarray) -> Path:
 
 
 def estimated(folder: Path, file: Path, *settings: str, config: str = "test.yaml") -> tuple[int, str]:
-    """By the filter of the config alone; COMPARED has the others beside it."""
-    options = [f"--set={text}" for text in (PLAIN, *settings) if not text.startswith("--")]
-    flags = [text for text in settings if text.startswith("--")]
-    done = CliRunner().invoke(
-        app,
-        [
-            "estimate",
-            str(folder / config),
-            "--results",
-            str(folder / "results"),
-            "--measurements",
-            str(file),
-            *([] if "--page" in flags else ["--no-page"]),
-            *options,
-            *flags,
-        ],
-    )
+    """By the filter of the config alone; COMPARED has the others beside it. Settings with -- are flags."""
+    flags = [text if text.startswith("--") else f"--set={text}" for text in (PLAIN, *settings)]
+    words = [str(folder / config), "--results", str(folder / "results"), "--measurements", str(file), *flags]
+    done = CliRunner().invoke(app, ["estimate", *words, *([] if "--page" in flags else ["--no-page"])])
     assert "Traceback" not in done.output
     return done.exit_code, done.output + (done.stderr or "")
 
