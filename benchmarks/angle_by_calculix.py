@@ -71,7 +71,7 @@ def simulated(acting: dict[str, np.ndarray], wanted: list[Any], folder: Path) ->
 def main() -> None:
     """Write data/angle.npz."""
     wanted, histories = RECORD.spans(RECORD.GAUGES) + RECORD.spans(RECORD.POINTS), RECORD.loads()
-    kept = {}
+    kept: dict[str, Any] = {}
     for record, names in (("alone", ["tip"]), ("shaken", ["tip", "shaker"])):
         with tempfile.TemporaryDirectory() as folder:
             frequency, strain = simulated({name: histories[name] for name in names}, wanted, Path(folder))

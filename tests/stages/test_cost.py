@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ import pytest
 from strainsight.cases.structure.cost import (
     BULK_AND_THIN,
     OF_A_PROCESS,
-    SOLVES,
     Size,
     cost_of,
     size_of,
@@ -80,13 +78,6 @@ def test_every_kind_of_element_has_its_share_of_nodes():
         assert size_of(round(thin * cells * k * k), {kind: cells * k * k}).elements == pytest.approx(1, abs=0.02)
         thick = size_of(round((bulk + (thin - bulk) / 5) * cells * k**3), {kind: cells * k**3})
         assert thick.elements == pytest.approx(5, rel=0.01)
-
-
-def test_materials_that_vary_apart_cost_their_samples():
-    size = replace(measured_size("plate", 98_937), regions=2)
-    one, apart = cost_of("modes", CONFIG, size), cost_of("rom", CONFIG, size)
-    assert apart.seconds == pytest.approx((CONFIG.rom.parameter_samples + 3) * one.seconds)
-    assert SOLVES == ("modes", "rom", "spectrum")
 
 
 FACTOR = 3
