@@ -1,7 +1,4 @@
-"""A record that CalculiX made, with a finer mesh of another element, another modulus and another damping, through estimate.
-
-Config and file are as an engineer would write them (angle_record.py has what CalculiX says).
-"""
+"""A record that CalculiX made, with a finer mesh of another element, another modulus and another damping, through estimate."""
 
 from __future__ import annotations
 

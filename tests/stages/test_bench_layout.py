@@ -81,8 +81,7 @@ def proven(place, criterion, sizes, allowed=lambda gauges: True):
 
 @pytest.mark.parametrize("criterion", ["trace", "log_determinant"])
 def test_the_layout_is_proven_best_by_every_criterion(criterion):
-    """The loads in their increments by the second; each criterion chooses by its own number, and lists all of them. By the
-    trace over one load the other is left to itself."""
+    """Each criterion chooses by its own number, and lists all of them; the trace is over one load."""
     found = place("place.prove=60", f"place.criterion={criterion}", *["place.metric_over=[down]"] * (criterion == "trace"))
     proven(found, "down" if criterion == "trace" else criterion, [3])
     if criterion == "trace":

@@ -127,8 +127,7 @@ ON_TOP = "sensors.gauges.gauges=[" + ", ".join(
 @pytest.mark.slow
 @pytest.mark.parametrize("zeroed", ["false", "true"])
 def test_sigma_of_loads_covers_gauges_that_are_drawn_anew_for_every_seed(zeroed):
-    """Read where and how they are drawn, without linearisation; on the filter's own step, so that nothing else is wrong. Gauges
-    taken for exact claim half of that σ or less."""
+    """Read where they are drawn, without linearisation, on the filter's own step; exact gauges claim half of that σ or less."""
     noise = "estimate.sensors={gauges: {noise: 1.0e-8}}"
     how = (ON_TOP, noise, "estimate.truth={model: own}", f"sensors.gauges.zeroed={zeroed}", "forces.side.signal.phase=1.0")
     found, exact = (run(KNOWN_AT_FIRST, *how, *more).artefact("estimate") for more in ((LOOSE, "estimate.runs=60"), ()))
@@ -138,8 +137,7 @@ def test_sigma_of_loads_covers_gauges_that_are_drawn_anew_for_every_seed(zeroed)
 
 
 def test_what_a_gain_leaves_of_a_load_is_its_share():
-    """One gauge, one load, a factor of 3 %: a linear filter scales with it, so σ² is 3 % of the estimate squared and what it is
-    of an exact gauge, whatever the record."""
+    """One gauge, one load, a factor of 3 %: σ² is (3 % of the estimate)² and σ² of an exact gauge, whatever the record."""
     one = "sensors.gauges.gauges=[{position: [0.1875, 0.025, 0.08], direction: [1, 0, 0]}]"
     none = [f"forces.{name}.signal={{type: constant, value: 0.0}}" for name in ("side", "again")]
     how = (

@@ -213,8 +213,7 @@ def test_sigma_of_a_ball_is_that_of_drawn_displacements():
 
 @pytest.mark.slow
 def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(hub_estimate):
-    """Noise drawn anew: over three seeds and the later half of each run error is within σ, and σ of its size; loads that move
-    more slowly than the walk they are taken for leave it below."""
+    """Over three seeds and the later half of each run; loads that move more slowly than their walk leave the ratio below 1."""
     off, pressed = [], []
     fine, own = "simulate.time_step=0.002", "simulate.method=second_order"
     truth = hub_estimate(LOADS, own, fine, stage="simulate")

@@ -313,8 +313,7 @@ def test_no_opposite_side_is_an_error_with_key_and_remedy(beam):
 
 
 def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge(beam):
-    """Two and four arms of a beam in bending read twice and four times the strain of one, or nothing: the same places are beyond
-    the range as of single gauges."""
+    """Two and four arms in bending read twice and four times the strain of one: the same places are beyond the range."""
     mesh, reduced, of = beam
     plain = of({})[1]
     limit = 0.7 * plain.peak.max()

@@ -165,8 +165,7 @@ def places(training, keep=slice(None)):
 
 
 def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(beam):
-    """The seat is [0.3, 0.7] × [0.03, 0.07] m at z = 0.08 m: nothing is left on it, and nothing nearer to that rectangle than the
-    clearance."""
+    """The seat is [0.3, 0.7] × [0.03, 0.07] m at z = 0.08 m: nothing is left on it or nearer to it than the clearance."""
     clearance = 0.012
     low, high = np.array([0.3, 0.03, 0.08]), np.array([0.7, 0.07, 0.08])
     every, _ = beam("gauges.clearance=none")

@@ -139,9 +139,7 @@ def test_of_a_walk_the_other_one_with_the_kappa_that_is_stated(tmp_path):
 
 @pytest.mark.slow
 def test_damage_of_a_sine_that_is_stated_as_a_random_walk_is_drawn_by_the_smooth_walk(tmp_path):
-    """Told, with the key that has all by it; places down to a tenth of the largest range have an interval. The record of a load
-    that walks as stated, and of a Matérn process, which is no walk: nothing is said, and of that the places below half have
-    none."""
+    """Places down to a tenth of the largest range have an interval; with a Matérn process, no walk, those down to half."""
     found = {}
     for name, noise in (("walk", "random_walk"), ("smooth", "integrated_random_walk"), ("matern", "matern")):
         changes = {**BLIND, "name: test\n": f"name: {name}\n", "{model: integrated_random_walk}": f"{{model: {noise}}}"}

@@ -119,8 +119,7 @@ def test_the_load_of_the_deck_is_the_sum_of_its_weight_and_its_rotation(run):
 
 
 def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any_of_them():
-    """Displacement under its own weight and a rotation, with a mass at the tip, against a model assembled anew at the densities;
-    its slope in each of them against differences of that."""
+    """Displacement under weight and rotation against a model assembled anew; its slopes against differences of that."""
     densities = (Parameter("heavy", "density", (1,), 7850.0), Parameter("light", "density", (2,), 2700.0))
     loads = {
         "weight": Load(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
