@@ -1,4 +1,4 @@
-"""The test of an angle bracket that CalculiX made: `python tests/stages/angle_record.py` writes data/angle.npz anew.
+"""The test of an angle bracket that CalculiX made: `python -m benchmarks.angle_by_calculix` writes data/angle.npz anew.
 
 CalculiX has 8544 C3D10 where the deck of the repository, meshes/angle.bdf.gz, has 356 hex20, a modulus 3 % below that of the
 deck, and 1.2 % of damping where 1 % is stated. It finds 40 modes and follows them in time (*MODAL DYNAMIC, which is exact for
@@ -11,8 +11,6 @@ Two records: `alone`, an unknown load at a corner of the free end, and `shaken`,
 from __future__ import annotations
 
 import runpy
-import subprocess
-import tempfile
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -145,71 +143,7 @@ def loads() -> dict[str, np.ndarray]:
     return {"tip": tip, "shaker": banded(*SHAKER, seed=2)}
 
 
-def calculix_deck(acting: dict[str, np.ndarray], seen: np.ndarray) -> str:
-    """The deck of CalculiX, in mm, t, s: what is seen are displacements of these nodes."""
-    made, fine = meshes(), plate()
-    elements = made["tetrahedra"](fine)
-    chosen = made["sets"](fine)
-    lines = ["*NODE,NSET=ALL"]
-    lines += [f"{i + 1},{x:.10g},{y:.10g},{z:.10g}" for i, (x, y, z) in enumerate(fine.position.tolist())]
-    lines.append("*ELEMENT,TYPE=C3D10,ELSET=ALL")
-    lines += [",".join(map(str, [e, *(nodes + 1)])) for e, nodes in enumerate(elements, start=1)]
-    lines += ["*NSET,NSET=SEEN", *(f"{node + 1}," for node in seen)]
-    lines += ["*MATERIAL,NAME=STEEL", "*ELASTIC", f"{SOFTER * GUESS:.10g},{NU}", "*DENSITY", f"{DENSITY}"]
-    lines += ["*SOLID SECTION,ELSET=ALL,MATERIAL=STEEL", "*BOUNDARY", *(f"{node + 1},1,3" for node in chosen[21][1])]
-    for name, history in acting.items():
-        lines.append(f"*AMPLITUDE,NAME={name.upper()}")
-        lines += [f"{k / RATE:.6f},{value:.9g}" for k, value in enumerate(history.tolist())]
-    n = len(next(iter(acting.values()))) - 1
-    lines += ["*STEP", "*FREQUENCY,STORAGE=YES", str(MODES), "*END STEP"]
-    lines += [
-        f"*STEP,INC={n + 1}",
-        "*MODAL DYNAMIC",
-        f"{1 / RATE},{n / RATE}",
-        "*MODAL DAMPING",
-        f"1,{MODES},{DAMPING}",
-    ]
-    for name in acting:
-        nodes, (axis,) = chosen[NODE_SETS[name]][1], np.flatnonzero(DIRECTIONS[name])
-        lines.append(f"*CLOAD,AMPLITUDE={name.upper()}")
-        lines += [f"{node + 1},{axis + 1},{DIRECTIONS[name][axis] / len(nodes)}" for node in nodes]
-    lines += ["*NODE PRINT,NSET=SEEN,FREQUENCY=1", "U", "*END STEP", ""]
-    return "\n".join(lines)
-
-
-def simulated(acting: dict[str, np.ndarray], wanted: list[Span], folder: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (MODES,) [Hz] and the strain (samples, grids) by CalculiX; the first sample is 1/RATE s."""
-    seen = np.unique([span.ends for span in wanted])
-    (folder / "angle.inp").write_text(calculix_deck(acting, seen))
-    subprocess.run(["ccx", "angle"], cwd=folder, check=True, stdout=subprocess.DEVNULL, timeout=1800)
-    rows = [line.split() for line in (folder / "angle.dat").read_text().splitlines()]
-    frequency = [float(row[3]) for row in rows if len(row) == 5 and row[0].isdigit()][:MODES]
-    values = np.array([[float(cell) for cell in row[1:]] for row in rows if len(row) == 4 and row[0].isdigit()])
-    moved = values.reshape(-1, len(seen), 3)
-    first, last = (np.searchsorted(seen, [span.ends[k] for span in wanted]) for k in (0, 1))
-    direction, length = np.array([s.direction for s in wanted]), np.array([s.length for s in wanted])
-    return np.array(frequency), np.einsum("tgi,gi->tg", moved[:, last] - moved[:, first], direction) / length
-
-
-def main() -> None:
-    """Write data/angle.npz."""
-    wanted, histories = spans(GAUGES) + spans(POINTS), loads()
-    kept = {}
-    for record, names in (("alone", ["tip"]), ("shaken", ["tip", "shaker"])):
-        with tempfile.TemporaryDirectory() as folder:
-            frequency, strain = simulated({name: histories[name] for name in names}, wanted, Path(folder))
-        kept["frequency"] = frequency
-        digits = np.rint(strain / STEP).astype(np.int32)
-        # differences in time are small numbers, which zip packs better
-        kept[record] = np.diff(digits, axis=0, prepend=0).T.copy()
-    np.savez_compressed(DATA, **kept)
-
-
 def stored() -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Frequencies [Hz], and of each record the strain (samples, gauges and points)."""
     with np.load(DATA) as kept:
         return kept["frequency"], {name: STEP * np.cumsum(kept[name].T, axis=0) for name in ("alone", "shaken")}
-
-
-if __name__ == "__main__":
-    main()

@@ -6,10 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
+from strainsight_cli.main import app
 
 from ..shared import BENCHES, ROOT, SHORT, UNSTUDIED, job_of, made, without_hot_spots  # noqa: F401  for the tests beside
 from .column import on_column
@@ -28,6 +30,13 @@ def finished(job: Job, stages=PLACEMENT):
     """Run the stages and return stage → (status, reason, artefact)."""
     events = [event for event in run(stages, job) if event.artefact is not None]
     return {event.stage: (event.status, event.reason, event.artefact) for event in events}
+
+
+def invoked(*words: object) -> str:
+    """What a command that succeeds prints, in one line."""
+    done = CliRunner().invoke(app, [str(word) for word in words])
+    assert done.exit_code == 0, done.output
+    return " ".join(done.output.split())
 
 
 @pytest.fixture(scope="module")
@@ -69,25 +78,15 @@ def bench(bench_config):
 
 @pytest.fixture(scope="session")
 def estimate():
-    """overrides → the artefact of an estimate on the column, which is reduced once for all."""
-
-    def of(config, *overrides, stage="estimate"):
-        return made(on_column(config), "simulate.duration=1.0", *overrides, until=stage, beside=BENCHES)[stage]
-
-    return of
+    """config, overrides → the artefact of an estimate on the column, which is reduced once for all."""
+    return lambda config, *overrides, **stage: estimated(on_column(config), BENCHES, *overrides, **stage)
 
 
 @pytest.fixture(scope="session")
 def hub_estimate():
-    """overrides → the artefact of an estimate, its hub reduced once for all."""
-
-    def of(config, *overrides, stage="estimate"):
-        return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=HUBS)[stage]
-
-    return of
+    """config, overrides → the artefact of an estimate, its hub reduced once for all."""
+    return lambda config, *overrides, **stage: estimated(config, HUBS, *overrides, **stage)
 
 
-@pytest.fixture(scope="session")
-def hub_bench(hub_estimate):
-    """simulate.h5 of one second of bench-full."""
-    return hub_estimate(ROOT / "configs" / "bench-full.yaml", stage="simulate")
+def estimated(config, beside, *overrides, stage="estimate"):
+    return made(config, "simulate.duration=1.0", *overrides, until=stage, beside=beside)[stage]

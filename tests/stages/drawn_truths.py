@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
-import yaml
 
-from strainsight import api
 from strainsight.cases.structure.nuisances import tolerated
 from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
 from strainsight.cases.structure.trial import sample_noise, trial_of
 from strainsight.cases.structure.truth import truth_of
 
-from ..edges.beam import PLACEMENT_CONFIG, bricks, config_of
+from ..edges.beam import bricks, prepared
 
 NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, "frequency": 0, "discrepancy": 0,
            "load_angle": 0, "load_position": 0, "load_gain": 0}  # fmt: skip
@@ -22,22 +19,15 @@ NOTHING = {"position": 0, "angle": 0, "gain": 0, "transverse": 0, "damping": 1, 
 
 def beam_in(folder, kind="hex8"):
     """Changes of the small beam's config → its case up to four gauges of its pool, made once."""
-    (folder / "beam.bdf").write_text(bricks((6, 2, 2), kind), encoding="ascii")
 
     def made(changes):
-        path = folder / "edge.yaml"
-        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
-        case = api.load(path, [])
-        mesh = api.mesh(case)
-        reduced = api.reduce(case, mesh)
-        training = api.train(case, mesh, reduced)
-        screened = api.screen(case, mesh, reduced, training)
-        problem = problem_of(case.config, case.files, reduced, training, screened)
-        everything = SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened,
-                                     gauges=screened.kept[:4], problem=problem)  # fmt: skip
-        everything.channels = problem.channels.of(everything.gauges)[:, 0]
-        everything.tolerated = tolerated(case.config, mesh, reduced, training, everything.channels)
-        return everything
+        own = prepared(folder, bricks((6, 2, 2), kind), changes)
+        config = own.case.config
+        own.problem = problem_of(config, own.case.files, own.reduced, own.training, own.screened)
+        own.gauges = own.screened.kept[:4]
+        own.channels = own.problem.channels.of(own.gauges)[:, 0]
+        own.tolerated = tolerated(config, own.mesh, own.reduced, own.training, own.channels)
+        return own
 
     return made
 

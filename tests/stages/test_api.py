@@ -1,15 +1,12 @@
-"""The library computes what the command line writes and reads it again; tables of channels and element sets of layouts."""
+"""The library computes what the command line writes and reads it again; gauges whose rows come from a file."""
 
 from __future__ import annotations
 
 import ast
-import csv
 import inspect
 import json
 import shutil
 from dataclasses import fields, is_dataclass
-from io import StringIO
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,15 +16,8 @@ from typer.testing import CliRunner
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import api
-from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
-from strainsight.cases.layout.exports.element_sets import elements_of
-from strainsight.cases.layout.gauge_lines import gauge_lines
-from strainsight.cases.layout.gauge_list import BridgeArms, GaugeList
-from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.given_gauges import read_given
 from strainsight.errors import ArtefactError, ConfigError, DeckError, InfeasibleError, UserError
-from strainsight.gauges.edge_dimensions import no_edges
 from strainsight.gauges.given import without
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight_cli.main import app
@@ -148,14 +138,6 @@ def everything(record):
                 yield from everything(part)
 
 
-@pytest.mark.parametrize(
-    "stage", ["mesh", "modes", "reduced", "training", "screened", "observed", "placed", "validated"]
-)
-def test_all_that_a_run_has_written_is_read(run_there, stage):
-    found = list(everything(getattr(run_there, stage)))
-    assert any(isinstance(part, np.ndarray) and part.size for part in found)
-
-
 def test_all_that_a_bench_has_written_is_read(bench):
     run = api.open_bench(bench["simulate"].path.parent)
     np.testing.assert_array_equal(run.simulated.sensors["relative"], bench["simulate"]["/sensors/relative"])
@@ -185,88 +167,6 @@ def test_what_is_not_there_is_reported(tmp_path):
     (tmp_path / "import.h5").write_bytes(b"")
     with pytest.raises(ArtefactError):
         _ = api.open_run(tmp_path).placed
-
-
-X, Z = np.eye(3)[0], np.eye(3)[2]
-
-
-def arms(*sign):
-    """Arms on facets of elements 5, 6, …"""
-    count = len(sign)
-    grid = SimpleNamespace(
-        element=5 + np.arange(count),
-        facet=np.ones(count, dtype=int),
-        position=np.zeros((count, 3)),
-        normal=np.tile(Z, (count, 1)),
-        direction=np.tile(X, (count, 1)),
-        angle=np.zeros(count),
-        length=np.zeros(count),
-    )
-    return BridgeArms(grid, np.array(sign))
-
-
-def listed(facet=1):
-    """A gauge, a rosette of three grids, a half, an opposite half and a full bridge, and a triaxial accelerometer."""
-    kinds = ("strain gauge", "rosette", "bridge", "bridge", "bridge", "accelerometer")
-    channels = (1, 3, 1, 1, 1, 3)
-    k = len(kinds)
-    return GaugeList(
-        labels=("G1", "G2", "root", "G4", "G5", "A1"),
-        kind=kinds,
-        unit=("strain",) * 5 + ("m/s^2",),
-        element=np.arange(1, k + 1),
-        facet=np.full(k, facet),
-        position=np.zeros((k, 3)),
-        normal=np.tile(Z, (k, 1)),
-        directions=tuple(np.tile(X, (c, 1)) for c in channels),
-        angles=tuple(45.0 * np.arange(c) for c in channels),
-        length=np.zeros(k),
-        bonded=np.zeros(k, dtype=bool),
-        family=("gauges",) * k,
-        peak=np.zeros(k),
-        peaks=tuple(np.zeros(c) for c in channels),
-        most=np.zeros(k),
-        range=np.full(k, np.nan),
-        arms=(None, None, arms(1, -1), arms(1, 1), arms(1, -1, 1, -1), None),
-    )
-
-
-def rows(content):
-    return list(csv.DictReader(StringIO(content.decode()), delimiter="\t"))
-
-
-def test_a_channel_has_the_bridge_that_it_is_wired_as():
-    found = rows(catman_table(listed(), Wiring(2.0, 120.0)))
-    assert [row["Name"] for row in found] == [
-        "G1", "G2 0°", "G2 45°", "G2 90°", "root", "G4", "G5", "A1 axis 1", "A1 axis 2", "A1 axis 3",
-    ]  # fmt: skip
-    assert [row["Bridge"] for row in found] == [
-        *["quarter"] * 4, "half, arms 1 and 2", "half, arms 1 and 3", "full", "", "", "",
-    ]  # fmt: skip
-    assert {row["Unit"] for row in found[:7]} == {"um/m"}
-    assert [(row["Gauge factor"], row["Resistance [ohm]"], row["Unit"]) for row in found[7:]] == [("", "", "m/s^2")] * 3
-
-
-def test_a_bridge_is_read_as_a_voltage_ratio_with_the_slope_of_the_sum_of_its_arms():
-    """A full bridge of ±ε gives r = GF ε, and ε_B = 4 ε."""
-    found = rows(labview_table(listed(), Wiring(2.0)))
-    full = next(row for row in found if row["Name"] == "G5")
-    assert (full["Measurement type"], full["Strain configuration"]) == ("Bridge (V/V)", "")
-    strain = 1e-4
-    assert float(full["Scale slope"]) * 2.0 * strain == pytest.approx(4 * strain)
-    assert {row["Nominal gauge resistance [ohm]"] for row in found} == {""}
-
-
-def shop(facet):
-    """The layout without a mesh, whose edges nobody asks for."""
-    given = listed(facet)
-    return Workshop(given, gauge_lines(given), no_edges(len(gauge_lines(given))), deck_frame("mm"))
-
-
-def test_a_bridge_has_the_elements_of_all_its_arms():
-    assert elements_of(shop(1)) == {
-        "G1": [1], "G2": [2], "root": [5, 6], "G4": [5, 6], "G5": [5, 6, 7, 8], "A1": [6],
-    }  # fmt: skip
 
 
 HEAD = "gauge,x,y,z,dx,dy,dz\n"

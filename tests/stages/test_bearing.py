@@ -20,21 +20,6 @@ curves:
   - {{along: x, reach: 1.0e-4, points: 5}}
   - {{along: tilt_z, reach: 1.0e-4, points: 5, bearing: [first]}}
 """
-SPRING = """
-kind: bench
-name: hanging
-bodies:
-  bob: {type: rigid, mass: 2.0, inertia: {xx: 0.1, yy: 0.1, zz: 0.1}, pose: {origin: [0, 0, -1.0]}}
-frames:
-  hook: {body: ground, pose: {origin: [0, 0, PLACE]}}
-  centre: {body: bob}
-joints:
-  guide: {type: prismatic, frames: [hook, centre], axis: z}
-forces:
-  weight: {type: gravity}
-  spring: {type: spring, frames: [hook, centre], stiffness: 1000.0, length: 0.5}
-simulate: {duration: 0.01, time_step: 1.0e-3, start: START}
-"""
 
 
 def run(text: str, *changes: str) -> Ended:
@@ -62,15 +47,8 @@ def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_correct(force):
     assert "'second'" in done.stderr
 
 
-@pytest.mark.parametrize("start", ["equilibrium", "as_given"])
-def test_a_spring_without_length_has_no_direction(start):
-    done = run(SPRING.replace("PLACE", "-1.0").replace("START", start))
-    assert done.code == 2, done.output
-    assert "forces.spring: at the start" in done.stderr
-    assert "own.yaml:13" in done.stderr
-    assert "'hook' and 'centre' are 0 m apart" in done.stderr
-
-
-def test_a_spring_with_length_holds_its_weight():
-    done = run(SPRING.replace("PLACE", "0").replace("START", "equilibrium"))
-    assert done.code == 0, done.output
+def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of():
+    done = run(TWO, "bearings.second.pressure_limit=1.0e+9", "cases.own.force=[1.0e+5, 0, 0]")
+    assert done.code == 0
+    assert "second under own reaches" in done.output
+    assert "beyond 1000 MPa" in done.output

@@ -9,7 +9,6 @@ import pytest
 from scipy.linalg import eigh
 
 from strainsight.cases.bench.reduction import body_damping
-from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.craig_bampton import CraigBampton
@@ -70,32 +69,9 @@ def test_at_the_start_the_bearing_carries_weight_and_loads(bench):
     np.testing.assert_allclose(load[3:], moment[1:], atol=1e-3 * np.linalg.norm(moment))
 
 
-def test_gauges_read_the_strain_of_the_reduced_hub(bench):
-    """The rows of the sensor are those of a placement's gauges; a static start keeps them finite and of a gauge's size."""
-    strain = bench["simulate"]["/sensors/gauges"]
-    assert strain.shape == (31, 4)
-    assert 1e-6 < np.abs(strain).max() < 1e-3
-    assert bench["simulate"]["/sensors/relative"].shape == (31, 5)
-
-
 def test_the_relative_sensor_is_the_displacement_of_the_bearing(bench):
     simulate = bench["simulate"]
     np.testing.assert_array_equal(simulate["/sensors/relative"], simulate["/bearings/bearing/displacement"])
-
-
-def test_the_bearing_alone_answers_the_weight_as_statics_asks(bench):
-    """Load and stiffness of its case; the displacement times the stiffness points along the load."""
-    case = bench["bearing"]
-    load = case["/cases/pitch-bearing/weight/load"]
-    np.testing.assert_allclose(load, [0, 0, -1.3734e5, 2.33478e6, 0], atol=1e-3)
-    stiffness = case["/cases/pitch-bearing/weight/stiffness"]
-    np.testing.assert_allclose(stiffness, stiffness.T, atol=1e-9 * np.abs(stiffness).max())
-    assert np.linalg.eigvalsh(stiffness).min() > 0
-
-
-def test_bodies_come_back_with_the_mass_of_their_deck(bench):
-    assert bench["reduce"]["/bodies/hub/inertia/mass"] == pytest.approx(bench["import"].summary["mass.hub"], rel=1e-9)
-    assert bench["reduce"]["/bodies/hub/basis"].shape[1] == bench["reduce"].summary["coordinates.hub"] == 6 + 4 + 3
 
 
 def test_a_pendulum_swings_with_the_period_of_its_length():
@@ -114,97 +90,11 @@ def test_a_pendulum_swings_with_the_period_of_its_length():
     assert simulate.summary["first_frequency"] == pytest.approx(np.sqrt(10.0 * np.cos(angle)) / (2 * np.pi), rel=2e-3)
 
 
-def test_a_pendulum_in_long_steps_is_right_to_its_tolerance():
-    """Steps of a fifth of a second, 1.6 rad at first; and the same beside steps of 1 ms."""
-    ends = []
-    for keys in (("time_step=0.2", "tolerance=1e-5"), ("time_step=1e-3",)):
-        done = ended("simulate", pendulum(1.5), *(f"simulate.{key}" for key in (*keys, "duration=2.0")))
-        found = done.artefact("simulate")
-        ends.append(found["/q"][-1, :3])
-        assert found.summary["parts"] == 1 or "the motion is right to 1e-05" in done.output
-    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key", "says"),
-    [
-        ("frames: [pivot, hinge]", "frames: [pivot, hinges]", "joints.hinge.frames", "did you mean hinge?"),
-        ("xx: 1.0e-9", "xx: 1.0e+9", "bodies.bob.inertia", "principal moment"),
-        ("time_step: 5.0e-4", "time_step: 5.0", "simulate.time_step", "0.2 steps"),
-        ("x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre", "x_axis: [0, 1, 0], y_axis: [0, 2, 0]}}\n  centre",
-         "frames.hinge", "parallel"),
-        ("weight: {type: gravity", "w: {type: bearing, bearing: none, outer: pivot, inner: hinge}\n  weight: {type: gravity",
-         "forces.w.bearing", "no bearing 'none'"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_is_refused_with_its_place(old, new, key, says):
-    done = ended("run", pendulum(0.3, **{old: new}))
-    assert done.code == 2
-    assert key in done.stderr
-    assert says in done.stderr
-    assert "own.yaml:" in done.stderr
-    assert not list(done.folder.glob("*.h5"))
-
-
-@pytest.mark.parametrize(
-    ("joint", "says"),
-    [
-        ("again: {type: spherical, frames: [pivot, hinge]}", "redundant"),
-        ("far: {type: coincidence, frames: [elsewhere, hinge], components: [y]}", "cannot all be satisfied"),
-    ],
-)
-def test_joints_that_repeat_or_contradict_each_other_are_named(joint, says):
-    elsewhere = "frames:\n  elsewhere: {body: ground, pose: {origin: [0, 5, 0]}}\n"
-    done = ended("run", pendulum(0.3, **{"joints:\n": f"joints:\n  {joint}\n", "frames:\n": elsewhere}))
-    assert done.code == 2, done.output
-    assert says in done.stderr
-    assert joint.split(":")[0] in done.stderr
-    assert not (done.folder / "simulate.h5").exists()
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "key", "says"),
-    [
-        ("origin: [0.29552020666133955, 0,", "origin: [0.5, 0,", "bodies.bob.pose", "from its pose"),
-        ("pose: {origin: [0.2", "velocity: [0, 1, 0], pose: {origin: [0.2", "bodies.bob.velocity", "100 %"),
-        ("pose: {origin: [0.2", "spin: [0, 1, 0], pose: {origin: [0.2", "bodies.bob.velocity", "left out"),
-    ],
-)
-def test_a_start_that_the_joints_do_not_allow_is_refused(old, new, key, says):
-    done = ended("run", pendulum(0.3, **{old: new}))
-    assert done.code == 2, done.output
-    assert key in done.stderr
-    assert says in done.stderr
-
-
 def test_gauges_may_be_zeroed_at_the_start(bench, bench_config):
-    """Only what they read at the start goes; the bench itself is the same."""
     changes = ("simulate.duration=0.1", "sensors.gauges.zeroed=true")
     zeroed = made(bench_config, *changes, only=MOVED, beside=BENCHES)["simulate"]
     plain = bench["simulate"]["/sensors/gauges"][:11]
     np.testing.assert_array_equal(zeroed["/sensors/gauges"], plain - plain[0])
-
-
-def test_modal_damping_is_that_of_the_free_modes_of_a_free_body():
-    """Three masses on two springs, the first one the interface: ζ of each mode that deforms it, nothing on its drift."""
-    K = 1e4 * np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
-    M = np.diag([1.0, 2.0, 1.5])
-    body = CraigBampton(AffineOperator(K, {}), M, np.eye(3), {1: np.eye(6, 3)}, np.zeros(0), np.inf)
-    for law in (Damping("modal", ratio=0.05), Damping("rayleigh", alpha=3.0, beta=1e-4)):
-        C = body_damping(body, law, {}, 1).constant
-        np.testing.assert_allclose(C @ np.ones(3), 0.0, atol=1e-9)
-        lam, Phi = eigh(K, M)
-        omega = np.sqrt(lam[1:])
-        ratio = np.full(2, 0.05) if law.kind == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
-        np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
-
-
-def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
-    """Eigenvalues 1 and 1e11 (rad/s)² of a held body: neither is rigid."""
-    lam = np.array([1.0, 1e11])
-    body = CraigBampton(AffineOperator(np.diag(lam), {}), np.eye(2), np.eye(2), {}, np.array([1.0]), 5.0)
-    C = body_damping(body, Damping("modal", ratio=0.05), {}, 0).constant
-    np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
 
 
 def test_rings_that_face_away_from_each_other_are_refused(bench_config):
@@ -212,60 +102,6 @@ def test_rings_that_face_away_from_each_other_are_refused(bench_config):
     with pytest.raises(StrainsightError, match=r"3\.14 rad apart") as refused:
         made(bench_config, "bodies.blade.pose.x_axis=[-1, 0, 0]", SHORT, only=MOVED, beside=BENCHES)
     assert refused.value.key == "forces.bearing"
-
-
-def test_a_joint_whose_axes_point_opposite_ways_is_refused():
-    """The constraints hold for half a turn too."""
-    axes = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
-    done = ended("run", pendulum(0.3, **{axes: axes.replace("[0, 1", "[0, -1")}))
-    assert done.code == 2
-    assert "joints.hinge" in done.stderr
-    assert "opposite" in done.stderr
-
-
-def test_loads_that_no_such_bearing_carries_are_refused(bench_config):
-    heavy = "forces.Fx.signal={type: constant, value: 1.0e13}"
-    with pytest.raises(StrainsightError, match=r"ellipse|equilibrium|not solved"):
-        made(bench_config, heavy, SHORT, only=MOVED, beside=BENCHES)
-
-
-@pytest.mark.parametrize(
-    ("change", "key"),
-    [
-        ({"start: as_given": "start: equilibrium", "pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"},
-         "bodies.bob.spin"),
-        ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step"),
-        ({"simulate:": "cases: {a: {force: [1, 2, 3]}}\nsimulate:"}, "cases"),
-        ({"weight: {type": "push: {type: force, frame: pivot, direction: [1, 0, 0], "
-          "signal: {type: constant, value: 1.0}}\n  weight: {type"}, "forces.push.frame"),
-    ],
-)  # fmt: skip
-def test_what_would_be_dropped_in_silence_is_refused(change, key):
-    done = ended("run", pendulum(0.3, **change))
-    assert done.code == 2
-    assert key in done.stderr
-
-
-def test_a_body_that_turns_fast_for_its_step_is_warned_of():
-    """A free rotor at 40 rad/s. Implicit Euler, h = 5e-4 s: dω/dt = −ω³h/2 takes 25 % in the first second; second order,
-    h = 5 ms: it lags by a share of its angle, and its spin grows. Both are said."""
-    text = "kind: bench\nname: rotor\nbodies:\n"
-    text += "  r: {type: rigid, mass: 1.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.5}, spin: [0, 0, 40.0]}\n"
-    text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given, method: thesis}\n"
-    done = ended("simulate", text)
-    simulate = done.artefact("simulate")
-    spin = np.linalg.norm(simulate["/v"][:, 3:12], axis=1) / np.sqrt(2)
-    loss = 1 - spin[-1] / spin[0]
-    assert simulate.summary["turn"] == pytest.approx(0.02, rel=1e-6)
-    assert f"by {100 * loss:.2g} % in the first second" in " ".join(done.output.split())
-    done = ended("simulate", text, "simulate.method=second_order", "simulate.time_step=5e-3")
-    found = done.artefact("simulate")
-    first, q = np.linalg.norm(found["/v"][:, 3:12], axis=1) / np.sqrt(2), found["/q"]
-    lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
-    said = re.search(
-        r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its spin in a second", " ".join(done.output.split())
-    )
-    assert [float(share) for share in said.groups()] == pytest.approx([100 * lag, 100 * (first[-1] / 40 - 1)], rel=0.05)
 
 
 def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame():
@@ -278,18 +114,68 @@ def test_a_frame_at_a_node_without_rotations_is_blamed_on_the_frame():
     assert "node 705 has no rotations" in done.stderr
 
 
-def test_a_bench_has_no_stage_of_a_placement():
-    done = ended("place", pendulum(0.3))
-    assert done.code == 2
-    assert "give it a section `place`" in done.stderr
+FORCED = "push: {type: force, frame: pivot, direction: [1, 0, 0], signal: {type: constant, value: 1.0}}"
+TURNED = "x_axis: [0, 1, 0], y_axis: [1, 0, 0]}}\n  centre"
 
 
-def test_the_load_file_of_the_example_is_what_its_script_writes():
-    lines = (ROOT / "configs" / "bench-load.csv").read_text(encoding="ascii").splitlines()
-    table = np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]])
-    assert np.allclose(np.diff(table[:, 0]), 0.01, atol=1e-9)
-    spectrum = np.abs(np.fft.rfft(table[:6000, 1:] - table[:6000, 1:].mean(axis=0), axis=0)) * 2 / 6000
-    for column, amplitude in enumerate((2.0e4, 1.5e4, 2.0e4)):
-        assert spectrum[12, column] == pytest.approx(amplitude, rel=0.1)
-        assert spectrum[36, column] == pytest.approx(amplitude / 3, rel=0.1)
-    assert load_config(ROOT / "configs" / "bench-full.yaml").data["simulate"]["duration"] <= table[-1, 0]
+@pytest.mark.parametrize(
+    ("changes", "key", "says"),
+    [
+        ({"time_step: 5.0e-4": "time_step: 5.0"}, "simulate.time_step", "0.2 steps"),
+        ({"duration: 1.0": "duration: 1.0003"}, "simulate.time_step", ""),
+        ({TURNED: TURNED.replace("[1, 0", "[0, 2")}, "frames.hinge", "parallel"),
+        ({TURNED: TURNED.replace("[0, 1", "[0, -1")}, "joints.hinge", "opposite"),  # constraints hold for half a turn, too
+        ({"pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"}, "bodies.bob.velocity", "left out"),
+        ({"start: as_given": "start: equilibrium", "pose: {origin: [0.2": "spin: [0, 1, 0], pose: {origin: [0.2"},
+         "bodies.bob.spin", ""),
+        ({"simulate:": "cases: {a: {force: [1, 2, 3]}}\nsimulate:"}, "cases", ""),
+        ({"weight: {type": f"{FORCED}\n  weight: {{type"}, "forces.push.frame", ""),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_or_would_be_dropped_in_silence_is_refused_with_its_place(changes, key, says):
+    done = ended("run", pendulum(0.3, **changes))
+    assert done.code == 2, done.output
+    assert key in done.stderr
+    assert says in done.stderr
+    assert "own.yaml:" in done.stderr
+
+
+@pytest.mark.parametrize("law", [Damping("modal", ratio=0.05), Damping("rayleigh", alpha=3.0, beta=1e-4)])
+def test_damping_is_that_of_the_free_modes_of_a_free_body(law):
+    """Three masses on two springs, the first one the interface: ζ of each mode that deforms it, nothing on its drift."""
+    K = 1e4 * np.array([[1.0, -1, 0], [-1, 2, -1], [0, -1, 1]])
+    M = np.diag([1.0, 2.0, 1.5])
+    body = CraigBampton(AffineOperator(K, {}), M, np.eye(3), {1: np.eye(6, 3)}, np.zeros(0), np.inf)
+    C = body_damping(body, law, {}, 1).constant
+    np.testing.assert_allclose(C @ np.ones(3), 0.0, atol=1e-9)
+    lam, Phi = eigh(K, M)
+    omega = np.sqrt(lam[1:])
+    ratio = np.full(2, 0.05) if law.kind == "modal" else 0.5 * (3.0 / omega + 1e-4 * omega)
+    np.testing.assert_allclose(np.diag(Phi.T @ C @ Phi)[1:], 2 * ratio * omega, rtol=1e-9)
+
+
+def test_a_slow_mode_beside_a_stiff_residual_vector_is_damped():
+    """Eigenvalues 1 and 1e11 (rad/s)² of a held body: neither is rigid."""
+    lam = np.array([1.0, 1e11])
+    body = CraigBampton(AffineOperator(np.diag(lam), {}), np.eye(2), np.eye(2), {}, np.array([1.0]), 5.0)
+    C = body_damping(body, Damping("modal", ratio=0.05), {}, 0).constant
+    np.testing.assert_allclose(C, np.diag(0.1 * np.sqrt(lam)), rtol=1e-9)
+
+
+def test_a_body_that_turns_fast_for_its_step_is_warned_of():
+    """A free rotor at 40 rad/s. Implicit Euler, h = 5e-4 s: dω/dt = −ω³h/2 takes 25 % in the first second; second order,
+    h = 5 ms: it lags by a share of its angle, and its spin grows."""
+    text = "kind: bench\nname: rotor\nbodies:\n"
+    text += "  r: {type: rigid, mass: 1.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.5}, spin: [0, 0, 40.0]}\n"
+    text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given, method: thesis}\n"
+    first, second = (
+        ended("simulate", text, *changes) for changes in ((), ("simulate.method=second_order", "simulate.time_step=5e-3"))
+    )
+    spin, other = (
+        np.linalg.norm(done.artefact("simulate")["/v"][:, 3:12], axis=1) / np.sqrt(2) for done in (first, second)
+    )
+    assert f"by {100 * (1 - spin[-1] / spin[0]):.2g} % in the first second" in first.text
+    q = second.artefact("simulate")["/q"]
+    lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
+    shares = re.search(r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its spin in a second", second.text)
+    assert [float(share) for share in shares.groups()] == pytest.approx([100 * lag, 100 * (other[-1] / 40 - 1)], rel=0.05)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.mesh.vtkhdf import VTK_TYPE
-
 from ..models import ended
 from ..robustness.small import BENCH
 
@@ -65,15 +63,6 @@ def test_the_state_space_answers_a_load_as_the_pendulum_does():
         np.testing.assert_allclose(own["C"] @ x + own["D"], [[exact], [0], [0]], atol=1e-9)
 
 
-def test_shapes_stand_in_a_grid_that_paraview_plays():
-    pyvista = pytest.importorskip("pyvista")
-    reader = pyvista.get_reader(str(ended("modes", ARM.replace("POSE", DOWN)).folder / "modes.vtkhdf"))
-    grid = reader.read()
-    assert set(grid.celltypes) == {VTK_TYPE["line"]}
-    assert grid.points[:, 2].min() == pytest.approx(-1.0)
-    assert np.abs(grid["mode"]).max() == pytest.approx(1 / np.sqrt(J), rel=1e-6)
-
-
 @pytest.mark.parametrize("stage", ["simulate", "statics"])
 def test_a_pendulum_on_its_head_is_refused_until_it_is_allowed(stage):
     text = ARM.replace("POSE", UP)
@@ -89,21 +78,6 @@ def test_modes_of_what_topples_say_so():
     own = found("modes", ARM.replace("POSE", UP))
     assert own["/growth"] == pytest.approx(-0.2 / J + np.sqrt((0.2 / J) ** 2 + OMEGA**2), rel=1e-9)
     assert own.summary["toppling"] == 1
-
-
-def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of():
-    text = """
-kind: bearing
-name: own
-bearings:
-  pitch: {balls: 112, ball_diameter: 0.06, pitch_diameter: 2.3, contact_angle: 45, radius_inner_left: 0.0318,
-    radius_inner_right: 0.0318, radius_outer_left: 0.0318, radius_outer_right: 0.0318, pressure_limit: LIMIT}
-cases: {thrust: {force: [1.0e+6, 0, 0]}}
-"""
-    done = ended("bearing", text.replace("LIMIT", "1.0e+9"))
-    assert done.code == 0
-    assert "pitch under thrust reaches" in done.output
-    assert "beyond 1000 MPa" in done.output
 
 
 def test_gauges_of_a_sensor_are_placed_first_where_it_takes_them_from_there():

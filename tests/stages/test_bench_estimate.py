@@ -8,12 +8,26 @@ import numpy as np
 import pytest
 
 from strainsight.cases.bench.inverse.numbers import ratio_numbers
+from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
+from strainsight.stages.bench.report import run as report
+from strainsight.workflow.stage import Context
 
 from ..models import ended
 from ..shared import slowly
 from .conftest import BANK, DIAMETER, LOADS, ROOT, SMALL, job_of
-from .test_artefacts import UNITS_OF
+from .test_artefacts import assert_summary_is_listed
+
+PRELOAD = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
+GROOVES = tuple(
+    f"estimate.parameters.{name}={{bearing: pitch-bearing, property: radius_{name}, std: 1.0e-4}}"
+    for name in ("inner_left", "inner_right", "outer_left")
+)
+
+
+def test_diameter_and_preload_or_a_bank_of_three_are_accepted():
+    job_of(DIAMETER, ROOT, PRELOAD)
+    job_of(DIAMETER, ROOT, BANK, *GROOVES[:2])
 
 
 @pytest.mark.parametrize(
@@ -34,42 +48,40 @@ from .test_artefacts import UNITS_OF
         (LOADS, BANK, "estimate.method.parameters", "no parameter is estimated"),
         (DIAMETER, "estimate.method={parameters: bank, update: one_shot}", "estimate.method.update", "a form of the extended"),
         (LOADS, "estimate.method={noise: as_printed, step_error: estimated}", "estimate.method.step_error", "change after it"),
+        (DIAMETER, (PRELOAD, "bearings.pitch-bearing.groove_centres=fixed"), "estimate.parameters.preload", "the same unknown"),
+        (DIAMETER, (BANK, *GROOVES), "estimate.method.parameters", "4 parameters, a bank is of 3 at most"),
+        (DIAMETER, (BANK, "estimate.parameters.diameter.increment=1.0e-6"), "estimate.parameters.diameter.increment",
+         "in a bank parameters are constants"),
     ],
 )  # fmt: skip
 def test_contradictions_are_refused_with_their_place(config, change, key, what):
     with pytest.raises(ConfigError) as refused:
-        job_of(config, ROOT, change)
+        job_of(config, ROOT, *((change,) if isinstance(change, str) else change))
     assert refused.value.key == key
     assert what in str(refused.value)
 
 
-def test_every_dataset_and_number_is_listed_in_the_docs(estimate, bench):
-    text = (ROOT / "docs" / "artefacts.md").read_text(encoding="utf-8")
-    text = text.split("## estimate.h5 of a bench\n")[1].split("\n## ")[0]
-    rows = {}
-    for path, shape, unit in re.findall(r"^\| `([^`]+)` \| ([^|]+) \| ([^|]+) \|", text, flags=re.MULTILINE):
-        pattern = re.escape(path).replace("<name>", r"[\w.-]+")
-        rows[pattern] = 0 if shape.strip() == "scalar" else shape.count("×") + 1, unit.strip()
-    scalars = [
-        re.escape(name).replace("<name>", r"[\w-]+").replace("<i>", r"\d+")
-        for name in re.findall(r"`([^`]+)`", text.split("Summary:")[1])
-    ]
-    found = [
-        estimate(DIAMETER, "estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
-        estimate(DIAMETER, "estimate.duration=0.3", BANK),
-        estimate(SMALL, "estimate.duration=0.3", f"estimate.measured.from={bench['simulate'].path}", "estimate.hold_out=each"),
-    ]
-    seen = set()
-    for artefact in found:
-        for path in artefact.paths():
-            (pattern,) = [pattern for pattern in rows if re.fullmatch(pattern, path)]
-            seen.add(pattern)
-            rank, unit = rows[pattern]
-            assert artefact[path].ndim == rank, path
-            assert artefact.attributes(path)["units"] in UNITS_OF.get(unit, (unit,)), path
-        for name in artefact.summary:
-            assert any(re.fullmatch(scalar, name) for scalar in scalars), name
-    assert seen == set(rows)
+def test_every_number_of_a_summary_is_listed(estimate, bench):
+    measured = f"estimate.measured.from={bench['simulate'].path}"
+    for config, *changes in (
+        (DIAMETER, "estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
+        (DIAMETER, "estimate.duration=0.3", BANK),
+        (SMALL, "estimate.duration=0.3", measured, "estimate.hold_out=each"),
+    ):
+        assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
+
+
+def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
+    changes = ("estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
+    upstream = {stage: estimate(DIAMETER, *changes, stage=stage) for stage in ("simulate", "estimate")}
+    found = upstream["estimate"]
+    output = report(Context(load_config(DIAMETER, changes).model, upstream, {}, lambda *_: None))
+    page = output.files["report.html"].decode()
+    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
+    assert f"{found.summary['channels']} channels tell Fx" in words
+    assert "Force on each of the 112 balls of bearing by the estimate" in words
+    assert "with ±2 claimed standard deviations, and smoothed (green)" in words
+    assert page.count("<figure") == output.summary["figures"] > 10
 
 
 PLACED = ("sensors.gauges={type: strain, body: beam, layout: place}",)
@@ -101,8 +113,9 @@ def test_the_bench_of_the_manual_runs_as_it_says(more, last):
 
 
 @pytest.mark.slow
-def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(hub_estimate, hub_bench):
-    large = ("estimate.duration=1.0", f"estimate.measured.from={hub_bench.path}")
+def test_a_small_bench_with_five_loads_moves_its_bearing_as_the_large_one_and_with_three_it_does_not(hub_estimate):
+    measured = hub_estimate(ROOT / "configs" / "bench-full.yaml", stage="simulate")
+    large = ("estimate.duration=1.0", f"estimate.measured.from={measured.path}")
     three = hub_estimate(SMALL, *large)
     five = hub_estimate(
         SMALL,

@@ -88,7 +88,6 @@ def test_the_expected_std_is_that_of_a_filter_after_many_steps(chain, noise, acc
 
 
 def test_a_mode_that_nothing_moves_but_rounding_changes_no_std(chain):
-    """Symmetry keeps a load from some modes but for the last digits, which no scaling may blow up."""
 
     def beside(X, own, coupling):
         return np.block([[X, np.full((R_STATES, 1), coupling)], [np.full((1, R_STATES), coupling), own]])
@@ -112,7 +111,6 @@ def test_a_mode_that_nothing_moves_but_rounding_changes_no_std(chain):
 @pytest.mark.parametrize("length", [1e-3, 1e3])
 @pytest.mark.parametrize("mass", [1e-3, 1e3])
 def test_units_are_in_no_std(chain, length, mass):
-    """Millimetres or kilometres, grams or tonnes: a load and its σ have other numbers, and the same ones."""
     rows, force = np.random.default_rng(0).standard_normal((3, 6)), mass * length
     other = replace(
         chain,
@@ -130,7 +128,6 @@ def test_units_are_in_no_std(chain, length, mass):
 
 
 def test_a_load_that_does_not_show_has_no_std(chain):
-    """One gauge for two loads; two gauges that are redundant."""
     rows = np.random.default_rng(0).standard_normal((1, 6))
     assert np.all(np.isinf(expected_std(chain.bench, chain.bench.readings(rows), 1e-4, 0.0)))
     assert np.all(np.isinf(expected_std(chain.bench, chain.bench.readings(np.vstack([rows, 2 * rows])), 1e-4, 0.0)))

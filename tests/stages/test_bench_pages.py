@@ -1,235 +1,87 @@
-"""The pages of benches, of one run and of a suite, from artefacts made by hand: their numbers, escaped texts, errors."""
+"""What a suite states of numbers of benches, and numbers that no run has."""
 
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.report.bench.data import BenchRun
-from strainsight.report.page.document import own
-from strainsight.stages.bench.report import report_stage
+from strainsight.report.bench.data import BenchEstimate, BenchRun
+from strainsight.stages.pages import suite
 from strainsight.stages.pages.suite import statements_of
-from strainsight.stages.suite import SUITE
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
-from strainsight.workflow.slices import Slice
-from strainsight.workflow.stage import Context
 
-from .bench_artefacts import estimated, placed, simulated
-
-DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 CLAIM = {
-    "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None, "equals": None,
-    "unit": "", "why": "",
+    "key": "claims.0", "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None,
+    "equals": None, "unit": "",
 }  # fmt: skip
+RUNS = [
+    BenchRun("h0", "h0", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}}),
+    BenchRun("h1", "h1", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-2, "same.d": True}}),
+    BenchRun("lost", "lost", numbers={"estimate": {"lost": 1}}),
+]
 
 
-def entry_of(name: str, stages, **more):
-    entry = {
-        "name": name,
-        "label": f"<{name}>",
-        "note": "",
-        "study": "",
-        "group": "",
-        "at": None,
-        "reached": stages[-1],
-    }
-    return entry | {"artefacts": {stage: f"{name}/{stage}.h5" for stage in stages}} | more
+def statement(claim, all_runs=RUNS):
+    measure = SimpleNamespace(**(CLAIM | claim))
+    (result,) = statements_of([SimpleNamespace(text="t", why="because", measure=measure)], all_runs)
+    return result
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results")
-    for i, error in enumerate((1e-3, 1e-2)):
-        simulated(folder / f"h{i}")
-        estimated(folder / f"h{i}", error=error, seed=i)
-    estimated(folder / "down", there=0.25, truth=False, parameter=False)
-    estimated(folder / "lost", lost=1, parameter=False)
-    simulated(folder / "still")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def runs():
-    both = ("simulate", "estimate")
-    return [
-        entry_of("h0", both, study="Steps", group="own", at=0.1, note="A <note>."),
-        entry_of("h1", both, study="Steps", group="own", at=1.0),
-        entry_of("down", ("estimate",), study="Scale"),
-        entry_of("lost", ("estimate",)),
-        entry_of("still", ("simulate",)),
-    ]
-
-
-def made(results, runs, claims=(), studies=(), name="all"):
-    config = {"name": name, "title": "All & <more>", "runs": runs, "studies": list(studies), "comparisons": []}
-    measures = [{"key": f"claims.{i}"} | own for i, own in enumerate(claims)]
-    config["claims"] = [{"text": own["text"], "why": own.get("why", ""), "measure": own} for own in measures]
-    job = Job(config, results, results, lambda key: f"suite.yaml at {key}")
-    return list(run((SUITE,), job))[-1].artefact
-
-
-@pytest.fixture(scope="module")
-def suite(results, runs):
-    claims = [
-        CLAIM | {"text": "Slopes are one.", "runs": [0, 1], "number": ["slope.Fz"], "above": 0.995, "below": 1.005},
-        CLAIM | {"text": "Ten times worse.", "runs": [1], "number": ["error.Fz"], "against": 0, "above": 11.0},
-        CLAIM | {"text": "In per cent.", "runs": [1], "number": ["error.Fz"], "times": 100.0, "above": 0.9, "below": 1.1},
-        CLAIM | {"text": "All starts agree.", "runs": [0, 1], "number": ["identified.ball"], "equals": True},
-        CLAIM | {"text": "A lost filter knows.", "runs": [3], "number": ["error.ball"], "below": 1.0},
-        CLAIM | {"text": "Constraints hold.", "runs": [4], "stage": "simulate", "number": ["violation"], "below": 1e-13},
-    ]  # fmt: skip
-    studies = [{"name": "Steps", "note": "What a <step> costs.", "over": "estimate.time_step", "numbers": []}]
-    return made(results, runs, claims, studies)
-
-
-def test_claims_are_measured_in_the_artefacts(suite):
-    assert suite["/claim/verdict"].tolist() == [
-        "confirmed", "contradicted", "confirmed", "confirmed", "no number", "confirmed",
-    ]  # fmt: skip
-    np.testing.assert_allclose(suite["/number/value"], [1.001, 1.001, 10.0, 1.0, 1.0, 1.0, np.nan, 2e-16], rtol=1e-12)
-    assert suite["/number/run"].tolist() == [0, 1, 1, 1, 0, 1, 3, 4]
-    assert (suite.summary["claims"], suite.summary["confirmed"], suite.summary["contradicted"]) == (6, 4, 1)
+@pytest.mark.parametrize(
+    ("claim", "verdict", "values"),
+    [
+        ({"runs": [0, 1], "number": ["slope.F"], "above": 0.995, "below": 1.005}, "confirmed", [1.001, 1.001]),
+        ({"runs": [1], "number": ["error.F"], "against": 0, "above": 11.0}, "contradicted", [10.0]),
+        ({"runs": [1], "number": ["error.F"], "times": 100.0, "above": 0.9, "below": 1.1}, "confirmed", [1.0]),
+        ({"runs": [0, 1], "number": ["same.d"], "equals": True}, "confirmed", [1.0, 1.0]),
+        ({"runs": [2], "number": ["error.d"], "below": 1.0}, "no number", [np.nan]),
+        ({"runs": [0], "stage": "simulate", "number": ["off"], "below": 1e-13}, "confirmed", [2e-16]),
+    ],
+)
+def test_claims_are_measured_in_the_numbers_of_the_runs(claim, verdict, values):
+    result = statement(claim)
+    assert result.verdict == verdict
+    np.testing.assert_allclose([value for _, _, value in result.found], values, rtol=1e-12)
 
 
 def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
-    claim = SimpleNamespace(
-        text="t", runs=[0, 1], number=["error.F", "nis"], stage="estimate", times=100.0, against=0, against_number=None,
-        above=None, below=1.0, equals=None, unit="", why="because",
-    )  # fmt: skip
     runs = [
         BenchRun("a", "a", numbers={"estimate": {"nis": 2.0}}, seeds={"error.F": np.array([1.0, 2.0, 4.0])}),
         BenchRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
     ]
-    claim.key = "claims.0"
-    (statement,) = statements_of([SimpleNamespace(text=claim.text, why=claim.why, measure=claim)], runs)
-    assert statement.seeds == {
+    claim = {"runs": [0, 1], "number": ["error.F", "nis"], "times": 100.0, "against": 0, "below": 1.0}
+    result = statement(claim, runs)
+    assert result.seeds == {
         (0, "error.F"): [100.0] * 3, (0, "nis"): [100.0], (1, "error.F"): [200.0, 100.0, 50.0], (1, "nis"): [150.0],
     }  # fmt: skip
-    assert statement.why == "because"
-
-
-def test_the_numbers_are_those_of_the_runs(suite, results):
-    assert suite["/run/name"].tolist() == ["h0", "h1", "down", "lost", "still"]
-    assert suite["/run/at"][:2].tolist() == [0.1, 1.0]
-    assert suite["/unknown/name"].tolist() == ["Fz", "ball", "Fz", "ball", "Fz", "Fz"]
-    error = [Artefact(results / name / "estimate.h5").summary["error.Fz"] for name in ("h0", "h1")]
-    np.testing.assert_array_equal(suite["/unknown/error"][[0, 2]], error)
-    assert np.isnan(suite["/unknown/error"][4])
-    assert suite["/unknown/ratio_slope"][4] == 0.25
-
-
-def test_the_page_says_them_and_nothing_of_it_is_markup_from_a_name(suite):
-    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
-    for text in ("<more>", "<h0>", "<note>", "<step>", "<floored>"):
-        assert text not in page
-        assert text.replace("<", "&lt;").replace(">", "&gt;") in page
-    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
-    assert "6 statements : 4 confirmed, 1 contradicted (statement 2 ), 1 no number (statement 5 )" in words
-    assert "from 5 runs, 4 with an estimate" in words
-    assert "not estimated (ends after simulate)" in words
-    assert not re.search(r"https?:|mathdefault", page)
-    assert re.findall(r"<script[^>]*>(.*?)</script>", page, flags=re.S) == [own("page/tables.js")]
-
-
-def test_it_is_up_to_date_until_a_claim_changes(suite, results, runs):
-    config = Artefact(suite.path).header.config
-    job = Job(dict(config), results, results)
-    assert [event.status for event in run((SUITE,), job)] == ["up to date"]
+    assert result.why == "because"
 
 
 @pytest.mark.parametrize(
-    ("changes", "key", "what", "remedy"),
+    ("claim", "key", "what", "remedy"),
     [
-        (
-            {"number": ["slope.Fx"]},
-            "claims.0.number",
-            "no number 'slope.Fx' in the stage 'estimate' of 'h0'",
-            "slope.Fz",
-        ),
-        ({"number": ["identified.ball"]}, "claims.0", "is true or false", "equals"),
-        (
-            {"against": 1, "against_number": "error.Fq"},
-            "claims.0.against_number",
-            "no number 'error.Fq' in the stage 'estimate' of 'h1'",
-            "error.Fz",
-        ),
+        ({"number": ["slope.Fx"]}, "claims.0.number", "no number 'slope.Fx' in the stage 'estimate' of 'h0'", "slope.F"),
+        ({"number": ["same.d"]}, "claims.0", "is true or false", "equals"),
+        ({"number": ["slope.F"], "against": 1, "against_number": "error.Fq"}, "claims.0.against_number",
+         "no number 'error.Fq' in the stage 'estimate' of 'h1'", "error.F"),
     ],
-)
-def test_a_number_that_a_run_does_not_have_is_refused_at_its_place(results, runs, changes, key, what, remedy):
-    claim = CLAIM | {"text": "t", "runs": [0], "number": ["slope.Fz"], "below": 3.0} | changes
+)  # fmt: skip
+def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, what, remedy):
     with pytest.raises(ConfigError, match=re.escape(what)) as caught:
-        made(results, runs, [claim], name="wrong")
-    assert caught.value.where == f"suite.yaml at {key}"
+        statement({"runs": [0], "below": 3.0} | claim)
+    assert caught.value.key == key
     assert remedy in caught.value.remedy
 
 
-def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused(results, runs):
-    studies = [{"name": "Steps", "note": "", "over": "h", "numbers": ["slope.Fz", "slpoe.Fz"]}]
+def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused():
+    none = np.zeros(0)
+    estimate = BenchEstimate(none, (), (), (), none, none, {"slope.F": 1.0})
+    run = BenchRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}}, estimate=estimate)
+    study = SimpleNamespace(name="Steps", note="", over="h", numbers=["slope.F", "slpoe.F"])
     with pytest.raises(ConfigError, match="no run of the study 'Steps' has a number 'slpoe") as caught:
-        made(results, runs, studies=studies, name="wrong")
-    assert caught.value.where == "suite.yaml at studies.0.numbers"
-    assert caught.value.remedy == "did you mean slope.Fz?"
-
-
-def test_every_dataset_of_the_suite_is_listed(suite):
-    text = DOC.read_text(encoding="utf-8").split("## suite.h5\n")[1].split("\n## ")[0]
-    listed = dict(re.findall(r"^\| `([^`]+)` \| [^|]+ \| ([^|]+) \|", text, flags=re.MULTILINE))
-    assert {path: unit.strip() for path, unit in listed.items()} == {
-        path: suite.attributes(path)["units"] for path in suite.paths()
-    }
-    assert set(re.findall(r"`([^`]+)`", text.split("Summary:")[1])) == set(suite.summary)
-
-
-def reported(folder: Path, name: str, stages):
-    """The report of a run, from artefacts that lie there already."""
-    stage = report_stage(["modes of bodies", *stages])
-    upstream = {own: Artefact(folder / name / f"{own}.h5") for own in stage.upstream}
-    return stage, stage.run(
-        Context(
-            Slice({"name": name, "seed": 3, "bodies": {}, "sensors": {}}, "report"),
-            upstream,
-            {},
-            lambda doing, share: None,
-        )
-    )
-
-
-def test_the_page_of_one_run_shows_its_estimate_placement_and_motion(results, tmp_path):
-    for make in (simulated, placed):
-        make(tmp_path / "one")
-    estimated(tmp_path / "one", there=0.2)
-    stage, output = reported(tmp_path, "one", ("place", "simulate", "estimate"))
-    assert stage.upstream == ("place", "simulate", "estimate")
-    page = output.files["report.html"].decode()
-    words = " ".join(re.sub(r"<[^>]*>", " ", page).split())
-    assert "9 channels tell Fz to 1.0 % at a claimed σ of 1.0 %" in words
-    assert "A noise of 0 is &lt;floored&gt;." in page
-    assert "<floored>" not in page
-    assert "iterated &lt;with the step&gt;" in page
-    # four gauges, the last at 9 10 11, and what random layouts are expected to know
-    assert "9.000 10.000 11.000" in words
-    assert "Fz 100 N 900 N ∞ N" in words
-    assert "Force on each of the 12 balls of bearing by the estimate at 1.5 s" in words
-    assert "at most 40 kN ± 300 N" in words.replace("\N{NO-BREAK SPACE}", " ")
-    assert "at most 2 GPa ± 10 MPa" in words.replace("\N{NO-BREAK SPACE}", " ")
-    assert "with ±2 claimed standard deviations, and smoothed (green)" in words
-    assert output.summary["warnings"] == 1
-    assert page.count("<figure") == output.summary["figures"] == 15
-
-
-def test_a_bench_shows_its_gauges_on_the_body(bench):
-    """Drawn off screen where that is possible; where not, the page says why and stands without."""
-    report = bench["report"]
-    page = (report.path.parent / "report.html").read_text(encoding="utf-8")
-    if report.summary["pictures"]:
-        assert page.count('<figure class="card picture"><img alt="bench-full: hub, 4 gauges"') == 1
-        assert page.count("data:image/png;base64,iVBOR") == 1
-    else:
-        assert report.summary["pictures"] == 0
+        suite._studies([study], [run])
+    assert caught.value.key == "studies.0.numbers"
+    assert caught.value.remedy == "did you mean slope.F?"

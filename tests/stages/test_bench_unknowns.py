@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from strainsight.cases.bench.inverse.balls import spread
-from strainsight.errors import ConfigError
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read
 
-from .conftest import BANK, DIAMETER, LOADS, MODULUS, ROOT, job_of
+from .conftest import BANK, DIAMETER, LOADS, MODULUS
 
 EXACT = ("estimate.sensors={gauges: {noise: 0.0}}", "estimate.truth={model: own, noise: false}")
 ALL_OF_THE_BEARING = "estimate.parameters={" + ", ".join(
@@ -80,7 +79,6 @@ def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
 
 @pytest.mark.slow
 def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
-    """Six seeds of loads, start and disturbance from the filter's own model: innovations and errors of their claimed size."""
     found = hub_estimate(
         LOADS, "estimate.truth.model=walk", "estimate.runs=6", "estimate.duration=2.0", "estimate.disturbance=1.0e-3"
     )
@@ -90,18 +88,6 @@ def test_a_drawn_truth_is_estimated_as_well_as_claimed(hub_estimate):
         assert found.summary[f"claim.smoothed.{name}"] == "consistent"
         assert found.summary[f"smoothed_std.{name}"] < found.summary[f"std.{name}"]
         assert found[f"/inputs/{name}/smoothed"][-1] == found[f"/inputs/{name}/estimate"][-1]
-
-
-def test_noise_and_update_of_the_thesis_find_the_loads_and_claim_no_less_than_an_increment(estimate):
-    """Q* after the step, one update at the first guess: no better known than the 2000 N a step of the loads, whatever is read."""
-    found = estimate(
-        LOADS, "estimate.duration=0.3", "estimate.method={update: as_printed, noise: as_printed}", "estimate.disturbance=1.0e-3",
-        "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9",
-    )  # fmt: skip
-    assert found.summary["method"] == "one-shot as printed, on no constraints, Q* as printed"
-    for name in ("Fx", "Fy", "Fz"):
-        assert found.summary[f"error.{name}"] < 1e-3
-        assert np.all(found[f"/inputs/{name}/std"][1:] > 0.999 * 2e3)
 
 
 def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
@@ -115,7 +101,6 @@ def test_an_increment_in_a_second_is_one_in_a_step_over_its_length(estimate):
 
 
 def test_gauges_zeroed_under_known_loads_serve_whatever_is_guessed_of_the_test(estimate):
-    """The zero is of the history's first loads; a guess of zero beside it spoils nothing."""
     found = estimate(
         LOADS, "estimate.truth={model: own, noise: false}", "estimate.sensors.gauges.noise=1.0e-9", "estimate.duration=0.3",
         "sensors.gauges.zeroed=true", *(f"estimate.inputs.F{k}={{guess: 0.0, std: 3.0e+4, increment: 2.0e+3}}" for k in "xyz"),
@@ -146,19 +131,10 @@ def test_a_diverged_estimate_writes_no_command_history_and_says_so(estimate):
 
 
 def test_an_estimate_beyond_its_claim_is_called_overconfident(estimate):
-    """Loads that are taken for constant."""
     found = estimate(LOADS, "estimate.duration=1.0", *(f"estimate.inputs.F{k}.increment=1.0e-3" for k in "xyz"))
     text = str(found.tables)
     assert "Fz is overconfident" in text
     assert "innovations are" in text
-
-
-@pytest.mark.slow
-def test_errors_of_2_7_sigma_throughout_are_called_overconfident(hub_estimate):
-    """No record of half as many independent errors explains them."""
-    found = hub_estimate(LOADS, "estimate.duration=2.0", *(f"estimate.inputs.F{k}.increment=300.0" for k in "xyz"))
-    assert "Fz is overconfident" in str(found.tables)
-    assert found.summary["error.Fz"] < 3 * found.summary["std.Fz"]
 
 
 WEIGHT = 1.4e4 * 9.81
@@ -195,35 +171,6 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
     assert alone.summary["std.E"] > 10 * both.summary["std.E"]
 
 
-def test_ball_diameter_is_found_from_one_per_cent_off(estimate):
-    found = estimate(
-        DIAMETER, "estimate.truth={model: own, noise: false}", "estimate.duration=2.0", "estimate.time_step=0.2",
-        "estimate.sensors={gauges: {noise: 1.0e-9}, relative: {noise: 1.0e-9}}",
-    )  # fmt: skip
-    assert found.summary["error.diameter"] < 1e-6
-    assert found["/parameters/diameter/true"] == 0.06
-
-
-def test_diameter_and_preload_are_one_unknown_where_groove_centres_stay():
-    both = "estimate.parameters.preload={bearing: pitch-bearing, property: preload, std: 1.0e-6}"
-    job_of(DIAMETER, ROOT, both)
-    with pytest.raises(ConfigError, match="the same unknown") as refused:
-        job_of(DIAMETER, ROOT, both, "bearings.pitch-bearing.groove_centres=fixed")
-    assert refused.value.key == "estimate.parameters.preload"
-
-
-def test_a_bank_is_of_three_constants_at_most():
-    groove = "estimate.parameters.{0}={{bearing: pitch-bearing, property: radius_{0}, std: 1.0e-4}}"
-    four = [groove.format(name) for name in ("inner_left", "inner_right", "outer_left")]
-    job_of(DIAMETER, ROOT, BANK, *four[:2])
-    with pytest.raises(ConfigError, match="4 parameters, a bank is of 3 at most") as refused:
-        job_of(DIAMETER, ROOT, BANK, *four)
-    assert refused.value.key == "estimate.method.parameters"
-    with pytest.raises(ConfigError, match="in a bank parameters are constants") as refused:
-        job_of(DIAMETER, ROOT, BANK, "estimate.parameters.diameter.increment=1.0e-6")
-    assert refused.value.key == "estimate.parameters.diameter.increment"
-
-
 def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
     """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
     when = ("estimate.duration=0.9", "estimate.runs=2", "estimate.truth.model=own")
@@ -239,6 +186,8 @@ def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate)
     assert bank.summary["ratio.extended.diameter"] == pytest.approx(1.0, abs=0.05)
     assert "ratio.extended.diameter" not in extended.summary
     assert "filters compared" in str(bank.tables)
+    assert read(BenchEstimated, extended).bearings
+    assert not read(BenchEstimated, bank).bearings
 
 
 BEARING = Bearing(
@@ -262,16 +211,9 @@ def test_sigma_of_a_ball_is_that_of_drawn_displacements():
     np.testing.assert_allclose(pressure[firm], np.std([balls.pressure for balls in drawn], axis=0)[firm], rtol=0.08)
 
 
-def test_a_displacement_that_is_known_leaves_no_doubt_of_the_balls():
-    force, pressure = spread(np.full(5, 1e-6), np.zeros((5, 5)), lambda d: ball_loads(BEARING, d))
-    assert not np.any(force)
-    assert not np.any(pressure)
-
-
 @pytest.mark.slow
 def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(hub_estimate):
-    """Noise drawn anew: over three seeds and the later half of each run error is within σ, and σ of its size; loads that move
-    more slowly than the walk they are taken for leave it below."""
+    """Over three seeds and the later half of each run; loads that move more slowly than their walk leave the ratio below 1."""
     off, pressed = [], []
     fine, own = "simulate.time_step=0.002", "simulate.method=second_order"
     truth = hub_estimate(LOADS, own, fine, stage="simulate")
@@ -286,16 +228,3 @@ def test_displacements_and_pressure_are_within_their_sigma_of_the_truth(hub_esti
         pressed.append(z[len(z) // 2 :])
     for z in (off, pressed):
         assert 0.3 < np.sqrt(np.mean(np.square(z))) < 1.2
-
-
-@pytest.mark.slow
-def test_a_bank_says_nothing_of_balls(hub_estimate):
-    found = hub_estimate(
-        LOADS,
-        "estimate.duration=0.2",
-        "estimate.time_step=0.05",
-        "estimate.sensors.relative.noise=1.0e-6",
-        "estimate.parameters.diameter={bearing: pitch-bearing, property: ball_diameter, guess: 0.0601, std: 1.0e-4}",
-        "estimate.method.parameters=bank",
-    )
-    assert not read(BenchEstimated, found).bearings

@@ -89,8 +89,7 @@ def at_channels(own, channels):
 @pytest.mark.slow
 @pytest.mark.parametrize("treat", ["consider", "estimate"])
 def test_strain_where_no_gauge_is_lies_within_sigma_of_drawn_loads(beam, treat):
-    """100 truths with direction and point of their own: within 2σ and error over σ place by place; σ without what is beyond the
-    coordinates is too small at some."""
+    """100 truths with direction and point of their own; σ without what is beyond the coordinates is too small at some places."""
     own = beam(OF_A_LOAD | {"tolerances": NOTHING | TURNED | {"treat": treat}})
     found = trial(own)
     model = filter_model(own.problem, found.chosen, found.h)

@@ -1,10 +1,12 @@
-"""Bridges through the pipeline: from a config, or the file of a layout, to rows, tolerances, pages and estimates."""
+"""Bridges through the pipeline: bonded ones of a config or a file, and placement among patterns of them."""
 
 from __future__ import annotations
 
 import csv
 import json
 import shutil
+from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,16 @@ import yaml
 from typer.testing import CliRunner
 
 from strainsight import api
+from strainsight.cases.layout.datum import deck_frame
+from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
+from strainsight.cases.layout.exports.element_sets import elements_of
+from strainsight.cases.layout.gauge_lines import gauge_lines
+from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.bonded_file import read_bonded
-from strainsight.errors import UserError
+from strainsight.cases.structure.bonded_gauges import bonded_gauges
+from strainsight.cases.structure.placed import placement_output
+from strainsight.errors import ConfigError, UserError
+from strainsight.gauges.edge_dimensions import no_edges
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -75,17 +85,6 @@ def project(tmp_path_factory):
 def lines(path: Path):
     with path.open(encoding="utf-8") as stream:
         return list(csv.DictReader(stream))
-
-
-def test_a_layout_lists_every_arm_with_its_sign(project):
-    rows = lines(project / "results" / "edge" / "gauges.csv")
-    own = [row for row in rows if row["gauge"] == "torsion"]
-    assert [row["sign"] for row in own] == ["1", "1", "-1", "-1"]
-    assert {row["kind"] for row in own} == {"bridge"}
-    assert [float(row["normal_z"]) for row in own] == [1, -1, 1, -1]
-    assert len([row for row in rows if row["gauge"] == "bending"]) == 4
-    assert [row["sign"] for row in rows if row["gauge"] not in ("bending", "torsion")] == [""]
-    assert (project / "results" / "edge" / "gauges.unv").read_text().count("torsion arm ") == 4
 
 
 def test_bridges_come_back_from_the_file_of_their_layout_as_they_were(project):
@@ -211,3 +210,152 @@ def test_two_bridges_alone_recover_a_bending_and_a_twisting_load(tmp_path):
         assert "estimate.channels[0].bridge.arrangement" in said or "estimate.channels.0.bridge.arrangement" in said
         assert what in said
 
+
+UPRIGHT = {
+    "loads.tip.direction": [0, 0, 1],
+    "gauges.exclude": [{"normal_cone": {"axis": axis, "angle": 20}} for axis in ([1, 0, 0], [0, 1, 0])],
+    "gauges.direction.angles": [0.0],
+    "gauges.clearance": "none",
+    "gauges.noise_std": {"value": 1e-6},
+    "screen.keep": "all",
+    "place.keep": 1,
+    "place.certificate": False,
+    "place.installation": "ignore",
+    "tolerances": "none",
+    "process_noise": {"model_error": 1e-9},
+}
+"""Gauges on top and bottom of a beam that is bent about y, for E."""
+EXACT = ("position", "angle", "transverse", "load_angle", "load_position", "load_gain", "discrepancy")
+ONLY_GAIN = {"gain": 0.01, "damping": 1} | dict.fromkeys(EXACT, 0)
+
+
+PATTERNS = bricks((8, 3, 2), "hex20")
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """The mesh and its reduced model, and changes → a case and its training run."""
+    folder = tmp_path_factory.mktemp("beam")
+    plain = api.load(written(folder, UPRIGHT, deck=PATTERNS))
+    mesh = api.mesh(plain)
+    reduced = api.reduce(plain, mesh)
+
+    def of(changes):
+        case = api.load(written(folder, {**UPRIGHT, **changes}, deck=PATTERNS))
+        return case, api.train(case, mesh, reduced)
+
+    return mesh, reduced, of
+
+
+def placed(beam, changes):
+    mesh, reduced, of = beam
+    case, training = of(changes)
+    return api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
+
+
+@pytest.fixture(scope="module")
+def by_pattern(beam):
+    """Pattern → placement of one gauge or one bridge."""
+    return {pattern: placed(beam, {"gauges.bridge": pattern}) for pattern in (None, "half-bending", "full-bending")}
+
+
+def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam, by_pattern):
+    """Noise is that of the amplifier: σ falls as the arms, 2 and 4. By gains of 1 % under a slow load it falls as their root."""
+    sigma = [found.expected.std["E"] for found in by_pattern.values()]
+    np.testing.assert_allclose(np.array(sigma[0]) / sigma, [1, 2, 4], rtol=0.01)
+    where = [found.listed.position[0] for found in by_pattern.values()]
+    np.testing.assert_allclose([x[0] for x in where], where[0][0])  # where bending is most
+    arms = by_pattern["full-bending"].listed.arms[0]
+    np.testing.assert_array_equal(arms.sign, [1, -1, 1, -1])
+    np.testing.assert_allclose(
+        arms.grid.position[:, 2], np.where(arms.sign * arms.grid.normal[0, 2] > 0, SIZE[2], 0), atol=1e-9
+    )
+
+    # A load of 20 Hz tells E by the motion, too, whatever the gains are.
+    slow = {"loads.tip.signal.frequency": 2.0, "train": {"duration": 0.5, "time_step": 0.005}}
+    slow |= {"gauges.noise_std": {"value": 1e-7}, "tolerances": ONLY_GAIN}
+    mesh, reduced, of = beam
+    gains = []
+    for pattern, found in by_pattern.items():
+        case, training = of({"gauges.bridge": pattern, **slow})
+        screened = api.screen(case, mesh, reduced, training)
+        gains.append(api.expect(case, mesh, reduced, training, screened, found.gauges).std["E"])
+    np.testing.assert_allclose(gains, np.array([0.01, 0.01 / np.sqrt(2), 0.005]), rtol=0.01)
+
+    axial, bending = (beam[2]({"gauges.bridge": pattern})[1] for pattern in ("half-axial", "half-bending"))
+    assert np.abs(axial.reading()).max() < 1e-9 * np.abs(bending.reading()).max()
+
+
+@pytest.mark.parametrize("pattern", ["half-bending", "full-torsion"])
+def test_a_bridge_that_was_placed_is_found_in_the_file_of_its_layout(beam, tmp_path, pattern):
+    mesh, reduced, of = beam
+    channels = [{"channel": "ch 1", "gauge": "G1", "unit": "m/m"}]
+    case, training = of({"gauges.bridge": pattern, "estimate": {"channels": channels}})
+    found = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
+    lines = placement_output(found, mesh, "mm").files["gauges.csv"].decode().splitlines()
+    (tmp_path / "bonded.csv").write_text("\n".join(lines))
+    assert bonded_gauges(case.config, training, found.gauges, tmp_path / "bonded.csv") == {"G1": found.gauges[0]}
+
+    sign = lines[0].split(",").index("sign")
+    cells = [line.split(",") for line in lines]
+    turned = [[*own[:sign], {"1": "-1", "-1": "1"}[own[sign]], *own[sign + 1 :]] for own in cells[1:]]
+    (tmp_path / "other.csv").write_text("\n".join(map(",".join, [cells[0], *turned])))
+    with pytest.raises(ConfigError, match=r"G1 (sits elsewhere now|is turned)"):
+        bonded_gauges(case.config, training, found.gauges, tmp_path / "other.csv")
+
+
+def test_no_opposite_side_is_an_error_with_key_and_remedy(beam):
+    below, box = {"normal_cone": {"axis": [0, 1, 0], "angle": 20}}, {"box": [[-1, -1, -1], [2, 2, 0.01]]}
+    with pytest.raises(UserError, match="no place has one opposite for the arms of a half-bending bridge") as caught:
+        beam[2]({"gauges.bridge": "half-bending", "gauges.exclude": [*UPRIGHT["gauges.exclude"], below, box]})
+    assert caught.value.key == "gauges.bridge"
+    assert "include both sides" in caught.value.remedy
+
+
+def test_a_range_limits_the_strain_of_every_arm_and_not_the_output_of_the_bridge(beam):
+    """Two and four arms in bending read twice and four times the strain of one: the same places are beyond the range."""
+    mesh, reduced, of = beam
+    plain = of({})[1]
+    limit = 0.7 * plain.peak.max()
+
+    def beyond(pattern):
+        case, training = of({"gauges.bridge": pattern, "gauges.range": float(limit)})
+        found = api.screen(case, mesh, reduced, training)
+        place = training.candidates.position[training.candidates.first]
+        return training, {tuple(np.round(x[:2], 6)) for x in place[found.reason == "range"]}
+
+    _, single = beyond(None)
+    assert single
+    for pattern, times in (("half-bending", 2.0), ("full-bending", 4.0)):
+        training, found = beyond(pattern)
+        assert found == single
+        np.testing.assert_allclose(training.peak.max() / plain.peak.max(), times, rtol=1e-6)
+        np.testing.assert_allclose(training.strained.max(), plain.peak.max(), rtol=1e-9)
+    axial = of({"gauges.bridge": "half-axial"})[1]
+    assert axial.peak.max() < 1e-6 * plain.peak.max()
+    np.testing.assert_allclose(axial.strained.max(), plain.peak.max(), rtol=1e-9)
+
+
+def only_row(table):
+    (row,) = csv.DictReader(StringIO(table.decode()), delimiter="\t")
+    return row
+
+
+@pytest.mark.parametrize(("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)])
+def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
+    """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
+    listed = by_pattern[pattern].listed
+    row = only_row(catman_table(listed, Wiring(2.0, 120.0)))
+    assert (row["Bridge"], row["Unit"]) == (wired, "um/m")
+    row = only_row(labview_table(listed, Wiring(2.0)))
+    assert (row["Measurement type"], row["Strain configuration"]) == ("Bridge (V/V)", "")
+    strain = 1e-4
+    assert float(row["Scale slope"]) * arms * 2.0 * strain / 4 == pytest.approx(arms * strain)
+    shop = Workshop(listed, gauge_lines(listed), no_edges(len(gauge_lines(listed))), deck_frame("mm"))
+    assert elements_of(shop) == {listed.labels[0]: sorted(set(listed.arms[0].grid.element.tolist()))}
+
+
+def test_two_arms_of_one_sign_are_opposite(by_pattern):
+    listed = by_pattern["half-bending"].listed
+    opposite = replace(listed, arms=(replace(listed.arms[0], sign=np.ones(2, dtype=int)),))
+    assert only_row(catman_table(opposite, Wiring(2.0, 120.0)))["Bridge"] == "half, arms 1 and 3"

@@ -16,7 +16,7 @@ from strainsight.cases.structure.clearance import (
     clearance_warning,
     loaded_nodes,
 )
-from strainsight.errors import ConfigError, InfeasibleError, UserError
+from strainsight.errors import InfeasibleError, UserError
 from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
@@ -59,7 +59,6 @@ def aside(x):
 
 @pytest.mark.parametrize("clearance", [0.006, 0.02])
 def test_a_stated_clearance_is_kept_exactly(beam, clearance):
-    """Of the candidates on the four sides those stay that are so far from the edges along them, and no other."""
     training, screened = beam(f"gauges.clearance={clearance}")
     x = training.candidates.position[training.candidates.first]
     x = x - np.array([0.0, x[:, 1].min(), x[:, 2].min()])
@@ -107,6 +106,13 @@ def test_noise_relative_to_the_strongest_candidate_is_that_of_the_strongest_that
     assert screened.noise_std[0] == pytest.approx(0.01 * rms[(screened.reason != "clearance")[training.candidates.gauge]].max())
 
 
+def nodes_of(case, mesh, **update):
+    """Loaded nodes of the config with its load elsewhere."""
+    name, load = next(iter(case.config.loads.items()))
+    own = load.model_copy(update={"node": None, "set": None, "deck_load": None} | update)
+    return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), mesh, exterior_facets(mesh))
+
+
 def test_loads_at_a_node_on_a_set_and_of_the_deck_have_their_nodes_and_weight_has_none(beam):
     """A load on every node of the body, as weight is, has no place to stay clear of."""
     mesh, case = beam.mesh, beam.case()
@@ -115,24 +121,15 @@ def test_loads_at_a_node_on_a_set_and_of_the_deck_have_their_nodes_and_weight_ha
     top = mesh.node_ids[outside[:3]]
     every = np.unique(np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     assert len(every) > len(outside)
-    marked = replace(
-        mesh,
-        node_sets={"top": top},
-        loads={
-            "patch": NodalForces(outside[5:7], np.array([[0, 0, 1.0], [0, 0, 0]])),
-            "weight": NodalForces(every, np.tile([0, 0, 1.0], (len(every), 1))),
-        },
-    )
-    name, load = next(iter(case.config.loads.items()))
-
-    def nodes(**update):
-        own = load.model_copy(update={"node": None, "set": None, "deck_load": None} | update)
-        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), marked, facets)
-
-    np.testing.assert_array_equal(nodes(set="top"), np.sort(outside[:3]))
-    np.testing.assert_array_equal(nodes(node=int(top[1])), outside[1:2])
-    np.testing.assert_array_equal(nodes(deck_load="patch"), outside[5:6])
-    assert len(nodes(deck_load="weight")) == 0
+    loads = {
+        "patch": NodalForces(outside[5:7], np.array([[0, 0, 1.0], [0, 0, 0]])),
+        "weight": NodalForces(every, np.tile([0, 0, 1.0], (len(every), 1))),
+    }
+    marked = replace(mesh, node_sets={"top": top}, loads=loads)
+    np.testing.assert_array_equal(nodes_of(case, marked, set="top"), np.sort(outside[:3]))
+    np.testing.assert_array_equal(nodes_of(case, marked, node=int(top[1])), outside[1:2])
+    np.testing.assert_array_equal(nodes_of(case, marked, deck_load="patch"), outside[5:6])
+    assert len(nodes_of(case, marked, deck_load="weight")) == 0
 
 
 def test_a_moment_on_a_plain_node_has_the_nodes_of_its_elements(beam):
@@ -141,66 +138,46 @@ def test_a_moment_on_a_plain_node_has_the_nodes_of_its_elements(beam):
     facets = exterior_facets(mesh)
     outside = np.unique(facets.nodes[facets.nodes >= 0])
     middle = outside[np.argmin(np.abs(mesh.position[outside] - mesh.position[outside].mean(axis=0)).sum(axis=1))]
-    name, load = next(iter(case.config.loads.items()))
-
-    def nodes(**update):
-        own = load.model_copy(update={"node": int(mesh.node_ids[middle]), "set": None, "deck_load": None} | update)
-        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), mesh, facets)
-
+    node = int(mesh.node_ids[middle])
     apart = np.abs(mesh.position[outside] - mesh.position[middle]) / (np.array(SIZE) / CELLS)
     near = outside[np.all(apart < 1.5, axis=1)]
     assert 8 < len(near) < 20
-    np.testing.assert_array_equal(nodes(direction=None, moment=(0.0, 0.0, 1.0)), near)
-    np.testing.assert_array_equal(nodes(), [middle])
+    np.testing.assert_array_equal(nodes_of(case, mesh, node=node, direction=None, moment=(0.0, 0.0, 1.0)), near)
+    np.testing.assert_array_equal(nodes_of(case, mesh, node=node), [middle])
 
 
 def test_what_is_spread_over_shells_leaves_them_free_and_a_line_or_a_node_of_theirs_does_not(beam):
     """The four nodes around a square, on both faces: a pressure on a face has no place to stay clear of, a line load has."""
-    mesh = plate(*strip())
+    mesh, case = plate(*strip()), beam.case()
     facets = exterior_facets(mesh)
-    upper = np.flatnonzero(facets.facet == 1)
-    marked = with_face(replace(mesh, node_sets={"line": np.array([100, 103])}), "upper", facets, upper)
-    case = beam.case()
-    name, load = next(iter(case.config.loads.items()))
-
-    def nodes(**update):
-        own = load.model_copy(update={"node": None, "set": None, "deck_load": None} | update)
-        return loaded_nodes(case.config.model_copy(update={"loads": {name: own}}), marked, facets)
-
-    assert len(nodes(set="upper", pressure=True)) == 0
-    for found, at in ((nodes(set="line"), [0.0, 0.0, 1.0, 1.0]), (nodes(node=100), [0.0, 0.0])):
+    line = replace(mesh, node_sets={"line": np.array([100, 103])})
+    marked = with_face(line, "upper", facets, np.flatnonzero(facets.facet == 1))
+    assert len(nodes_of(case, marked, set="upper", pressure=True)) == 0
+    for update, at in (({"set": "line"}, [0.0, 0.0, 1.0, 1.0]), ({"node": 100}, [0.0, 0.0])):
+        found = nodes_of(case, marked, **update)
         np.testing.assert_allclose(np.sort(mesh.position[found, 1]), at)
         assert (mesh.position[found, 0] == 0).all()
 
 
-def places(pool, keep=slice(None)):
+def places(training, keep=slice(None)):
+    pool = training.candidates
     return {tuple(x) for x in pool.position[pool.first][keep].round(9)}
 
 
-@pytest.fixture(scope="module")
-def seated(beam):
-    def screened(*overrides):
-        training, found = beam(*overrides)
-        return training.candidates, found
-
-    return screened
-
-
-def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(seated):
-    """The seat is [0.3, 0.7] × [0.03, 0.07] m at z = 0.08 m: nothing is left on it, and nothing nearer to that rectangle than the
-    clearance."""
+def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(beam):
+    """The seat is [0.3, 0.7] × [0.03, 0.07] m at z = 0.08 m: nothing is left on it or nearer to it than the clearance."""
     clearance = 0.012
     low, high = np.array([0.3, 0.03, 0.08]), np.array([0.7, 0.07, 0.08])
-    every, _ = seated("gauges.clearance=none")
-    x = every.position[every.first]
+    every, _ = beam("gauges.clearance=none")
+    x = every.candidates.position[every.candidates.first]
     inside = np.all((x > low - 1e-9) & (x < high + 1e-9), axis=1)
     assert np.count_nonzero(inside) == 2 * 4 * 4
-    pool, bare = seated("gauges.clearance=none", "gauges.exclude=[seat]")
+    pool, bare = beam("gauges.clearance=none", "gauges.exclude=[seat]")
     assert places(pool) == places(every, ~inside)
     assert not np.any(bare.reason == "clearance")
-    _, plain = seated(f"gauges.clearance={clearance}")
-    pool, found = seated(f"gauges.clearance={clearance}", "gauges.exclude=[seat]")
-    y = pool.position[pool.first]
+    _, plain = beam(f"gauges.clearance={clearance}")
+    pool, found = beam(f"gauges.clearance={clearance}", "gauges.exclude=[seat]")
+    y = pool.candidates.position[pool.candidates.first]
     near = np.linalg.norm(np.maximum(np.maximum(low - y, y - high), 0), axis=1) < clearance
     alone = plain.reason[~inside] != "clearance"
     np.testing.assert_array_equal(found.reason != "clearance", alone & ~near)
@@ -208,16 +185,12 @@ def test_a_face_that_is_named_takes_its_facets_and_the_clearance_around_them(sea
     assert found.clearance.near["faces"] == np.count_nonzero(near)
 
 
-def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_named(seated):
-    every, _ = seated("gauges.clearance=none")
-    pool, _ = seated("gauges.clearance=none", "gauges.include=[seat]")
-    others, _ = seated("gauges.clearance=none", "gauges.exclude=[seat]")
+def test_zones_by_name_include_and_limit_too_and_a_name_that_is_not_there_is_named(beam):
+    every, _ = beam("gauges.clearance=none")
+    pool, _ = beam("gauges.clearance=none", "gauges.include=[seat]")
+    others, _ = beam("gauges.clearance=none", "gauges.exclude=[seat]")
     assert places(pool) == places(every) - places(others)
     with pytest.raises(UserError, match="the set 'seta' is not in the mesh") as caught:
-        seated("gauges.exclude=[seta]")
+        beam("gauges.exclude=[seta]")
     assert caught.value.key == "gauges.exclude.0"
     assert caught.value.remedy == "did you mean seat?"
-    with pytest.raises(ConfigError, match="exactly one of 'box'"):
-        seated("gauges.exclude=[{boxes: 3}]")
-    with pytest.raises(ConfigError, match=r"noise_std"):
-        seated("gauges.noise_std=seat")

@@ -23,6 +23,8 @@ from strainsight_cli.main import app
 
 from ..bodies import body
 from ..models import artefacts
+from ..wrong.decks import config
+from ..wrong.models import pair
 
 ROOT = Path(__file__).parents[2]
 LUG, DECK = ROOT / "configs" / "lug" / "lug-input.yaml", ROOT / "meshes" / "lug.bdf.gz"
@@ -91,22 +93,16 @@ WALL = "0, 0.135, 0.08"
 SMALL = ["rom.modes=4", "rom.parameter_samples=1", "train.time_step=2e-3"]
 
 
-def bolted(rise, *sets, below=False):
-    """An Abaqus deck of half a ring, radius 0.03 to 0.15 m, 0.04 m thick, held in its bore; outer wall of rise × 0.02 m.
-
-    below: with another such part that it lies on, 0.02 m thick, without common nodes, held at its bottom.
-    """
+def bolted(rise, *sets):
+    """An Abaqus deck of half a ring, radius 0.03 to 0.15 m, 0.04 m thick, held in its bore; outer wall of rise × 0.02 m."""
 
     def chart(u, v, w):
         return 0.03 * (1 + u) * np.cos(np.pi * v / 12), 0.03 * (1 + u) * np.sin(np.pi * v / 12), 0.02 * w
 
     mesh = body("hex8", (4, 12, 2 + rise), chart, keep=lambda i, j, k: k < 2 or i == 3)
     x, rows = mesh.position, mesh.blocks[0].nodes
-    if below:
-        other = body("hex8", (4, 12, 1), lambda u, v, w: chart(u, v, w - 1))
-        x, rows = np.vstack([x, other.position]), np.vstack([rows, len(x) + other.blocks[0].nodes])
     ids = np.arange(1, len(x) + 1)
-    bolt = ids[(np.linalg.norm(x[:, :2], axis=1) < 0.031) & (x[:, 2] > -0.01) | (x[:, 2] < -0.01)]
+    bolt = ids[np.linalg.norm(x[:, :2], axis=1) < 0.031]
     lines = ["*NODE", *(f"{i}, {', '.join(map(repr, p))}" for i, p in zip(ids, x.tolist(), strict=True))]
     lines += ["*ELEMENT, TYPE=C3D8, ELSET=part"]
     lines += [f"{i}, {', '.join(map(str, 1 + row))}" for i, row in enumerate(rows, start=1)]
@@ -159,109 +155,36 @@ def test_no_candidate_lies_there_and_without_the_line_some_do(init, tmp_path):
     assert heights(other, deck).min() < 1e-9
 
 
-def test_a_face_that_another_part_touches_is_picked_by_its_normal_too(init):
-    """A point there is as near to one of them as to the other."""
-    own = yaml.safe_load(init(bolted(2, below=True), "--load", WALL))
-    normals = {name: tuple(face.get("normal", ())) for name, face in own["mesh"]["faces"].items() if name != "loaded"}
-    assert (0, 0, -1) in normals.values()
-    assert all(len(normal) == 3 for normal in normals.values())
-    done = CliRunner().invoke(app, ["import", "own.yaml"])
-    assert done.exit_code == 0, done.output
-    assert "lies on something" not in done.output
-
-
-def test_of_a_plate_one_side_is_left_out_and_the_other_named(init):
-    """Both may lie on something. With both left out there would be places on its rims alone."""
-    text = init(bolted(0), "--load", "node 1")
-    own = yaml.safe_load(text)
-    assert own["mesh"]["faces"].keys() == {"seat-1", "seat-2"}
-    assert own["gauges"]["exclude"] == ["seat-1"]
-    assert "    # seat-2,                     # the other side of the same bores: put it in if something lies there\n" in text
-    assert {own["mesh"]["faces"][name]["near"][2] for name in ("seat-1", "seat-2")} == {0.0, 0.04}
-
-
 def test_a_face_that_the_user_has_named_is_not_written_twice(init):
-    """Any point of the face says which it is."""
     own = yaml.safe_load(init(bolted(2), "-i", answers="0.09, 0.09, 0\nn\n"))
     assert own["mesh"]["faces"] == {"loaded": {"near": [0.09, 0.09, 0]}}
     assert (own["loads"]["force"]["set"], own["gauges"]["exclude"]) == ("loaded", ["loaded"])
 
 
-def test_a_part_that_is_held_otherwise_has_no_such_face(init):
-    text = init(bolted(2).replace("*BOUNDARY\nbolt, 1, 3\n", ""), "--load", WALL, "--held", "0.15, 0, 0.06")
-    own = yaml.safe_load(text)
-    assert own["mesh"]["faces"].keys() == {"held", "loaded"}
-    assert "exclude" not in own["gauges"]
-    assert "  # exclude: " in text
+BETWEEN = "box: [[0.39, -1, -1], [0.41, 1, 1]]"
+TIED = (
+    f", faces: {{fine: {{normal: [-1, 0, 0], {BETWEEN}}}, coarse: {{normal: [1, 0, 0], {BETWEEN}}}}}, "
+    "ties: [{type: surface, set: fine, to: coarse}]"
+)
 
 
-def cubes(cells, fixed, first=1):
-    """Nastran cards of cubes of the unit cell: cells of positions and edge lengths, each with nodes of its own."""
-    lines = ["SOL 103", "CEND", "BEGIN BULK"]
-    for n, (at, size) in enumerate(cells):
-        corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-        ids = [8 * n + k + first for k in range(8)]
-        lines += [
-            f"GRID,{i},,{','.join(str(a + size * c) for a, c in zip(at, corner, strict=True))}"
-            for i, corner in zip(ids, corners, strict=True)
-        ]
-        lines.append(f"CHEXA,{n + 1},1,{','.join(map(str, ids[:6]))}\n,{ids[6]},{ids[7]}")
-    lines += ["PSOLID,1,1", "MAT1,1,2.1+11,,.3,7850.", f"SPC1,1,123,{','.join(map(str, fixed))}", "ENDDATA"]
-    return "\n".join(lines) + "\n"
-
-
-CONFIG = """\
-kind: placement
-name: own
-mesh: {{file: {file}{more}}}
-loads:
-  tip: {{node: 4, direction: [0, 0, 1], known: true, signal: {{type: sine, frequency: 20.0, amplitude: 1.0}}}}
-parameters: {{E: {{property: youngs_modulus, region: 1, guess: 2.0e11, range: [1.0e11, 3.0e11]}}}}
-damping: {{type: modal, ratio: 0.01}}
-train: {{duration: 1.0, time_step: 1.0e-3}}
-gauges: {{direction: {{type: axis, axis: [1, 1, 1]}}, noise_std: {{value: 1.0e-7}}}}
-place: {{estimate: [E], keep: 1}}
-validate: {{time_step: 1.0e-3, duration: 1.0, initial_std: {{E: 0.1}}}}
-"""
-
-
-def imported(folder, deck, more=""):
-    (folder / "own.bdf").write_text(deck)
-    (folder / "own.yaml").write_text(CONFIG.format(file="own.bdf", more=more).replace("node: 4", "node: 7"))
-    done = CliRunner(env={"COLUMNS": "4000"}).invoke(
-        app, ["import", str(folder / "own.yaml"), "--results", str(folder / "results")]
-    )
-    return done.exit_code, " ".join(done.output.split())
-
-
-PAIR = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.0, 0.0), 1.0)], (1, 4, 5, 8, 10, 11))
-
-
-def test_two_cubes_that_are_not_merged_are_named_and_are_one_part_with_mesh_merge(tmp_path):
-    code, said = imported(tmp_path, PAIR)
-    assert code == 0
-    assert "8 nodes lie in the place of another that is not joined to them, as 2 and 9 at (1, 0, 0) m" in said
-    assert said.index("8 nodes lie in the place") == said.index("warning") + len("warning: ")
-    code, said = imported(tmp_path, PAIR, ", merge: 1.0e-6")
-    assert code == 0
-    assert "4 nodes became others within 1e-06 m, as 9 which is 2 now" in said
-    assert "nodes lie in the place" not in said
-    assert "12 nodes, 2 hex8" in said
-
-
-def test_a_small_cube_on_a_large_one_hangs_until_it_is_tied(tmp_path):
-    deck = cubes([((0.0, 0.0, 0.0), 1.0), ((1.0, 0.25, 0.25), 0.5)], (1, 4, 5, 8, 10, 11))
-    code, said = imported(tmp_path, deck)
-    assert code == 0
-    assert "4 nodes lie on elements that are not theirs, as 9 on element 1 at (1, 0.25, 0.25) m" in said
-    deck = deck.replace("SPC1,1,123,1,4,5,8,10,11", "SPC1,1,123,1,4,5,8")
-    faces = (
-        ", faces: {fine: {normal: [-1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]},"
-        " coarse: {normal: [1, 0, 0], box: [[0.9, 0, 0], [1.1, 1, 1]]}},"
-        " ties: [{type: surface, set: fine, to: coarse}]"
-    )
-    code, said = imported(tmp_path, deck, faces)
-    assert code == 0, said
-    assert "not theirs" not in said
-    assert "mesh.ties.0" in said
-
+@pytest.mark.parametrize(
+    ("cells", "mesh", "says", "gone"),
+    [
+        ((4, 1, 1), ", merge: 1.0e-6", "4 nodes became others within 1e-06 m, as 101 which is 5 now", "nodes lie in the place"),
+        ((4, 2, 2), TIED, "mesh.ties.0", "not theirs"),
+    ],
+    ids=["merged", "tied"],
+)
+def test_two_bars_end_to_end_become_one_part(tmp_path, cells, mesh, says, gone):
+    (tmp_path / "deck.bdf").write_text(pair((0.4, 0.0, 0.0), cells))
+    words = ["import", str(tmp_path / "own.yaml"), "--results", str(tmp_path / "results")]
+    outputs = []
+    for more in ("", mesh):
+        (tmp_path / "own.yaml").write_text(config(mesh=more))
+        done = CliRunner(env={"COLUMNS": "4000"}).invoke(app, words)
+        assert done.exit_code == 0, done.output
+        outputs.append(" ".join(done.output.split()))
+    assert gone in outputs[0]
+    assert says in outputs[1]
+    assert gone not in outputs[1]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from strainsight.cases.structure.cost import (
     BULK_AND_THIN,
     OF_A_PROCESS,
-    SOLVES,
     Size,
     cost_of,
     size_of,
@@ -23,7 +20,6 @@ from strainsight.cases.structure.cost_of_place import (
     scenarios_of,
     states_of,
 )
-from strainsight.cases.structure.forecast import CHECK, CHECKED, FILTERED, HELD, LATER, REST, paced
 from strainsight.config.load import load_config
 from strainsight.mesh.kinds import ELEMENTS
 
@@ -65,7 +61,6 @@ def test_seconds_and_memory_of_the_measured_bodies_are_within_a_factor_of_two(sh
 
 
 def test_more_modes_take_longer_as_measured():
-    """`spectrum` of 40 modes of the plate."""
     at = {98_937: (14, 1.14), 300_141: (40, 3.35), 1_003_011: (172, 11.4)}
     for unknowns, (seconds, memory) in at.items():
         assert f"`spectrum` {seconds} s and {memory} GiB" in SCALING
@@ -83,13 +78,6 @@ def test_every_kind_of_element_has_its_share_of_nodes():
         assert size_of(round(thin * cells * k * k), {kind: cells * k * k}).elements == pytest.approx(1, abs=0.02)
         thick = size_of(round((bulk + (thin - bulk) / 5) * cells * k**3), {kind: cells * k**3})
         assert thick.elements == pytest.approx(5, rel=0.01)
-
-
-def test_materials_that_vary_apart_cost_their_samples():
-    size = replace(measured_size("plate", 98_937), regions=2)
-    one, apart = cost_of("modes", CONFIG, size), cost_of("rom", CONFIG, size)
-    assert apart.seconds == pytest.approx((CONFIG.rom.parameter_samples + 3) * one.seconds)
-    assert SOLVES == ("modes", "rom", "spectrum")
 
 
 FACTOR = 3
@@ -135,25 +123,3 @@ def test_what_is_long_is_forecast_again_as_place_begins_and_its_pool_is_known():
     said = of_pool_in_words(every, 20_000, 125)
     assert said.startswith("place of 20000 candidates, 125 states and 9 scenarios takes about 12 h of processor time and 1.5 GiB")
     assert of_pool_in_words(every, 100, 23) == ""
-
-
-def said_of(passes: int, hold_out: bool) -> dict[float, float]:
-    """Share of a short record → what is said of one whose filter and smoother take 100 s, 10 s having been spent."""
-    said: list[float] = []
-    using = SimpleNamespace(progress=lambda doing, share: said.append(share), files={}, notice=None, sweep=None)
-    own = paced(using, 10.0, 100.0, passes, hold_out)
-    shares = (CHECKED, FILTERED, (FILTERED + LATER) / 2, LATER, HELD, 1.0)
-    for share in shares:
-        own.progress("", share)
-    return dict(zip(shares, said, strict=True))
-
-
-def test_a_part_has_the_share_of_the_time_that_it_takes():
-    total = 10 + 100 * (CHECK + 1 + REST)
-    found = said_of(1, False)
-    assert found[CHECKED] == pytest.approx(10 / total)
-    assert found[FILTERED] == pytest.approx((10 + 100 * CHECK) / total)
-    assert found[LATER] - found[FILTERED] == pytest.approx(100 / total)
-    assert found[(FILTERED + LATER) / 2] == pytest.approx((found[FILTERED] + found[LATER]) / 2)
-    assert found[1.0] == 1.0
-

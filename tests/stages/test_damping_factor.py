@@ -34,8 +34,7 @@ FREE = {
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", ["rich", "full"])
 def test_sigma_covers_the_errors_of_twenty_measurements(tmp_path, truth):
-    """Everything exact but the noise: RMS error over σ of twenty draws lies within 0.69 and 1.31 at 95 %. `full` integrates the
-    whole model, damped so much more, by a method of its own."""
+    """Everything exact but the noise: RMS error over σ of twenty draws lies within 0.69 and 1.31 at 95 %."""
     found = finished(tmp_path, "validate", BRICKS, {**FREE, "validate.repeats": 20, "validate.truth.model": truth})[
         "validate"
     ]
@@ -47,8 +46,7 @@ def test_sigma_covers_the_errors_of_twenty_measurements(tmp_path, truth):
 
 
 def test_the_factor_moves_nothing_but_the_damping(tmp_path):
-    """Rows, frequencies and stiffness are those of a model whose damping is known; at a guess of 2 the motion is that of
-    twice the ratio."""
+    """All else is that of a model whose damping is known; at a guess of 2 the motion is that of twice the ratio."""
     beam = beam_in(tmp_path)
     free = beam({**FREE, "parameters.zeta.guess": 2.0, "loads.tip.known": True})
     known = beam(

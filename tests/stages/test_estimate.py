@@ -1,4 +1,4 @@
-"""estimate on a file of a test: what it finds, what it says of it, and what it writes."""
+"""estimate on a file of a test: what it finds and writes, and files that are refused."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ import pytest
 import pyvista
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
+from strainsight import memory
 from strainsight.workflow.artefact import Artefact
 
+from ..measurements.written import mdf, signal
 from ..shared import slowly
-from .test_artefacts import UNITS_OF, rows
 from .tested_beam import (
     ALONE,
     BLIND,
@@ -25,7 +26,6 @@ from .tested_beam import (
     estimated,
     result,
     table,
-    validated,
     write,
 )
 
@@ -34,7 +34,9 @@ pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
-    return validated(tmp_path_factory.mktemp("test"), {})
+    folder = tmp_path_factory.mktemp("test")
+    changed(folder, "test", {})
+    return folder
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +45,11 @@ def plain(project):
 
 
 @pytest.fixture(scope="module")
-def compared(project, plain):
-    """dataset → unit and array of what the file as it was written gives with the other filters beside it."""
-    code, said = estimated(project, project / "results" / "test" / "measured.csv", COMPARED)
-    assert code == 0, said
-    found = result(project)
-    return {path: (found.attributes(path)["units"], found[path]) for path in found.paths() if not path.startswith("/VTKHDF")}
-
-
-@pytest.fixture(scope="module")
 def known(tmp_path_factory):
     """The modulus under the known load alone."""
-    return validated(tmp_path_factory.mktemp("known"), KNOWN)
+    folder = tmp_path_factory.mktemp("known")
+    changed(folder, "test", KNOWN)
+    return folder
 
 
 def test_estimate_finds_what_validate_found(project, plain):
@@ -168,7 +163,6 @@ def test_a_motion_under_an_unknown_load_is_not_known_to_have_settled(project):
 
 @pytest.mark.slow
 def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_are_as_stated(project):
-    """Everything that rests on them is NaN, and the estimates are those that have it otherwise."""
     sigmas = "/std/E", "/std/side", "/smoothed_std/E", "/smoothed_std/side", "/virtual/std"
     estimates = "/estimate/E", "/smoothed/side", "/virtual/strain"
     results, found = changed(project, "alone", ALONE), {}
@@ -219,7 +213,6 @@ def test_a_modulus_beyond_the_range_of_the_reduced_model_has_no_sigma_and_leads_
 
 
 def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
-    """Of the load alone: a bank over the damping takes a sixth of the time of one over a modulus, too."""
     found = changed(tmp_path, "ranked", {**BLIND, "name: test\n": "name: ranked\n", **STUDIED})
     validate = Artefact(found / "validate.h5")
     assert 1 <= validate.summary["rank_claimed.side"] <= 10
@@ -230,20 +223,11 @@ def test_validate_ranks_the_layout_and_sweeps_the_filter(tmp_path):
 
 
 @pytest.mark.slow
-def test_every_dataset_of_estimate_is_listed(compared):
-    listed = rows("estimate")
-    assert "/compared/ratio/E" in compared
-    for path, (units, values) in compared.items():
-        matching = [(rank, unit) for pattern, rank, unit in listed if re.fullmatch(pattern, path)]
-        assert len(matching) == 1, path
-        assert values.ndim == matching[0][0], path
-        assert units in UNITS_OF.get(matching[0][1], (matching[0][1],)), path
-
-
-@pytest.mark.slow
-def test_a_biased_time_step_says_what_it_does(project, compared):
+def test_a_biased_time_step_says_what_it_does(project):
     """The trapezoidal rule lengthens the period by (ωh)²/12: E comes out about twice that too large, and the notes say so."""
     file = project / "results" / "test" / "measured.csv"
+    assert estimated(project, file, COMPARED)[0] == 0
+    exact = result(project)["/compared/estimate/E"][0]
     code, said = estimated(project, file, "filter.scheme=trapezoidal", COMPARED)
     assert code == 0, said
     lam = (2 * np.pi * Artefact(project / "results" / "test" / "rom.h5")["/frequency"][0]) ** 2
@@ -251,4 +235,74 @@ def test_a_biased_time_step_says_what_it_does(project, compared):
     stated = float(re.search(r"first mode by ([\d.e+-]+) %", said.replace("\n", " ")).group(1))
     assert stated == pytest.approx(longer, rel=0.1)
     # by the bank without tolerances: with them the damping is open, and E is what the gauges read rather than the period
-    assert result(project)["/compared/estimate/E"][0] > compared["/compared/estimate/E"][1][0]
+    assert result(project)["/compared/estimate/E"][0] > exact
+
+
+@pytest.mark.slow
+def test_a_tenth_of_the_samples_may_be_missing(project, plain, tmp_path):
+    head, values = table(project)
+    rng = np.random.default_rng(1)
+    gauges = [i for i, h in enumerate(head) if h.startswith("G")]
+    for i in gauges:
+        values[rng.random(len(values)) < 0.1, i] = np.nan
+    code, said = estimated(project, write(tmp_path / "missing.csv", head, values))
+    assert code == 0, said
+    assert "samples are missing" in said
+    found = result(project)["/smoothed/side"]
+    assert np.linalg.norm(found - plain[1]["/smoothed/side"]) < 0.02 * np.linalg.norm(found)
+
+
+def test_a_record_too_long_for_the_memory_is_refused_before_it_is_filtered(project, monkeypatch):
+    """200 steps: mean and σ of filter and smoother with copies of them, and a dozen numbers for each of four channels."""
+    monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", "--force")
+    assert code == 2
+    states, needed = re.search(
+        r"200 steps of (\d+) states: (\S+) GiB of memory are needed, 9.31e-05 GiB", said
+    ).groups()
+    assert float(needed) == pytest.approx(8 * 200 * (8 * int(states) + 12 * 4) / 2**30, rel=0.01)
+    assert "give a part of the record at a time" in said
+
+
+@pytest.mark.parametrize(
+    ("settings", "key", "says"),
+    [
+        (["estimate.channels.0.gauge=G9"], "estimate.channels.0.gauge", "G9"),
+        (["estimate.channels.1.gauge=G1"], "estimate.channels", "one grid"),
+        (["estimate.channels.0.unit=mV/V"], "estimate.channels.0", "bridge"),
+        (["estimate.inputs={}"], "estimate.inputs", "tip"),
+        (["estimate.channels=[{channel: G1, gauge: G1, unit: m/m}]"], "estimate.channels", "cannot tell"),
+        (["estimate.virtual=[{position: [1, 1, 1], direction: [1, 0, 0]}]"], "estimate.virtual.0", "surface"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_key(project, settings, key, says):
+    code, said = estimated(project, project / "results" / "test" / "measured.csv", *settings)
+    assert code == 2, said
+    assert key in said
+    assert says in said
+
+
+def columns(project):
+    """Name → values, unit, of the file that validate writes."""
+    head, values = table(project)
+    names, units = zip(*(column.rstrip("]").split(" [") for column in head), strict=True)
+    return {name: (values[:, i], unit) for i, (name, unit) in enumerate(zip(names, units, strict=True))}
+
+
+def recorded(path, found):
+    """The same as MDF, missing samples marked as such."""
+    t = found.pop("time")[0]
+    signals = [
+        signal(name, np.nan_to_num(values), t, unit, invalidation_bits=np.isnan(values)) for name, (values, unit) in found.items()
+    ]
+    return mdf(path, ("rig", signals))
+
+
+@pytest.mark.slow
+def test_the_estimate_is_that_of_the_csv_file(project, plain, tmp_path):
+    file = recorded(tmp_path / "a.mf4", columns(project))
+    code, said = estimated(project, file, "estimate.time.channel=null")
+    assert code == 0, said
+    found = result(project)
+    for dataset, values in plain[1].items():
+        np.testing.assert_allclose(found[dataset], values, rtol=1e-6, atol=1e-9 * np.abs(values).max())

@@ -22,7 +22,7 @@ from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.units import to_si
 from strainsight.workflow.artefact import Artefact
 
-from .angle_bracket import invoked
+from .conftest import invoked
 from .wing_record import CASE, DIVISIONS, GUESS, LOADS, MESHES, RATE, SOFTER, deck_text, loads, record, stored
 
 NOISE = 1e-6

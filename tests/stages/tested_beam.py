@@ -86,12 +86,6 @@ FIELD = "estimate.field={every: 0.05}"
 PLAIN, COMPARED = "filter.compare=false", "filter.compare=true"
 
 
-def validated(folder: Path, changes: dict[str, str]) -> Path:
-    """The folder with test.yaml, its results up to validate, and measured.csv beside them."""
-    changed(folder, "test", changes)
-    return folder
-
-
 def changed(folder: Path, name: str, changes: dict[str, str], alone: bool = False) -> Path:
     """Results of `validate` of the config with these changes, without other filters and hot spots, made once for all files of
     tests; alone: by the command in this folder, for a config that names files there."""
@@ -127,23 +121,10 @@ def write(path: Path, head: list[str], values: np.ndarray) -> Path:
 
 
 def estimated(folder: Path, file: Path, *settings: str, config: str = "test.yaml") -> tuple[int, str]:
-    """By the filter of the config alone; COMPARED has the others beside it."""
-    options = [f"--set={text}" for text in (PLAIN, *settings) if not text.startswith("--")]
-    flags = [text for text in settings if text.startswith("--")]
-    done = CliRunner().invoke(
-        app,
-        [
-            "estimate",
-            str(folder / config),
-            "--results",
-            str(folder / "results"),
-            "--measurements",
-            str(file),
-            *([] if "--page" in flags else ["--no-page"]),
-            *options,
-            *flags,
-        ],
-    )
+    """By the filter of the config alone; COMPARED has the others beside it. Settings with -- are flags."""
+    flags = [text if text.startswith("--") else f"--set={text}" for text in (PLAIN, *settings)]
+    words = [str(folder / config), "--results", str(folder / "results"), "--measurements", str(file), *flags]
+    done = CliRunner().invoke(app, ["estimate", *words, *([] if "--page" in flags else ["--no-page"])])
     assert "Traceback" not in done.output
     return done.exit_code, done.output + (done.stderr or "")
 
