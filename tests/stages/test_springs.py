@@ -207,7 +207,7 @@ INERTIA = r"train\.model: static"
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"mesh.supports": [{"node": TIP, "stiffness": 1.0, "components": [1, 4]}]}, "mesh.supports[0].components", ""),
+        ({"mesh.supports": [{"node": TIP, "stiffness": 1.0, "components": [1, 4]}]}, "mesh.supports[0].components", "one stiffness for"),
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
         ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
         ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
