@@ -17,109 +17,82 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.stages.placement import PLACEMENT
 
 from ..anisotropy import CONSTANTS, TURN, flexibility, strains, turned, work
-from ..edges.beam import finished as sections_finished
-from ..shared import ROOT, job_of, stages_of
-from ..strips import RHO, E, L, T, gmsh
-from ..strips import B as sections_B
-from .conftest import finished
+from ..edges.beam import finished
+from ..shared import ROOT
+from ..strips import RHO, B, E, L, T, gmsh, grid
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
-N, M, A, B = 10, 2, 0.3, 0.03
+def push(frequency, amplitude, **where):
+    signal = {"type": "sine", "frequency": frequency, "amplitude": amplitude}
+    return where | {"direction": [0, 0, 1], "known": True, "signal": signal}
 
 
-def deck(path):
-    lines = ["BEGIN BULK"]
-    for i in range(N + 1):
-        lines += [f"GRID,{1 + i * (M + 1) + j},,{i * A / N:.6f},{j * B / M:.6f},0." for j in range(M + 1)]
-    for i in range(N):
-        for j in range(M):
-            k = 1 + i * (M + 1) + j
-            lines.append(f"CQUAD4,{100 + i * M + j},1,{k},{k + M + 1},{k + M + 2},{k + 1}")
-    lines += [
+POINTS, QUADS, _ = grid(10, 2)
+DECK = "\n".join(
+    [
+        "BEGIN BULK",
+        *(f"GRID,{i},,{x:.6f},{y:.6f},0." for i, (x, y, _) in enumerate((0.3 * POINTS).tolist(), 1)),
+        *(f"CQUAD4,{e},1,{','.join(map(str, nodes + 1))}" for e, nodes in enumerate(QUADS, 100)),
         "PCOMP,1,,,,,,,SYM",
         ",8,.0005,0.,,8,.0005,90.,",
         ",8,.0005,30.",
         "MAT8,8,1.4+11,1.+10,.3,5.+9,4.+9,3.+9,1600.",
         "SPC1,1,123456,1,2,3",
-        "ENDDATA",
+        "ENDDATA\n",
     ]
-    path.write_text("\n".join(lines) + "\n")
-
-
-CONFIG = """
-kind: placement
-name: strip
-mesh: {file: strip.bdf}
-parameters:
-  s: {property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.25]}
-loads:
-  tip: {node: 32, direction: [0, 0, 1], known: true, signal: {type: sine, frequency: 15.0, amplitude: 5.0}}
-damping: {type: modal, ratio: 0.01}
-rom: {modes: 3}
-train: {duration: 0.1, time_step: 1.0e-3}
-gauges: {direction: {type: axis, axis: [1, 0, 0]}, clearance: none, grid_length: 0.003, noise_std: {relative_to_strongest: 0.01}}
-tolerances: {load_angle: 0, load_position: 0, frequency: 0, damping: 1}
-screen: {keep: 6}
-place: {estimate: [s], keep: 2, instants: 1, minimum_spacing: 0.02, certificate: false}
-validate:
-  truth: {model: modes, parameters: {s: 1.1}, modes: 8}
-  time_step: 1.0e-3
-  duration: 0.1
-  initial_std: {s: 0.1}
-  random_sets: 0
-  repeats: 1
-  noise_factors: []
-"""
-
-
-@pytest.fixture(scope="module")
-def strip(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("strip")
-    deck(folder / "strip.bdf")
-    return folder
-
-
-S = "s: {property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.25]}"
+)
+E1 = {"property": "e1", "region": 1, "material": 8, "guess": 1.4e11, "range": [1.1e11, 1.8e11]}
+STRIP = {
+    "parameters": {"e1": E1},
+    "loads.tip": push(15.0, 5.0, node=32),
+    "rom": {"modes": 3, "parameter_samples": 2},
+    "gauges.direction": {"type": "axis", "axis": [1, 0, 0]},
+    "gauges.clearance": "none",
+    "gauges.grid_length": 0.003,
+    "tolerances": {"load_angle": 0, "load_position": 0, "frequency": 0, "damping": 1},
+    "screen": {"keep": 6},
+    "place": {"estimate": ["e1"], "keep": 2, "instants": 1, "minimum_spacing": 0.02, "certificate": False},
+    "validate.truth": {"model": "modes", "parameters": {"e1": 1.54e11}, "modes": 8},
+    "validate.initial_std": {"e1": 0.1},
+}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_modulus_along_the_fibres_is_found(strip, seed):
+def test_modulus_along_the_fibres_is_found(tmp_path, seed):
     """10 % off the guess and within 3 σ, which is less than half of what was known before."""
-    config = CONFIG.replace("name: strip", "name: fibres").replace("modes: 3", "modes: 3, parameter_samples: 2")
-    config = config.replace(S, "e1: {property: e1, region: 1, material: 8, guess: 1.4e+11, range: [1.1e+11, 1.8e+11]}")
-    config = config.replace("[s]", "[e1]").replace("{s: 1.1}", "{e1: 1.54e+11}").replace("{s: 0.1}", "{e1: 0.1}")
-    (strip / "fibres.yaml").write_text(f"{config}\nseed: {seed}\n")
-    job = job_of(strip / "fibres.yaml", strip / "results")
-    summary = finished(job, stages_of(job, "validate"))["validate"][2].summary
-    error, std = (float(summary[f"{what}.e1"]) for what in ("error", "std"))
-    assert std < 0.05
-    assert abs(error) < 3 * std
+    summary = finished(tmp_path, "validate", DECK, STRIP | {"seed": seed})["validate"].summary
+    assert summary["std.e1"] < 0.05
+    assert abs(summary["error.e1"]) < 3 * summary["std.e1"]
+
+
+OTHER = {"regions": "all", "youngs_modulus": 1e9, "poisson_ratio": 0.3, "density": 1.0}
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "what", "key"),
+    ("changes", "what", "key"),
     [
-        (S, "s: {property: e1, region: 1, material: carbon, guess: 1.4e+11, range: [1.0e+11, 2.0e+11]}",
-         "no orthotropic material 'carbon'", "parameters.s.material"),
-        (S, "s: {property: e1, region: 1, guess: 1.4e+5, range: [1.0e+5, 2.0e+5]}",
-         "the deck has 1.4e\\+11", "parameters.s.guess"),
-        (S, "s: {property: density, region: 1, material: 8, guess: 1600, range: [1500, 1700]}",
-         "a density is not of one material", "parameters.s.material"),
-        ("property: stiffness_factor", "property: youngs_modulus", "no single youngs_modulus", "parameters.s.property"),
-        ("strip.bdf}", "strip.bdf, materials: {m: {regions: all, youngs_modulus: 1.0e+9, poisson_ratio: .3, density: 1}}}",
-         "is a laminate, whose plies", "mesh.materials.m.regions"),
+        ({"parameters.e1.material": "carbon"}, "no orthotropic material 'carbon'", "parameters.e1.material"),
+        ({"parameters.e1.guess": 1.4e5, "parameters.e1.range": [1e5, 2e5]}, r"the deck has 1.4e\+11", "parameters.e1.guess"),
+        (
+            {"parameters.e1": E1 | {"property": "density", "guess": 1600.0, "range": [1500.0, 1700.0]}},
+            "a density is not of one material",
+            "parameters.e1.material",
+        ),
+        (
+            {"parameters.e1": E1 | {"property": "youngs_modulus", "material": None}},
+            "no single youngs_modulus",
+            "parameters.e1.property",
+        ),
+        ({"mesh.materials": {"m": OTHER}}, "is a laminate, whose plies", "mesh.materials.m.regions"),
     ],
-)  # fmt: skip
-def test_what_is_of_no_laminate_is_refused(strip, old, new, what, key):
-    assert old in CONFIG
-    (strip / "other.yaml").write_text(CONFIG.replace(old, new).replace("name: strip", "name: other").replace("{s: 1.1}", "{}"))
+)
+def test_what_is_of_no_laminate_is_refused(tmp_path, changes, what, key):
     with pytest.raises(StrainsightError, match=what) as caught:
-        finished(job_of(strip / "other.yaml", strip / "results"), PLACEMENT[:1])
+        finished(tmp_path, "import", DECK, STRIP | changes | {"validate.truth.parameters": {}})
     assert caught.value.key == key
     assert caught.value.remedy
 
@@ -207,9 +180,9 @@ def cantilever(beta, EI, mass):
 @pytest.mark.parametrize("unit", [1.0, 1e-3])
 def test_a_strip_of_gmsh_quadrangles_vibrates_as_a_beam(built, unit):
     (mass, centre), model = built(PLATE, unit, along=20)
-    assert mass == pytest.approx(RHO * L * sections_B * T, rel=1e-9)
-    np.testing.assert_allclose(centre, [L / 2, sections_B / 2, 0], atol=1e-12)
-    expected = cantilever(SECOND, E * sections_B * T**3 / 12, RHO * sections_B * T)
+    assert mass == pytest.approx(RHO * L * B * T, rel=1e-9)
+    np.testing.assert_allclose(centre, [L / 2, B / 2, 0], atol=1e-12)
+    expected = cantilever(SECOND, E * B * T**3 / 12, RHO * B * T)
     assert frequencies(model, 1)[0] == pytest.approx(expected, rel=5e-4)
 
 
@@ -229,11 +202,7 @@ STAGES = {
     "mesh.sections": {"skin": {"regions": "all", "thickness": T}},
     "mesh.supports": [{"set": "root", "components": [1, 2, 3, 4, 5, 6]}],
     "mesh.materials": {"steel": MATERIAL},
-    "loads.tip": {
-        "direction": [0, 0, 1],
-        "known": True,
-        "signal": {"type": "sine", "frequency": 4.0, "amplitude": 10.0},
-    },
+    "loads.tip": push(4.0, 10.0, set="1d-5"),
     "gauges.clearance": "none",
     "screen": {"keep": "all", "minimum_spacing": 0.0},
     "place.certificate": False,
@@ -243,8 +212,8 @@ STAGES = {
 def test_a_layout_sits_on_the_faces_of_shells_of_gmsh(tmp_path):
     """Along the strip, which a tip force bends as a beam, and not at 45° to it, where it strains half as much."""
     (tmp_path / "strip.msh").write_text(gmsh())
-    own = {"mesh.file": "strip.msh", "parameters.E.region": "skin", "loads.tip.set": "1d-5"}
-    found = sections_finished(tmp_path, "place", "", STAGES | own)
+    own = {"mesh.file": "strip.msh", "parameters.E.region": "skin"}
+    found = finished(tmp_path, "place", "", STAGES | own)
     position = found["train"]["/gauges/position"]
     np.testing.assert_allclose(np.abs(position[:, 2]), T / 2, rtol=1e-12)
     assert {-1.0, 1.0} == set(np.sign(position[:, 2]))

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import yaml
 
 from strainsight import api
 from strainsight.cases.layout.advice import best_possible
@@ -25,7 +24,7 @@ from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
-from ..edges.beam import PLACEMENT_CONFIG, TIP, bricks, config_of
+from ..edges.beam import TIP, bricks, prepared
 from ..placement.conftest import covariance_by_sign, last, make_beam, make_scenarios
 
 
@@ -121,20 +120,9 @@ PLAIN = {
 
 @pytest.fixture(scope="module")
 def screened(tmp_path_factory):
-    """Changes → case, mesh, reduced model, training and screening of a beam."""
+    """Changes → a beam up to its screening."""
     folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((8, 3, 3)), encoding="ascii")
-
-    def of(changes):
-        path = folder / "edge.yaml"
-        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, PLAIN | changes)), encoding="utf-8")
-        case = api.load(path)
-        mesh = api.mesh(case)
-        reduced = api.reduce(case, mesh)
-        training = api.train(case, mesh, reduced)
-        return case, mesh, reduced, training, api.screen(case, mesh, reduced, training)
-
-    return of
+    return lambda changes: prepared(folder, bricks((8, 3, 3)), PLAIN | changes)
 
 
 def best(ratio, count):
@@ -150,26 +138,29 @@ def best(ratio, count):
 def test_a_weak_load_has_its_share_of_the_candidates(screened):
     """Each load alone, by a run of its own without the other. The strongest hardly feel the weak one: they lie in the axis
     of its bending."""
-    case, mesh, reduced, training, found = screened(TWO | {"tolerances": "none"})
+    own = screened(TWO | {"tolerances": "none"})
+    found, training = own.screened, own.training
     alone = []
     for name, other in (("down", "aside"), ("aside", "down")):
         loads = {name: TWO["loads"][name], other: load([1, 0, 0], 1e-12)}
-        alone.append(screened(TWO | {"loads": loads, "tolerances": "none"})[3].rms / found.noise_std)
+        alone.append(screened(TWO | {"loads": loads, "tolerances": "none"}).training.rms / found.noise_std)
     alone = np.array(alone)
     np.testing.assert_allclose(np.sort(alone[:, found.kept]), np.sort(alone[:, best(alone, 8)]), rtol=1e-6)
     np.testing.assert_allclose(found.snr, np.max(alone, axis=0), rtol=1e-6, atol=1e-6)
-    by_strength = screened(TWO | {"screen.by": "strength", "tolerances": "none"})[4]
+    by_strength = screened(TWO | {"screen.by": "strength", "tolerances": "none"}).screened
     assert training.rms[by_strength.kept].min() >= (1 - 1e-6) * np.sort(training.rms)[-8]
-    weak = [alone[1][own.kept].max() for own in (found, by_strength)]
+    weak = [alone[1][pool.kept].max() for pool in (found, by_strength)]
     assert weak[0] > 1.5 * weak[1]
-    both = [api.place(case, mesh, reduced, training, own).expected.std["aside"] for own in (found, by_strength)]
+    run = own.case, own.mesh, own.reduced, training
+    both = [api.place(*run, pool).expected.std["aside"] for pool in (found, by_strength)]
     assert both[0] < 0.8 * both[1]
 
 
 def test_a_modulus_under_a_slow_load_is_seen_in_the_readings_themselves(screened):
     """ε = Hq with Kq = f far below the first mode: θ ∂ε/∂θ = −ε."""
-    *_, training, found = screened({"loads": {"tip": load([0, 0, 1], STRONG, True, 1.0)}, "tolerances": "none"})
-    np.testing.assert_allclose(found.snr, training.rms / found.noise_std, rtol=5e-4, atol=1e-6)
+    own = screened({"loads": {"tip": load([0, 0, 1], STRONG, True, 1.0)}, "tolerances": "none"})
+    found = own.screened
+    np.testing.assert_allclose(found.snr, own.training.rms / found.noise_std, rtol=5e-4, atol=1e-6)
     assert not found.installation.any()
 
 
@@ -177,7 +168,7 @@ def test_places_of_small_errors_take_turns_with_strong_ones(screened):
     """Of E beside errors of place alone: those that read most over noise, and those over noise and τ v/h, in turn."""
     names = ("angle", "gain", "transverse", "frequency", "load_angle", "load_position", "load_gain")
     exact = dict.fromkeys(names, 0) | {"damping": 1}
-    *_, found = screened({"tolerances": exact | {"position": 0.005}})
+    found = screened({"tolerances": exact | {"position": 0.005}}).screened
     rms = found.snr * found.noise_std
     over = np.sqrt(found.noise_std**2 + COHERENCE * DURATION / STEP * found.installation[0])  # √(σ² + τ v/h)
     ratio = np.array([found.snr, rms / over])

@@ -214,8 +214,8 @@ ROSETTES = {
 }
 
 
-def test_what_the_filter_allows_for_has_the_covariance_of_what_is_drawn(beam):
-    """Of readings of two rosettes at the end of the record, over 3000 draws: one temperature, and what a rosette reads of it."""
+def test_the_filter_allows_for_drifts_of_channels_and_one_temperature_that_each_rosette_reads_its_way(beam):
+    """The covariance of readings of two rosettes at the end of the record."""
     own = beam(ROSETTES)
     channels = own.problem.channels.of(own.gauges[:2]).ravel()
     model = filter_model(own.problem, channels, own.problem.h)
@@ -223,14 +223,10 @@ def test_what_the_filter_allows_for_has_the_covariance_of_what_is_drawn(beam):
     assert nuisances.source == ("drift",) * 4 + ("temperature",) * 3
     for nothing in (nuisances.D, nuisances.offset, nuisances.E[..., :-1]):
         assert not nothing.any()
-    late, pool = nuisances.E[..., -1], own.training.candidates
-    drawn = np.array([installation_of(own.case.config, pool, i).drift[channels] for i in range(3000)])
-    allowed, found = late.T @ late, drawn.T @ drawn / len(drawn)
-    np.testing.assert_allclose(found, allowed, atol=0.1 * allowed.max())
+    late = nuisances.E[..., -1]
     common, beside, each = (8.0 * 1e-6) ** 2, (8.0 * 5e-7) ** 2, (4e-6) ** 2
-    one = np.array([[1.0, 1.0], [1.0, 1.0]])
-    expected = common + np.kron(np.eye(2), beside * one) + each * np.eye(4)
-    np.testing.assert_allclose(allowed, expected, rtol=1e-12)
+    expected = common + np.kron(np.eye(2), beside * np.ones((2, 2))) + each * np.eye(4)
+    np.testing.assert_allclose(late.T @ late, expected, rtol=1e-12)
 
 
 def test_a_truth_drifts_as_drawn(beam):
