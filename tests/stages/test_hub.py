@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 from pathlib import Path
 
@@ -61,8 +62,11 @@ def test_sigma_of_the_modulus_is_below_two_per_cent_and_allows_for_its_error(fol
 
 def test_the_file_of_the_test_gives_the_same_modulus(folder):
     """Estimated from the digits of the file, with the known load straight between samples: to a tenth of σ."""
-    estimate, validate = (Artefact(folder / f"{stage}.h5").summary for stage in ("estimate", "validate"))
-    assert estimate["estimate.E"] == pytest.approx(validate["estimate.E"], rel=0.1 * validate["std.E"])
+    with (folder / "estimate.csv").open(encoding="utf-8") as lines:
+        table = list(csv.reader(line for line in lines if not line.startswith("#")))
+    column = next(i for i, name in enumerate(table[0]) if re.match(r"E\b", name))
+    validate = Artefact(folder / "validate.h5").summary
+    assert float(table[-1][column]) == pytest.approx(validate["estimate.E"], rel=0.1 * validate["std.E"])
 
 
 @pytest.fixture(scope="module")

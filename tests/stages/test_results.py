@@ -173,17 +173,21 @@ def test_what_the_results_lack_or_contradict(folder, overrides, key, said):
 def test_results_of_another_mesh(folder, mesh, response, other, said):
     write_frd(folder / "other.frd", other(mesh), response, form=3)
     with pytest.raises(StrainsightError, match=said) as caught:
-        placed(folder, "other", "mesh.results={file: other.frd, loads: {tip: {step: 1}}}", until="rom")
+        model_of(folder, mesh, "other.frd")
     assert "other.frd" in str(caught.value)
     assert caught.value.remedy
+
+
+def model_of(folder, mesh, file, *overrides):
+    config = load_config(folder / "beam.yaml", overrides or (OF_RESULTS,)).model
+    return model_of_results(config.mesh, mesh, (), {"mesh.results.file": folder / file}, config.loads).model
 
 
 def test_six_digits_far_from_the_origin_are_of_the_same_mesh(folder, mesh, response):
     """At 10 km a text has metres to 0.05, which is 0.025 of the beam."""
     far = replace(mesh, position=mesh.position + np.array([1e4, 0.0, 0.0]))
     write_frd(folder / "far.frd", far, response, form=1)
-    config = load_config(folder / "beam.yaml", ("mesh.results={file: far.frd, loads: {tip: {step: 1}}}",)).model
-    model_of_results(config.mesh, far, (), {"mesh.results.file": folder / "far.frd"}, config.loads)
+    model_of(folder, far, "far.frd")
 
 
 def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
@@ -198,11 +202,8 @@ def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
             yield replace(own, motion=motion, along_node_axes=True)
 
     monkeypatch.setitem(READERS, ".axes", along_axes)
-    config = load_config(folder / "beam.yaml", (OF_RESULTS,)).model
-    plain, own = (
-        model_of_results(config.mesh, deck, (), {"mesh.results.file": folder / name}, config.loads).model
-        for deck, name in ((mesh, "found.frd"), (replace(mesh, axes=turned), "found.axes"))
-    )
+    plain = model_of(folder, mesh, "found.frd")
+    own = model_of(folder, replace(mesh, axes=turned), "found.axes")
     difference = abs(own.constraint.transform - plain.constraint.transform).max()
     assert difference < 1e-12 * abs(plain.constraint.transform).max()
     assert np.allclose(own.mass.at({}).toarray(), plain.mass.at({}).toarray(), rtol=1e-12)
@@ -212,18 +213,9 @@ def test_units_of_the_mesh_and_size_of_the_load(folder, mesh, response):
     """In mm and t a mode of unit mass is √1000 times as large a number, and the motion under 250 N 250 000 times."""
     in_mm = replace(response, shapes=np.sqrt(1000.0) * response.shapes, static=250.0 * 1000.0 * response.static)
     write_frd(folder / "mm.frd", replace(mesh, position=1000.0 * mesh.position), in_mm, form=3)
-    write_frd(folder / "m.frd", mesh, response, form=3)
-    own = "mesh.results={file: m.frd, loads: {tip: {step: 1}}}"
-    in_units = (
-        "mesh.results={file: mm.frd, loads: {tip: {applied: 250.0}}}",
-        "mesh.length_unit=mm",
-        "mesh.mass_unit=t",
-    )
-    models = []
-    for name, overrides in (("m.frd", (own,)), ("mm.frd", in_units)):
-        config = load_config(folder / "beam.yaml", overrides).model
-        models.append(model_of_results(config.mesh, mesh, (), {"mesh.results.file": folder / name}, config.loads).model)
-    a, b = models
+    results = OF_RESULTS.replace("step: 1", "applied: 250.0")
+    a = model_of(folder, mesh, "found.frd")
+    b = model_of(folder, mesh, "mm.frd", results, "mesh.length_unit=mm", "mesh.mass_unit=t")
     assert np.allclose(b.constraint.transform.toarray(), a.constraint.transform.toarray(), rtol=1e-9, atol=1e-14)
     assert np.allclose(b.stiffness.at({}).toarray(), a.stiffness.at({}).toarray(), rtol=1e-9)
 

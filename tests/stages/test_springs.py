@@ -201,13 +201,14 @@ def test_steps_that_do_not_show_the_swinging_are_named(tmp_path):
 
 SENSOR = {"quantity": "acceleration", "noise_std": {"value": 0.01}}
 DENSITY = {"property": "density", "region": 1, "guess": 7e3, "range": [6e3, 9e3]}
+MIXED = {"node": TIP, "stiffness": 1.0, "components": [1, 4]}
 INERTIA = r"train\.model: static"
 
 
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"mesh.supports": [{"node": TIP, "stiffness": 1.0, "components": [1, 4]}]}, "mesh.supports[0].components", "one stiffness for"),
+        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness for"),
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
         ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
         ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),

@@ -104,24 +104,19 @@ def test_every_repeat_has_its_own_installation_which_the_seed_alone_decides(beam
     np.testing.assert_allclose(found.again(0), one[0], rtol=1e-9, atol=1e-9 * np.abs(one[0]).max())
 
 
-def test_a_gain_alone_scales_readings_an_offset_shifts_them_and_a_drift_grows_with_time(beam):
+def test_a_gain_alone_scales_readings_and_an_offset_shifts_them(beam):
     pool, base = beam.training.candidates, beam.drawn("tolerances=none")
     exact = base.reading(base.chosen)
 
     def alone(**tolerance):
         return readings(beam.drawn(f"tolerances={yaml.safe_dump(NOTHING | tolerance, default_flow_style=True)}"))
 
-    def errors(name, size):
-        return installation_of(beam.case(f"tolerances.{name}={size:.1e}").config, pool, 2).take(pool, base.gauges)
-
-    expected = exact * (1 + errors("gain", 0.05).gain)
-    np.testing.assert_allclose(alone(gain=0.05)[2], expected, rtol=1e-12, atol=1e-18)
+    gain = installation_of(beam.case("tolerances.gain=0.05").config, pool, 2).take(pool, base.gauges).gain
+    np.testing.assert_allclose(alone(gain=0.05)[2], exact * (1 + gain), rtol=1e-12, atol=1e-18)
     for reading in alone(offset=1e-6):
         shift = reading - exact
         assert np.ptp(shift, axis=0).max() < 1e-9 * np.abs(shift).max()
         assert 1e-9 < np.abs(shift).max() < 5e-6
-    expected = np.outer(np.arange(len(exact)) / (len(exact) - 1), errors("drift", 1e-6).drift)
-    np.testing.assert_allclose(alone(drift=1e-6)[2] - exact, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_stated_sizes_are_the_same_in_every_repeat(beam):
