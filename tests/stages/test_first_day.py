@@ -67,6 +67,12 @@ FILES = {
         "estimate.channels.0.unit: G1 reads up to 120 m/m, which is 12000 %",
         "are the readings in um/m?",
     ),
+    "a gauge in newtons": (
+        [(G1, G1.replace("um/m", "N"))],
+        {"test.csv": table(RECORD, 300.0)},
+        "estimate.channels.0.unit: the channel is in N, force, but it is to be a strain",
+        "which gauge or load the channel is",
+    ),
     "a history that is short": (
         [history()],
         {"f.csv": table("t [s],F [N]", 5.0, times=300)},

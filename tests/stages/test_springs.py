@@ -152,17 +152,6 @@ def test_an_unknown_load_has_the_variance_of_a_random_walk_that_is_read(tmp_path
     assert P < validated(own, found.gauges).validated.std["tip"][-1] ** 2 < P + q * lag
 
 
-@pytest.mark.slow
-def test_it_is_the_limit_of_a_structure_with_inertia_for_slow_loads(tmp_path):
-    """Without noise on the model. A walk that is slow against the first mode is known alike, by the same gauges."""
-    slow = LOAD | {"loads.tip.process_noise": {"frequency": 1e-5}, "process_noise.model_error": 0.0}
-    static = placed(trained(tmp_path / "static", slow)[0])
-    short = {"train": {"duration": DURATION, "time_step": 1e-3}}
-    dynamic = placed(trained(tmp_path / "dynamic", slow | short)[0])
-    np.testing.assert_array_equal(channels_of(static), channels_of(dynamic))
-    assert static.layout.cost == pytest.approx(dynamic.layout.cost, rel=1e-3)
-
-
 def test_a_modulus_under_a_known_load_has_the_variance_of_a_regression(tmp_path):
     """ε = d F/E: σ(ln E) = σ/√Σ ε² over all samples, beside a prior of a tenth."""
     own, _ = trained(tmp_path, {})
