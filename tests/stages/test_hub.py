@@ -22,7 +22,8 @@ CONFIG = ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml"
 QUICK = ("place.instants=3", "validate.truth.modes=20", *UNSTUDIED)
 CHANNELS = ", ".join(f"{{channel: G{i}, gauge: G{i}, unit: m/m}}" for i in (1, 2, 3, 4))
 ESTIMATE = (
-    f"estimate={{as_placed: true, time: {{channel: time}}, channels: [{CHANNELS}], inputs: {{x: {{channel: x, unit: N}}}}}}"
+    "estimate={as_placed: true, start: settled, time: {channel: time}, inputs: {x: {channel: x, unit: N}}, "
+    f"channels: [{CHANNELS}]}}"
 )
 
 
