@@ -1,4 +1,4 @@
-"""Placement from modes and static responses of another program: the same layout and σ as from the deck."""
+"""Placement from modes and static responses of another program, or over MPI: the same layout and σ as from the deck."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 
 from ..frd import calculix, solved, write_frd
+from ..mpi import needs_slepc, over
 from ..shared import stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 from .tested_beam import changed, estimated, result
@@ -242,6 +243,19 @@ def test_a_load_and_a_modulus_from_a_record(tmp_path, mesh):
         off = np.abs(own[name] - whole[name]).max() / np.abs(whole[name]).max()
         assert off < 1e-6, name
     assert (tmp_path / "results" / "test" / "test.html").is_file()
+
+
+@needs_slepc
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [1, 2, 4])
+def test_over_mpi_frequencies_and_gauges_are_those_of_pardiso(folder, of_deck, monkeypatch, processes):
+    for name, value in over(processes).items():
+        monkeypatch.setenv(name, value)
+    own = placed(folder, f"slepc-{processes}", "solver=slepc", results=f"slepc-{processes}")
+    same(of_deck, own, 1e-6)
+    reduced, known = read(Reduced, own["rom"]), read(Reduced, of_deck["rom"])
+    assert np.allclose(reduced.frequency, known.frequency, rtol=1e-9, atol=0)
+    assert np.allclose(reduced.static, known.static, rtol=0, atol=1e-9 * np.abs(known.static).max())
 
 
 FIRST, SECOND = 1.8e11, 2.4e11

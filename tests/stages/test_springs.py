@@ -10,47 +10,20 @@ import pytest
 from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.errors import ConfigError, DeckError, StrainsightError
-from strainsight.records.mesh import mesh_from
-from strainsight.records.record import read
-from strainsight.records.reduced import Modes
 
-from ..edges.beam import BENCH_CONFIG, RHO, SIZE, TIP, bricks, finished, placed, prepared, validated
+from ..edges.beam import BENCH_CONFIG, TIP, bricks, finished, placed, prepared, validated
 
 MESH = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((4, 1, 1), "hex20"), flags=re.MULTILINE)
 K = 2.0e4
-ENDS = {"left": {"near": [0, 0.05, 0.04]}, "right": {"near": [1, 0.05, 0.04]}}
-CHANGES = {
-    "filter.compare": False,
-    "mesh.faces": ENDS,
-    "mesh.supports": [{"set": "left", "stiffness": K}, {"node": TIP, "stiffness": [K, 2 * K, K]}],
-    "rom.modes": 8,
-    "train": {"duration": 0.2, "time_step": 0.001, "settle": "auto"},
-    "gauges.exclude": [{"normal_cone": {"axis": [1, 0, 0], "angle": 10}}],
-    "tolerances": "none",
-}
+ROOT = {"root": {"near": [0, 0.05, 0.04]}}
 
 
-def test_the_lowest_modes_are_those_of_a_rigid_bar_on_its_springs(tmp_path):
-    """√(2k/m) along x is one of the six; the elastic ones lie far above them."""
-    run = finished(tmp_path, "modes", MESH, CHANGES)
-    found = read(Modes, run["modes"]).frequency
-    m = RHO * np.prod(SIZE)
-    along = np.sqrt(2 * K / m) / (2 * np.pi)
-    assert np.min(np.abs(found[:6] / along - 1)) < 1e-4
-    assert found[6] / found[5] > 10
-    mesh = mesh_from(run["import"])
-    assert [own.name for own in mesh.springs] == ["mesh.supports.0", "mesh.supports.1"]
-    assert mesh.springs[0].stiffness.sum() == pytest.approx(3 * K)
-    assert mesh.springs[1].stiffness.tolist() == [K, 2 * K, K]
-    assert len(mesh.fixed) == 0
-
-
-def test_nodes_of_a_set_share_and_rotations_are_those_of_a_node_that_has_some(tmp_path):
+def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_that_has_some(tmp_path):
     path = tmp_path / "beam.bdf"
     path.write_text(MESH.replace("ENDDATA", "SET1,9,1,2,3,4\nENDDATA"))
 
     def springs(**support):
-        own = MeshFile.model_validate({"file": "beam.bdf", "supports": ({"stiffness": 8.0, **support},)})
+        own = MeshFile.model_validate({"file": "beam.bdf", "faces": ROOT, "supports": ({"stiffness": 8.0, **support},)})
         found = mesh_of(own, path)
         checked(found, own)
         return found.springs[0]
@@ -58,6 +31,8 @@ def test_nodes_of_a_set_share_and_rotations_are_those_of_a_node_that_has_some(tm
     shared = springs(set="SET1-9", components=(2,))
     assert shared.stiffness.tolist() == [2.0] * 4
     assert set(shared.component.tolist()) == {1}
+    assert springs(set="root", stiffness=K).stiffness.sum() == pytest.approx(3 * K)
+    assert springs(node=TIP, stiffness=(K, 2 * K, K)).stiffness.tolist() == [K, 2 * K, K]
     assert springs(node=TIP, components=(5,)).torsion.tolist() == [True]
     with pytest.raises(DeckError, match=r"mesh.supports.0 acts on rotations of node 3, which has none"):
         springs(node=3, components=(5,))
@@ -70,14 +45,14 @@ def test_a_body_of_a_bench_has_no_springs(tmp_path):
 
 FOUNDATION = {
     "filter.compare": False,
-    "mesh.faces": {"root": ENDS["left"]},
+    "mesh.faces": ROOT,
     "mesh.supports": [{"set": "root", "stiffness": 5.0e9}],
     "parameters": {
         "s": {"property": "stiffness_factor", "springs": ["mesh.supports.0"], "guess": 1.0, "range": [0.7, 1.5]}
     },
     "loads.tip.signal.frequency": 35.0,
     "rom": {"modes": 6, "parameter_samples": 4},
-    "gauges.exclude": CHANGES["gauges.exclude"],
+    "gauges.exclude": [{"normal_cone": {"axis": [1, 0, 0], "angle": 10}}],
     "place.estimate": ["s"],
     "tolerances": "none",
     "validate.truth": {"model": "modes", "parameters": {"s": 1.2}, "modes": 8},
