@@ -53,7 +53,8 @@ def beam(tmp_path_factory):
 def strain_under(own, theta, force, moment, offset=None):
     """Strain of the channels under a force and a moment on TIP, by the full model; gauges are offset (gauges, 2) from their
     places."""
-    model = full_model(own.case.config.mesh, own.mesh, own.parameters, {}).model
+    parameters = parameters_of(own.case.config.parameters, own.mesh, {})
+    model = full_model(own.case.config.mesh, own.mesh, parameters, {}).model
     node = own.mesh.node_index(TIP)
     row = model.constraint.reference_rows[node]
     e = np.zeros(model.constraint.transform.shape[0])
@@ -66,15 +67,10 @@ def strain_under(own, theta, force, moment, offset=None):
     return channel_rows(own.mesh.position, part, nodal(model, z[:, None]), facets=facets)[:, 0]
 
 
-def with_parameters(own):
-    own.parameters = parameters_of(own.case.config.parameters, own.mesh, {})
-    return own
-
-
 def test_under_constant_loads_the_filter_expects_what_the_full_model_strains(beam):
     """Steady state of its step and its readings with one of every ν, for a known and an unknown load, against central
     differences of turned and shifted forces on the full model: 1e-6 of the change, though no coordinate holds all of it."""
-    own = with_parameters(beam(OF_A_LOAD | {"loads.side": SIDE | {"process_noise": {"model": "random_walk"}}}))
+    own = beam(OF_A_LOAD | {"loads.side": SIDE | {"process_noise": {"model": "random_walk"}}})
     model = filter_model(own.problem, own.channels, own.problem.h)
     nuisances = nuisances_of(own.tolerated, model, own.channels)
     one = ("load direction", "load direction", "load point", "load point")
@@ -117,7 +113,7 @@ def test_a_misplaced_gauge_reads_what_a_shifted_load_strains_there(tmp_path):
     """The product of both errors under a constant load, against mixed differences of the full model: 1e-6 of the largest, of
     which the coordinates alone miss a twentieth."""
     std = 0.002
-    own = with_parameters(beam_in(tmp_path, "hex20")(OF_A_LOAD | {"tolerances": NOTHING | ALL | {"position": std}}))
+    own = beam_in(tmp_path, "hex20")(OF_A_LOAD | {"tolerances": NOTHING | ALL | {"position": std}})
     model, theta = filter_model(own.problem, own.channels, own.problem.h), own.reduced.model.reference
     nuisances = nuisances_of(own.tolerated, model, own.channels)
     linear, w = linear_models(model, np.zeros((1, 0)), nuisances), 700.0
@@ -163,7 +159,7 @@ def test_a_gain_of_the_load_is_an_error_of_the_modulus_of_the_same_size(beam):
 def test_a_truth_is_loaded_as_drawn(beam):
     """Of a slow load what turn, shift and gain of one realisation add is the static strain of that force on the full model."""
     changes = SLOW | {"validate.time_step": 0.005, "validate.duration": 0.5}
-    own = with_parameters(beam(changes | {"tolerances": NOTHING | ALL}))
+    own = beam(changes | {"tolerances": NOTHING | ALL})
     found, exact = trial(own), trial(beam(changes | {"tolerances": "none"}))
     theta, direction = {"E": E}, np.array(own.case.config.loads["tip"].direction)
     direction /= np.linalg.norm(direction)
