@@ -7,13 +7,11 @@ import re
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
 from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
 from ..edges.beam import (
     BENCH_CONFIG,
@@ -28,16 +26,23 @@ from ..edges.beam import (
     prepared,
     validated,
 )
+from .tested_beam import estimated
 
 MOMENT, FORCE = 500.0, 200.0
 
 
-def load(amplitude, frequency, **keys):
-    signal = {"type": "sine", "frequency": frequency, "amplitude": amplitude}
-    return keys | {"node": TIP, "known": False, "signal": signal, "process_noise": {"model": "integrated_random_walk"}}
+def sine(amplitude, frequency):
+    return {"type": "sine", "frequency": frequency, "amplitude": amplitude}
 
 
-LOADS = {"bend": load(MOMENT, 1.0, moment=[0, 3, 0]), "push": load(FORCE, 2.0, direction=[0, 1, 0])}
+def load(**keys):
+    return {"node": TIP, "known": False, "process_noise": {"model": "integrated_random_walk"}} | keys
+
+
+LOADS = {
+    "bend": load(moment=[0, 3, 0], signal=sine(MOMENT, 1.0)),
+    "push": load(direction=[0, 1, 0], signal=sine(FORCE, 2.0)),
+}
 CHANGES = {
     "filter.compare": False,
     "loads": LOADS,
@@ -93,24 +98,18 @@ def test_the_moment_is_found_again_in_newton_metres_and_sigma_is_what_placement_
 
 @pytest.mark.slow
 def test_a_known_moment_is_read_in_newton_metres(tmp_path):
-    known = CHANGES | {
-        "loads": LOADS | {"bend": LOADS["bend"] | {"known": True}},
-        "place": {"estimate": ["push"], "keep": 3},
-    }
-    known["validate.initial_std"] = {"push": 1.0}
+    known = CHANGES | {"loads.bend.known": True, "place.estimate": ["push"], "validate.initial_std": {"push": 1.0}}
     record = finished(tmp_path, "validate", SMALL, known)["validate"].path.parent / "measured.csv"
     assert record.read_text(encoding="utf-8").splitlines()[0].endswith("bend [N m]")
     known["estimate"] = {
-        "file": str(record),
         "as_placed": True,
         "time": {"channel": "time"},
         "channels": [{"channel": name, "gauge": name, "unit": "m/m"} for name in ("G1", "G2", "G3")],
         "inputs": {"bend": {"channel": "bend", "unit": "N m"}},
     }
-    path = tmp_path / "edge.yaml"
-    path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, known)), encoding="utf-8")
-    done = CliRunner().invoke(app, ["estimate", str(path), "--results", str(tmp_path / "results"), "--no-page"])
-    assert done.exit_code == 0, done.output
+    (tmp_path / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, known)), encoding="utf-8")
+    code, said = estimated(tmp_path, record, config="edge.yaml")
+    assert code == 0, said
     found = Artefact(tmp_path / "results" / "edge" / "estimate.h5")
     assert found.attributes("/known/bend")["units"] == "N m"
     assert found.attributes("/std/push")["units"] == "N"
@@ -124,12 +123,7 @@ FREE = {
     "rom.modes": 6,
     "loads.tip.known": False,
     "loads.tip.process_noise": {"frequency": 30.0},
-    "loads.push": {
-        "node": TIP,
-        "direction": [1.0, 0.0, 0.0],
-        "known": True,
-        "signal": {"type": "sine", "frequency": 25.0, "amplitude": 2000.0},
-    },
+    "loads.push": {"node": TIP, "direction": [1.0, 0.0, 0.0], "known": True, "signal": sine(2000.0, 25.0)},
     "train": {"duration": 0.2, "time_step": 0.001, "settle": "auto"},
     "place.estimate": ["E", "tip"],
     "place.keep": 3,
@@ -208,7 +202,7 @@ def test_the_body_of_a_bench_is_free_in_any_case(tmp_path):
         finished(tmp_path, "import", DECK, {"bodies.beam.mesh.free": True}, BENCH_CONFIG)
 
 
-WEIGHT = {"gravity": [0, 0, -9.81], "known": True, "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1.0}}
+WEIGHT = {"gravity": [0, 0, -9.81], "known": True, "signal": sine(1.0, 20.0)}
 DENSITY = {"property": "density", "region": 1, "guess": 7850.0, "range": [7000.0, 8500.0]}
 
 

@@ -15,7 +15,7 @@ from ..edges.beam import BENCH_CONFIG, TIP, bricks, finished, placed, prepared, 
 
 MESH = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((4, 1, 1), "hex20"), flags=re.MULTILINE)
 K = 2.0e4
-ROOT = {"root": {"near": [0, 0.05, 0.04]}}
+ROOT = {"root": {"near": (0, 0.05, 0.04)}}
 
 
 def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_that_has_some(tmp_path):
