@@ -85,6 +85,7 @@ WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
     "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "give a config, not a deck"),
     "a misspelt config": (["run", "tset.yaml"], "tset.yaml  no such config file", "strainsight init DECK writes one"),
+    "a config for a deck": (["init", "test.yaml"], "test.yaml  a config, not a deck", "strainsight run test.yaml"),
 }
 """What the command line says by itself."""
 MISTAKES = (

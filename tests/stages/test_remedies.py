@@ -160,3 +160,17 @@ def test_times_of_a_late_channel_are_those_of_its_file(truth):
     samples[65, 3] += 1.0
     words = judged(truth, samples, settings).words
     assert "G4 at 1.22 s: set estimate.channels.3.missing: [[1.31, 1.33]]" in words
+
+
+def test_a_sudden_load_is_no_fault_of_channels(truth):
+    """An unknown force of many amplitudes acts from one sample to the next: all channels move as the model says."""
+    model, P, _, sound = truth
+    read = [
+        draw_truth(replace(model, Q=0 * model.Q, r=0 * model.r), x0, 0 * P, 0 * forces(LONG), [0])[1][:, 0]
+        for x0 in (np.zeros(5), np.array([0, 0, 0, 0, 100.0]))
+    ]
+    samples = sound.copy()
+    samples[150:] += (read[1] - read[0])[: LONG - 150]
+    found = judged(truth, samples)
+    assert not found.named
+    assert "missing" not in found.words

@@ -132,6 +132,12 @@ def test_the_filter_takes_all_of_them(mixed, tmp_path):
     assert "E rests on what process_noise states of tip" in mixed["place"].summary["rests_on_loads"]
 
 
+def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):
+    assert mixed["train"].attributes("/rms")["units"] == "strain or m/s^2 or m"
+    assert mixed["place"].attributes("/augmented/R")["units"] == "(strain or m/s^2 or m)^2 s"
+    assert mixed["train"].attributes("/gauges/row")["units"] == "(strain or m)/(kg^1/2 m)"
+
+
 COARSE = (f"mesh.file={DECK}", *SHORT, "screen.keep=24", "place.certificate=false")
 
 

@@ -121,6 +121,15 @@ def test_gauges_of_a_bench_are_those_of_its_sensors_on_the_surface(beam):
         assert abs(gauge.normal @ gauge.direction) < 1e-6
 
 
+def test_what_is_not_there_is_reported_with_what_to_run(tmp_path, job):
+    with pytest.raises(UserError, match="nothing to show yet") as caught:
+        view_of(job.model, NAMES, tmp_path, "own.yaml")
+    assert "strainsight import own.yaml" in str(caught.value)
+    with pytest.raises(UserError, match=r"import\.h5") as caught:
+        view_of(job.model, NAMES, tmp_path, "own.yaml", "modes")
+    assert "strainsight rom own.yaml" in str(caught.value)
+
+
 def test_what_a_config_does_not_have_is_refused_with_the_section_to_add(beam):
     _, view = beam
     with pytest.raises(UserError, match="no flexible body") as caught:

@@ -29,6 +29,7 @@ from ..edges.beam import TIP, bricks
 from ..robustness.small import PLACEMENT
 from ..shared import made
 
+SIZE = np.array([1000.0, 100.0, 80.0])
 DATUM = "report.datum={origin: [1000, 0, 80], x: [-1, 0, 0], y: [-1, -2, 0]}"
 """At the tip, on top, x back to the root: x' = 1000 − x, y' = −y, z' = z − 80."""
 
@@ -80,6 +81,16 @@ def test_places_are_in_the_datum_and_the_unit_of_the_deck(results):
         np.testing.assert_allclose(numbers(row, "x_mm", "y_mm", "z_mm"), [1000 - x[0], -x[1], x[2] - 80], atol=1e-6)
         d = numbers(si, *(f"direction_{axis}" for axis in "xyz"))
         np.testing.assert_allclose(numbers(row, *(f"direction_{axis}" for axis in "xyz")), d * [-1, -1, 1], atol=1e-9)
+
+
+def test_distances_to_edges_are_those_to_the_sides_of_the_beam(results):
+    for row in rows(results / "gauges.csv"):
+        aside = np.minimum(x := numbers(row, "x_mm", "y_mm", "z_mm"), SIZE - x)
+        normal = np.abs(numbers(row, "normal_x", "normal_y", "normal_z"))
+        order = np.argsort(np.where(normal > 0.5, np.inf, aside))[:2]
+        np.testing.assert_allclose(numbers(row, "edge_mm", "edge2_mm"), aside[order], atol=1e-6)
+        # A gauge along x is across the sides that bound x and along the others.
+        np.testing.assert_allclose(numbers(row, "edge_deg", "edge2_deg"), np.where(order == 0, 90, 0), atol=1e-9)
 
 
 def test_the_universal_file_says_its_unit_and_has_the_same_places(results):
