@@ -46,6 +46,7 @@ CONFIG = {
         "train.time_step: 0.01 s gives 1.67 steps",
         "at most 0.00208 s",
     ),
+    "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: 2 m/m", "2 um/m are 2.0e-06"),
     "a misspelt gauge": ([("below,", "bellow,")], "test.yaml:32:28  estimate.channels.2.gauge", "did you mean below?"),
     "a known load without a channel": (
         KNOWN,
