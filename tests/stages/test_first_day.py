@@ -1,7 +1,4 @@
-"""Mistakes of a first day, each in the example `test`: the message names file, line and key, and what to do.
-
-All but the few that the deck has to contradict are refused before anything is computed.
-"""
+"""Mistakes of a first day, each in the example `test`: the message names file, line and key, and what to do."""
 
 from __future__ import annotations
 
@@ -15,22 +12,14 @@ from strainsight_cli.example import write
 from strainsight_cli.main import app
 
 TIMES = [0.001 * i for i in range(401)]
-BONDED = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction_z"
-MODULUS = "parameters: {{E: {{property: youngs_modulus, region: {region}, guess: {guess}, range: [{range}]}}}}\nloads:"
 SIGNAL = "{type: sweep, start_frequency: 5.0, end_frequency: 60.0, duration: 0.4, amplitude: 5.0e+3}"
 G1 = "{channel: G1, gauge: root, unit: um/m}"
-OF_LAYOUT = ("fixed_file: bonded.csv", "surface: all")
 
 
-def table(head: str, value: float, delimiter: str = ",", decimal: str = ".", times: int = 401) -> str:
+def table(head: str, value: float, times: int = 401) -> str:
     """A record whose channels are all one ramp."""
-    columns = head.splitlines()[0].count(delimiter)
-    rows = [[f"{t:.3f}", *[f"{value * t:.4f}"] * columns] for t in TIMES[:times]]
-    return "\n".join([head, *(delimiter.join(cell.replace(".", decimal) for cell in row) for row in rows)]) + "\n"
-
-
-def modulus(guess: str, limits: str, region: int = 1) -> tuple[str, str]:
-    return "loads:", MODULUS.format(region=region, guess=guess, range=limits)
+    rows = [",".join([f"{t:.3f}", *[f"{value * t:.4f}"] * head.count(",")]) for t in TIMES[:times]]
+    return "\n".join([head, *rows]) + "\n"
 
 
 def history(**changed: str) -> tuple[str, str]:
@@ -38,25 +27,19 @@ def history(**changed: str) -> tuple[str, str]:
     return SIGNAL, f"{{type: csv, {', '.join(f'{key}: {value}' for key, value in keys.items())}}}"
 
 
-CATMAN = "CATMAN AP 5.3\nDatum: 01.02.2026\n\n" + table("time\tG1\tG2\tG3\tG4", 1.0, "\t")
 RECORD = "time,G1,G2,G3,G4"
-BARE = {"test.csv": table(RECORD, 300.0)}
 HISTORY = {"f.csv": table("t [s],F [N]", 5.0)}
-
+KNOWN = [
+    ("loads:", "parameters: {E: {property: youngs_modulus, region: 1, guess: 2.1e11, range: [1e11, 3e11]}}\nloads:"),
+    ("known: false", "known: true"),
+    ("[tip]", "[E]"),
+    ("std: {tip: 1.0}", "std: {E: 0.1}"),
+]
 CONFIG = {
     "a misspelt section": ([("train:", "trian:")], "test.yaml:14:1  trian: unknown key", "did you mean train?"),
-    "a decimal comma in braces": (
-        [("ratio: 0.01", "ratio: 0,01")],
-        "test.yaml:13:10  damping: ',01'",
-        "decimal point, as in 0.01",
-    ),
-    "a unit in a number": (
-        [("train: {duration: 0.4,", "train: {duration: 0.4 s,")],
-        "train.duration: '0.4 s'",
-        "without its unit",
-    ),
+    "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
+    "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without its unit"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: 'no'", "write false"),
-    "a tab": ([("  tip:", "\ttip:")], "test.yaml:7:1  not valid YAML", "with spaces, not with tabs"),
     "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: given twice", "remove one of them"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
@@ -64,59 +47,32 @@ CONFIG = {
         "at most 0.00208 s",
     ),
     "noise in um/m": ([("value: 2.0e-6", "value: 2.0")], "gauges.noise_std.value: 2 m/m", "2 um/m are 2.0e-06"),
+    "a misspelt gauge": ([("below,", "bellow,")], "test.yaml:32:28  estimate.channels.2.gauge", "did you mean below?"),
+    "a known load without a channel": (
+        KNOWN,
+        "estimate.inputs: the known load 'tip' has no channel",
+        "inputs: {tip: {channel: …, unit: N}}",
+    ),
 }
 """What the config alone shows."""
-DECK = {
-    "no such node": ([("node: 2", "node: 9999")], "test.yaml:7:3  loads.tip: ", "ids of the mesh file"),
-    "E in MPa": (
-        [modulus("210000", "180000, 240000")],
-        "parameters.E.guess: the guess of E is 2.1e+05",
-        "210000 MPa are 2.1e+11 Pa",
-    ),
-}
-"""What the deck contradicts, at the import."""
 FILES = {
-    "decimals of Germany": (
-        [],
-        {"test.csv": table(RECORD.replace(",", ";"), 1.0, ";", ",")},
-        "test.csv:2  estimate.file: '0,000' under 'time'",
-        'estimate.text.decimal: ","',
-    ),
-    "the head of catman": ([], {"test.csv": CATMAN}, "test.csv:1  estimate.file: ", "`estimate.text.header_line: 4`"),
     "a time in ms": (
         [],
         {"test.csv": table("time [ms],G1,G2,G3,G4", 1.0)},
         "stated in s, the file has it in ms",
         "`time: {unit: ms}`",
     ),
-    "a misspelt gauge": (
-        [("below,", "bellow,")],
-        {},
-        "test.yaml:32:28  estimate.channels.2.gauge",
-        "did you mean below?",
-    ),
-    "G5 of four": (
-        [OF_LAYOUT, ("gauge: root", "gauge: G5")],
-        {},
-        "test.yaml:30:28  estimate.channels.0.gauge: no gauge 'G5'",
-        "did you mean G4? there are G1, G2, G3, G4",
-    ),
     "um/m read as strain": (
         [(G1, G1.replace("um/m", "strain"))],
-        BARE,
+        {"test.csv": table(RECORD, 300.0)},
         "estimate.channels.0.unit: G1 reads up to 120 m/m, which is 12000 %",
         "are the readings in um/m?",
     ),
-    "a known load without a channel": (
-        [
-            modulus("2.1e11", "1e11, 3e11"),
-            ("known: false", "known: true"),
-            ("[tip]", "[E]"),
-            ("std: {tip: 1.0}", "std: {E: 0.1}"),
-        ],
-        {},
-        "estimate.inputs: the known load 'tip' has no channel",
-        "inputs: {tip: {channel: …, unit: N}}",
+    "a gauge in newtons": (
+        [(G1, G1.replace("um/m", "N"))],
+        {"test.csv": table(RECORD, 300.0)},
+        "estimate.channels.0.unit: the channel is in N, force, but it is to be a strain",
+        "which gauge or load the channel is",
     ),
     "a history that is short": (
         [history()],
@@ -127,20 +83,17 @@ FILES = {
 }
 """What the files contradict, before the import."""
 WORDS = {
-    "a misspelt override": (
-        ["run", "test.yaml", "--set", "place.kep=3"],
-        "--set place.kep  place.kep",
-        "did you mean keep?",
-    ),
-    "a deck for a config": (
-        ["run", "cantilever.bdf"],
-        "cantilever.bdf  larger than 128 KiB",
-        "give a config, not a deck",
-    ),
+    "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "give a config, not a deck"),
     "a misspelt config": (["run", "tset.yaml"], "tset.yaml  no such config file", "strainsight init DECK writes one"),
     "a config for a deck": (["init", "test.yaml"], "test.yaml  a config, not a deck", "strainsight run test.yaml"),
 }
 """What the command line says by itself."""
+MISTAKES = (
+    {name: (["import", "test.yaml"], changes, {}, place, remedy) for name, (changes, place, remedy) in CONFIG.items()}
+    | {name: (["import", "test.yaml"], *row) for name, row in FILES.items()}
+    | {name: (words, [], {}, place, remedy) for name, (words, place, remedy) in WORDS.items()}
+)
 
 
 @pytest.fixture
@@ -169,31 +122,20 @@ def change(project: Path, changes: list[tuple[str, str]]) -> None:
     config.write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", [*CONFIG, *DECK])
-def test_config_and_deck(name, project):
-    changes, place, remedy = {**CONFIG, **DECK}[name]
-    change(project, changes)
-    refused(project, ["import" if name in DECK else "run", "test.yaml"], place, remedy)
-
-
-@pytest.mark.parametrize("name", FILES)
-def test_files_are_looked_at_before_the_import(name, project):
-    changes, files, place, remedy = FILES[name]
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistakes_are_named_before_anything_is_computed(name, project):
+    words, changes, files, place, remedy = MISTAKES[name]
     change(project, changes)
     for file, text in files.items():
         (project / file).write_text(text, encoding="utf-8")
-    refused(project, ["import", "test.yaml"], place, remedy)
-
-
-@pytest.mark.parametrize("name", WORDS)
-def test_words_of_the_command(name, project):
-    refused(project, *WORDS[name])
+    refused(project, words, place, remedy)
 
 
 def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     """Neither the file of their places nor the record of the test is there on the day of the layout; the test needs both."""
     names = [(f"gauge: {old}", f"gauge: G{i}") for i, old in enumerate(("root", "left", "below", "right"), start=1)]
-    change(project, [OF_LAYOUT, *names, ("  file: test.csv", "  file: later.csv\n  gauges_file: g.csv")])
+    later = ("  file: test.csv", "  file: later.csv\n  gauges_file: g.csv")
+    change(project, [("fixed_file: bonded.csv", "surface: all"), *names, later])
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")
     shutil.rmtree(project / "results")

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import yaml
 
 from strainsight import api
 from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_of
@@ -15,49 +14,46 @@ from strainsight.gauges.screening import BEND
 from strainsight.gauges.surface import facet_centres
 from strainsight.mesh.facets import exterior_facets, facet_key
 
-from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
+from ..edges.beam import SIZE, bricks, prepared
 
 INNER = 0.2
 """[m] to which the beam is curled, its outside to `SIZE[2]` more."""
 OWN = "{grid_length: 0.002, grid_width: 0.002, carrier_length: 0.01, carrier_width: 0.006, resistance: 350, bend_radius: %g}"
 
 
+def tight(radius):
+    """A type of gauge that may be bent to this radius [m] and no tighter."""
+    return "gauges.type=mine", f"gauges.types={{mine: {OWN % radius}}}"
+
+
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):
-    """The beam of the tests of clearance, of bricks of 0.1 × 0.01 × 0.01 m, without a spacing of its own."""
+    """The beam of the tests of clearance, of bricks of 0.1 × 0.01 × 0.01 m; `load` takes overrides."""
     folder = tmp_path_factory.mktemp("beam")
-    (folder / "beam.bdf").write_text(bricks((10, 10, 8)), encoding="ascii")
-    data = PLACEMENT_CONFIG | {"screen": {"keep": "all"}}
-    (folder / "edge.yaml").write_text(yaml.safe_dump(data), encoding="utf-8")
-
-    def case(*overrides):
-        return api.load(folder / "edge.yaml", ["place.keep=2", *overrides])
-
-    case.mesh = api.mesh(case())
-    case.reduced = api.reduce(case(), case.mesh)
-    case.train = lambda own: api.train(own, case.mesh, case.reduced)
-    return case
+    own = prepared(folder, bricks((10, 10, 8)), {"screen": {"keep": "all"}, "place.keep": 2})
+    own.load = lambda *overrides: api.load(folder / "edge.yaml", overrides)
+    return own
 
 
 @pytest.fixture(scope="module")
 def training(beam):
-    return beam.train(beam())
+    return beam.training
 
 
 def test_clearance_and_spacing_are_those_of_the_carrier(beam):
     """Half of √(10.7² + 6.9²) mm from the edges along the beam, and 10.7 mm between any two that are kept."""
-    case = beam("gauges.type=3/350")
-    training = beam.train(case)
+    case = beam.load("gauges.type=3/350")
+    training = api.train(case, beam.mesh, beam.reduced)
     assert np.all(training.candidates.length == 0.00318)
     found = api.screen(case, beam.mesh, beam.reduced, training)
     assert found.clearance.distance == found.clearance.wanted == pytest.approx(0.5 * np.hypot(0.0107, 0.0069))
     x = training.candidates.position[training.candidates.first][found.kept]
     apart = np.linalg.norm(x[:, None] - x[None], axis=2) + np.eye(len(x))
     assert apart.min() >= 0.0107
-    plain = api.screen(beam(), beam.mesh, beam.reduced, training)
+    plain = api.screen(beam.case, beam.mesh, beam.reduced, training)
     assert len(found.kept) < len(plain.kept)
     assert np.all(found.range[training.candidates.quantity == 0] == 0.05)
-    stated = api.screen(beam("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, beam.reduced, training)
+    stated = api.screen(beam.load("gauges.type=3/350", "gauges.clearance=0.005"), beam.mesh, beam.reduced, training)
     assert (stated.clearance.distance, stated.clearance.rule) == (0.005, "stated")
 
 
@@ -69,20 +65,20 @@ def curled(mesh):
 
 def test_what_bends_tighter_than_the_type_may_is_left_out_and_nothing_else(beam, training):
     """Of a radius of 0.24 m: the inside but for its ends, of which half is seen beside an edge; not outside and flanks."""
-    case, mesh = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", "gauges.clearance=none"), curled(beam.mesh)
+    case, mesh = beam.load(*tight(0.24), "gauges.clearance=none"), curled(beam.mesh)
     place = training.candidates.position[training.candidates.first] - beam.mesh.position.min(axis=0)
     found = api.screen(case, mesh, beam.reduced, training)
     inside = (place[:, 2] == 0) & (place[:, 0] > 0.1) & (place[:, 0] < SIZE[0] - 0.1)
     assert np.count_nonzero(inside) > 100
     np.testing.assert_array_equal(found.reason == BEND, inside)
     assert not np.isin(np.flatnonzero(inside), found.kept).any()
-    wide = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.19}}}", "gauges.clearance=none")
+    wide = beam.load(*tight(0.19), "gauges.clearance=none")
     assert not np.any(api.screen(wide, mesh, beam.reduced, training).reason == BEND)
 
 
 def test_beside_such_a_bend_a_gauge_keeps_its_clearance(beam, training):
     """The flanks at the inside are nearer than half the carrier's diagonal to it, and that counts as `bends`."""
-    case, mesh = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}"), curled(beam.mesh)
+    case, mesh = beam.load(*tight(0.24)), curled(beam.mesh)
     pool = training.candidates
     facets = exterior_facets(mesh)
     centre, _ = facet_centres(mesh.position, facets.kind, facets.nodes)
@@ -107,7 +103,7 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
         far = beam.mesh.position[corners, axis] > pool.position[i, axis]
         moved[i] = np.where(far, share / 2, (1 - share) / 2) @ mesh.position[corners]
     own = replace(pool, position=moved)
-    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", "gauges.clearance=0.001")
+    case = beam.load(*tight(0.24), "gauges.clearance=0.001")
     for i, near in ((inside, "bends"), (flank, "edges")):
         with pytest.raises(InfeasibleError, match=r"1 mm from every edge, support, load and bend too tight for"):
             clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([i]))))
@@ -121,9 +117,8 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
 def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
     along = "direction: [1, 0, 0]"
     fixed = f"[{{name: K1, position: [0.45, 0.045, 0.0], {along}}}, {{position: [0.45, 0.045, 0.08], {along}}}]"
-    case = beam("gauges.type=mine", f"gauges.types={{mine: {OWN % 0.24}}}", f"gauges.fixed={fixed}", "gauges.snap_tolerance=0.1",
-                "place.installation=ignore")
-    training, mesh = beam.train(case), curled(beam.mesh)
+    case = beam.load(*tight(0.24), f"gauges.fixed={fixed}", "gauges.snap_tolerance=0.1", "place.installation=ignore")
+    training, mesh = api.train(case, beam.mesh, beam.reduced), curled(beam.mesh)
     found = api.screen(case, mesh, beam.reduced, training)
     assert {0, 1} <= set(found.kept.tolist())
     said = bent_warning(case.config, training, bent_gauges(case.config, mesh, training))

@@ -11,24 +11,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..shared import HUB as SHARED
-from ..shared import ROOT as lug_ROOT
-from ..shared import UNSTUDIED as lug_UNSTUDIED
-from ..shared import job_of, made
-from .conftest import ROOT, UNSTUDIED, finished
+from ..shared import HUB, ROOT, UNSTUDIED, made
 
 pytestmark = pytest.mark.slow
 
-HUB = ROOT / "configs" / "hub"
-CONFIG = HUB / "hub-youngs-modulus.yaml"
+CONFIG = ROOT / "configs" / "hub" / "hub-youngs-modulus.yaml"
 QUICK = ("place.instants=3", "validate.truth.modes=20", *UNSTUDIED)
 CHANNELS = ", ".join(f"{{channel: G{i}, gauge: G{i}, unit: m/m}}" for i in (1, 2, 3, 4))
 ESTIMATE = (
-    f"estimate={{as_placed: true, time: {{channel: time}}, channels: [{CHANNELS}], inputs: {{x: {{channel: x, unit: N}}}}}}"
+    "estimate={as_placed: true, start: settled, time: {channel: time}, inputs: {x: {channel: x, unit: N}}, "
+    f"channels: [{CHANNELS}]}}"
 )
 
 
@@ -36,7 +31,7 @@ ESTIMATE = (
 def folder(tmp_path_factory) -> Path:
     """Results of the shortened run up to validate, and of estimate on what it measured."""
     results = tmp_path_factory.mktemp("hub") / "hub-youngs-modulus"
-    shutil.copytree(made(CONFIG, *QUICK, until="validate", beside=SHARED)["validate"].path.parent, results)
+    shutil.copytree(made(CONFIG, *QUICK, until="validate", beside=HUB)["validate"].path.parent, results)
     words = ["estimate", str(CONFIG), "--no-page", "--measurements", str(results / "measured.csv")]
     options = ["--results", str(results.parent), *(word for value in (*QUICK, ESTIMATE) for word in ("--set", value))]
     done = CliRunner().invoke(app, [*words, *options])
@@ -51,9 +46,7 @@ def test_first_mode_is_that_of_calculix(folder):
 
 def test_gauges_are_on_the_outer_surface_away_from_the_flanges(folder):
     """The zone of meshes/README.md: a sphere of 0.5 m, 50 mm along the surface from every flange."""
-    with (folder / "gauges.csv").open(encoding="utf-8") as lines:
-        table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    position = np.array([[float(row[f"position_{axis}"]) for axis in "xyz"] for row in table])
+    position = positions(folder).T
     assert len(position) == 4
     assert np.linalg.norm(position, axis=1) == pytest.approx(0.5, rel=0.01)
     assert np.all(position[:, 2] > -0.315)
@@ -77,15 +70,18 @@ def test_the_file_of_the_test_gives_the_same_modulus(folder):
     assert float(table[-1][column]) == pytest.approx(validate["estimate.E"], rel=0.1 * validate["std.E"])
 
 
-EXACT = ("tolerances=none", "validate.truth.model=modes", *lug_UNSTUDIED)
-
-
 @pytest.fixture(scope="module")
-def lug_folder(tmp_path_factory):
+def lug_folder():
     """Results up to validate."""
-    results = tmp_path_factory.mktemp("lug")
-    finished(job_of(lug_ROOT / "configs" / "lug" / "lug-input.yaml", results, *EXACT), PLACEMENT[:-1])
-    return results / "lug-input"
+    exact = "tolerances=none", "validate.truth.model=modes", *UNSTUDIED
+    return made(ROOT / "configs" / "lug" / "lug-input.yaml", *exact, until="validate")["validate"].path.parent
+
+
+def positions(folder):
+    """Places of the gauges (3, n) [m]."""
+    with (folder / "gauges.csv").open(encoding="utf-8") as lines:
+        table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    return np.array([[float(row[f"position_{axis}"]) for row in table] for axis in "xyz"])
 
 
 def test_three_loads_are_those_of_the_config(lug_folder):
@@ -102,9 +98,7 @@ def test_three_loads_are_those_of_the_config(lug_folder):
 
 def test_gauges_are_on_the_bracket_and_not_on_its_weld(lug_folder):
     """The outside of meshes/README.md: not under it, not in its holes, and 6 mm from the fillet weld."""
-    with (lug_folder / "gauges.csv").open(encoding="utf-8") as lines:
-        table = list(csv.DictReader(line for line in lines if not line.startswith("#")))
-    x, y, z = np.array([[1e3 * float(row[f"position_{axis}"]) for row in table] for axis in "xyz"])
+    x, y, z = 1e3 * positions(lug_folder)
     assert len(x) == 6
     assert np.all(z > 0)
     assert np.all(np.hypot(np.abs(x) - 78, np.abs(y) - 36)[z < 12.1] > 9)

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import strainsight.report.placement.verdicts as words
 from strainsight.cases.structure import filtered_test
 from strainsight.cases.structure.diagnosed import judgement_of
 from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
@@ -20,6 +19,7 @@ from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
+from strainsight.report.placement.verdicts import in_words
 from strainsight.stages.pages.claims import claims_of
 
 from ..estimation.chain import H, forces, loaded_chain, start
@@ -106,7 +106,6 @@ def test_record_ends_where_known_loads_have_no_samples():
     [
         ([True] * 4, [((0, 1, 2, 3), (2, 0, 3, 1))]),
         ([True, False, True, False], [((0, 2), (0, 1)), ((1,), (0,)), ((3,), (0,))]),
-        ([False] * 4, [((0,), (0,)), ((1,), (0,)), ((2,), (0,)), ((3,), (0,))]),
     ],
 )
 def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monkeypatch, agrees, parts):
@@ -127,69 +126,42 @@ def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monk
     assert shares == sorted(shares)
 
 
-def verdicts(error=1.0, smoothed=None, repeats=1.0, many=20, draws=1):
-    """Of an unknown whose σ is 1 everywhere: (of, verdict) of every claim, and the one that decides, the first, in words."""
-    numbers = {"error.a": error, "std.a": 1.0, "smoothed.a": 1.0, "smoothed_std.a": 1.0}
-    numbers |= {"draws.a": draws, "smoothed_draws.a": draws}
-    if smoothed is not None:
-        numbers |= {"smoothed.a": smoothed, "zero.a": False}
-    claims = claims_of("a", numbers, (np.full(many, repeats), np.ones(many)))
-    return [(claim.of, claim.verdict) for claim in claims], words.in_words(claims[0])
-
-
-def test_repeats_decide_where_the_test_was_lucky():
-    """Errors of twice σ in every one of twenty repeats, which one draw may have by chance."""
-    found, said = verdicts(error=2.0, repeats=2.0)
-    assert found == [("repeats", "overconfident"), ("test", "consistent")]
-    assert said == "overconfident (RMS error of the repeats 2 times the claimed σ, at most 1.49 where it holds)"
-
-
-def test_a_smoothed_load_is_held_against_its_own_claim():
-    found, said = verdicts(smoothed=5.0)
-    assert found[0] == ("smoothed", "overconfident")
-    assert said.startswith("overconfident (smoothed error 5 times the claimed σ, at most 3.21")
-    assert len(verdicts(smoothed=None)[0]) == 2
-
-
-def test_a_record_that_is_worth_many_draws_is_judged_by_them():
-    """Twice σ over a record: chance where it is worth one draw, none where it is worth fifty."""
-    assert verdicts(error=2.0)[0][0][1] == "consistent"
-    assert verdicts(error=2.0, draws=50)[0][0] == ("test", "overconfident")
-
-
-@pytest.mark.parametrize("error", [1.0, 0.5])
-def test_errors_far_below_sigma_are_no_fault(error):
-    found, said = verdicts(error, repeats=0.1)
-    assert found == [("repeats", "too cautious"), ("test", "consistent")]
-    assert said == "too cautious (RMS error of the repeats 0.1 times the claimed σ)"
-
-
-def test_without_repeats_the_test_is_all_there_is():
-    assert verdicts(many=0)[0] == [("test", "consistent")]
-
-
-@pytest.mark.parametrize(("known", "inputs", "parameters"), [(("tip",), ("x",), ("E",)), ((), ("x",), ()), ((), (), ("E",))])
-def test_parameters_rest_on_unknown_loads_only_where_no_load_is_known(known, inputs, parameters):
-    unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
-    assert rests_on_loads_in_words(SimpleNamespace(known=known, unknowns=unknowns)) == ""
-    both = SimpleNamespace(inputs=("x", "y"), parameters=("E", "rho"))
-    said = rests_on_loads_in_words(SimpleNamespace(known=(), unknowns=both))
-    assert "E, rho rests on what process_noise states of x, y" in said
+@pytest.mark.parametrize(
+    ("numbers", "repeats", "found"),
+    [
+        # errors of twice σ in every one of twenty repeats, which one draw may have by chance
+        ({"error.a": 2.0}, [2.0] * 20, [("repeats", "overconfident"), ("test", "consistent")]),
+        ({"error.a": 2.0}, [], [("test", "consistent")]),
+        ({"error.a": 2.0, "draws.a": 50}, [1.0] * 20, [("test", "overconfident")]),
+        ({"smoothed.a": 5.0, "zero.a": False}, [1.0] * 20, [("smoothed", "overconfident")]),
+        # errors far below σ are no fault
+        ({"error.a": 0.5}, [0.1] * 20, [("repeats", "too cautious"), ("test", "consistent")]),
+    ],
+)
+def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_error(numbers, repeats, found):
+    usual = dict.fromkeys(("error.a", "std.a", "smoothed.a", "smoothed_std.a", "draws.a", "smoothed_draws.a"), 1)
+    claims = claims_of("a", usual | numbers, (np.array(repeats), np.ones(len(repeats))))
+    assert [(claim.of, claim.verdict) for claim in claims][: len(found)] == found
+    assert in_words(claims[0]).startswith(found[0][1])
 
 
 @pytest.mark.parametrize(
-    ("known", "inputs", "parameters", "said"),
+    ("known", "inputs", "parameters", "alone", "together"),
     [
-        (("tip",), ("x", "y"), ("E", "zeta"), "E is sought together with the damping factor zeta: its σ rests on"),
-        (("tip",), ("x",), ("E",), ""),
-        (("tip",), ("x",), ("zeta",), ""),
-        (("tip",), (), ("E", "zeta"), ""),
-        ((), ("x",), ("E", "zeta"), ""),
+        (("tip",), ("x",), ("E",), "", ""),
+        ((), ("x",), (), "", ""),
+        ((), (), ("E",), "", ""),
+        ((), ("x", "y"), ("E", "rho"), "E, rho rests on what process_noise states of x, y", ""),
+        (("tip",), ("x", "y"), ("E", "zeta"), "", "E is sought together with the damping factor zeta: its σ rests on"),
+        (("tip",), ("x",), ("zeta",), "", ""),
+        (("tip",), (), ("E", "zeta"), "", ""),
+        ((), ("x",), ("E", "zeta"), "E, zeta rests on", ""),
     ],
 )
-def test_parameters_beside_a_damping_factor_rest_on_loads_as_stated(known, inputs, parameters, said):
+def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
-    found = judged_as_stated_in_words(SimpleNamespace(known=known, unknowns=unknowns, model=model))
-    assert found.startswith(said)
-    assert bool(found) == bool(said)
+    own = SimpleNamespace(known=known, unknowns=unknowns, model=model)
+    for said, expected in ((rests_on_loads_in_words(own), alone), (judged_as_stated_in_words(own), together)):
+        assert expected in said
+        assert bool(said) == bool(expected)

@@ -47,9 +47,9 @@ BRAKING = {"loads": {"down": {"signal": sine(10.0, 5000.0)}, "aside": {"signal":
 class Beam:
     """A beam with two unknown loads at its tip, reduced once."""
 
-    def __init__(self, folder, changes, counts=(8, 2, 2)):
+    def __init__(self, folder, changes):
         self.folder, self.changes = folder, changes
-        (folder / "beam.bdf").write_text(bricks(counts), encoding="utf-8")
+        (folder / "beam.bdf").write_text(bricks((8, 2, 2)), encoding="utf-8")
         case = self.case()
         self.mesh = api.mesh(case)
         self.reduced = api.reduce(case, self.mesh)
@@ -78,13 +78,9 @@ def beam(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def with_modulus(tmp_path_factory):
-    parameters = {
-        "place.keep": 3,
-        "parameters": PLACEMENT_CONFIG["parameters"],
-        "place.estimate": ["down", "aside", "E"],
-    }
-    truth = {"validate.initial_std": {"down": 0.1, "aside": 0.1, "E": 0.1}, "screen.keep": 8}
-    return Beam(tmp_path_factory.mktemp("modulus"), TWO | parameters | truth)
+    more = {"parameters": PLACEMENT_CONFIG["parameters"], "place.estimate": ["down", "aside", "E"], "screen.keep": 8}
+    start = {"validate.initial_std": {"down": 0.1, "aside": 0.1, "E": 0.1}, "place.keep": 3}
+    return Beam(tmp_path_factory.mktemp("modulus"), TWO | more | start)
 
 
 def covariance(pool, gauges):
@@ -105,7 +101,7 @@ def by_case(found, silent, criterion="trace"):
     """gauges → case → metric of every instant, of all layouts of the size, from the formulae of the documentation."""
     task = found.task
     names, at, of = list(task.cases.names), task.unknowns.at, task.cases.of.tolist()
-    count, keep = len(task.pools[0].rows), len(found.final)
+    count = len(task.pools[0].rows)
     acts = {c: np.array([n not in silent.get(c, ()) for n in task.unknowns.names]) for c in names}
 
     def blocks(gauges):
@@ -116,7 +112,7 @@ def by_case(found, silent, criterion="trace"):
     whole = blocks(range(count))
     unit = {c: np.mean([np.diag(P) for case, P in whole if case == c], axis=0) for c in names}
     costs = {}
-    for gauges in combinations(range(count), keep):
+    for gauges in combinations(range(count), len(found.final)):
         own = {c: [] for c in names}
         for c, P in blocks(gauges):
             if criterion == "trace":
@@ -159,9 +155,8 @@ def test_layout_and_bound_agree_with_all_layouts_of_the_pool(request, which, cri
     assert len(costs) > 50
     best = min(costs.values())
     assert max(costs.values()) > 1.05 * best
-    chosen = tuple(sorted(found.final.tolist()))
     assert found.layout.proof.proven
-    assert found.layout.cost == pytest.approx(costs[chosen], rel=1e-6)
+    assert found.layout.cost == pytest.approx(costs[tuple(sorted(found.final.tolist()))], rel=1e-6)
     assert found.layout.cost == pytest.approx(best, rel=1e-6)
     bound = found.layout.certificate
     assert bound.lower_bound <= best * (1 + 1e-9)
@@ -174,54 +169,24 @@ def test_layout_and_bound_agree_with_all_layouts_of_the_pool(request, which, cri
         assert found.elimination.cost[0] == pytest.approx(whole, rel=1e-9)
 
 
-@pytest.mark.parametrize("aggregate", ["mean", *slowly("worst")])
-def test_without_a_proof_the_relaxation_bounds_all_layouts(beam, aggregate):
-    weights = {"down": 3.0, "aside": 0.5}
-    cases = {"down": DOWN | {"weight": 3.0}, "aside": ASIDE | {"weight": 0.5}}
-    found = beam.placed(cases, keep=3, aggregate=aggregate)
-    best = min(together(by_case(found, SILENT), weights, aggregate).values())
+def test_without_a_proof_the_relaxation_bounds_all_layouts(beam):
+    found = beam.placed({"down": DOWN | {"weight": 3.0}, "aside": ASIDE | {"weight": 0.5}}, keep=3)
+    best = min(together(by_case(found, SILENT), {"down": 3.0, "aside": 0.5}, "mean").values())
     bound = found.layout.certificate.lower_bound
     assert bound <= best * (1 + 1e-9)
     assert bound > 0.7 * best
     assert found.layout.cost == pytest.approx(best, rel=1e-6)
 
 
-@pytest.mark.parametrize("aggregate", ["worst", *slowly("mean")])
-def test_two_cases_that_are_alike_give_what_one_gives_whatever_their_weights(with_modulus, aggregate):
-    one = with_modulus.placed(None, keep=3, aggregate=aggregate)
-    two = with_modulus.placed({"a": {"weight": 0.3}, "b": {"weight": 0.7}}, keep=3, aggregate=aggregate)
+def test_two_cases_that_are_alike_give_what_one_gives_whatever_their_weights(with_modulus):
+    one = with_modulus.placed(None, keep=3, aggregate="worst")
+    two = with_modulus.placed({"a": {"weight": 0.3}, "b": {"weight": 0.7}}, keep=3, aggregate="worst")
     np.testing.assert_array_equal(two.gauges, one.gauges)
-    np.testing.assert_array_equal(two.elimination.removed, one.elimination.removed)
     assert two.layout.cost == pytest.approx(one.layout.cost, rel=1e-10)
     np.testing.assert_allclose(two.elimination.cost, one.elimination.cost, rtol=1e-10)
     assert two.layout.certificate.lower_bound == pytest.approx(one.layout.certificate.lower_bound, rel=1e-3)
     for name, std in one.expected.std.items():
-        assert two.expected.std[name] == pytest.approx(std, rel=1e-12)
         np.testing.assert_allclose(two.by_case.std[name], [std, std], rtol=1e-12)
-
-
-def test_a_layout_for_both_cases_serves_both_and_one_for_a_single_case_does_not(tmp_path):
-    """Of three gauges the third tells more of the one load or of the other."""
-    along = {"gauges.direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0]}}
-    beam = Beam(tmp_path, TWO | along | {"screen.keep": 12, "screen.minimum_spacing": 0.0}, (8, 3, 3))
-    found = beam.placed({"down": DOWN, "aside": ASIDE}, keep=3, prove=60, aggregate="worst")
-    costs = {g: {c: f[0] for c, f in own.items()} for g, own in by_case(found, SILENT).items()}
-    down, aside = (costs[min(costs, key=lambda g: costs[g][case])] for case in ("down", "aside"))
-    both = costs[tuple(sorted(found.final.tolist()))]
-    assert down["down"] < both["down"] < aside["down"] / 1.05
-    assert aside["aside"] < both["aside"] < down["aside"] / 1.03
-    assert max(both.values()) == pytest.approx(min(max(own.values()) for own in costs.values()), rel=1e-6)
-
-
-@pytest.mark.parametrize(("heavy", "aggregate"), [("down", "mean"), ("aside", "worst")])
-def test_a_case_of_large_weight_has_its_own_layout(beam, heavy, aggregate):
-    cases = {"down": DOWN, "aside": ASIDE}
-    cases[heavy] = cases[heavy] | {"weight": 1e7}
-    found = beam.placed(cases, keep=2, prove=60, aggregate=aggregate)
-    costs = by_case(found, SILENT)
-    least = min(own[heavy][0] for own in costs.values())
-    assert costs[tuple(sorted(found.final.tolist()))][heavy][0] == pytest.approx(least, rel=1e-6)
-    assert found.layout.cost == pytest.approx(least, rel=1e-4)
 
 
 def test_a_silent_load_keeps_the_process_noise_that_it_has_as_stated_and_others_have_that_of_the_case(beam):
@@ -255,31 +220,13 @@ def test_noise_is_that_of_a_sample_at_the_training_step_whatever_the_step_of_a_c
 
 def test_screening_takes_the_strongest_and_the_largest_over_the_cases(beam):
     """Readings are linear in the loads: five times the load reads five times as much."""
-    plain, _ = beam.trained(beam.case())
-    strong = {
-        "loads": {
-            name: {"signal": sine(own["signal"]["frequency"], 5 * own["signal"]["amplitude"])}
-            for name, own in LOADS.items()
-        }
-    }
+    plain, before = beam.trained(beam.case())
+    strong = {"loads": {"down": {"signal": sine(20.0, 5000.0)}, "aside": {"signal": sine(30.0, 2000.0)}}}
     training, screened = beam.trained(beam.case({"weak": {}, "strong": strong}))
     np.testing.assert_allclose(training.rms, 5 * np.sqrt(np.mean(plain.reading() ** 2, axis=0)), rtol=1e-9)
     np.testing.assert_allclose(training.peak, 5 * np.abs(plain.reading()).max(axis=0), rtol=1e-9)
     np.testing.assert_array_equal(training.reading(), plain.reading())  # of the loads as stated, for what comes after
-    _, before = beam.trained(beam.case())
     np.testing.assert_allclose(screened.noise_std, 5 * before.noise_std, rtol=1e-9)
-
-
-def test_screening_leaves_a_quiet_case_its_share_of_the_gauges(tmp_path):
-    """What is kept depends on no case's amplitude, and holds the strongest candidate of each."""
-    beam, kept = Beam(tmp_path, TWO | {"screen.keep": 4}), {}
-    for force in (400.0, 0.4):
-        quiet = {"loads": {"down": "none", "aside": {"signal": sine(30.0, force)}}}
-        training, screened = beam.trained(beam.case({"down": DOWN, "quiet": quiet}))
-        kept[force] = screened.kept
-        for own in training.cases.values():
-            assert own.rms[screened.kept].max() == pytest.approx(own.rms.max(), rel=1e-6)
-    np.testing.assert_array_equal(kept[400.0], kept[0.4])
 
 
 def test_a_case_takes_a_recorded_load(beam):
@@ -291,9 +238,8 @@ def test_a_case_takes_a_recorded_load(beam):
     assert "place.load_cases.ramp.loads.down.signal.file" in case.files
     training, _ = beam.trained(case)
     at = beam.reduced.model.inputs.index("down")
-    np.testing.assert_allclose(
-        training.cases["ramp"].load[:, at], 15000 * training.cases["ramp"].time, rtol=1e-6, atol=1e-6
-    )
+    ramp = training.cases["ramp"]
+    np.testing.assert_allclose(ramp.load[:, at], 15000 * ramp.time, rtol=1e-6, atol=1e-6)
 
 
 def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_path):
@@ -317,6 +263,3 @@ def test_a_run_says_what_is_expected_in_every_case_and_where_it_is_worst(tmp_pat
     assert list(numbers.values()) == condition.max(axis=0).tolist()
     assert condition[0].max() != condition.max()  # the worst case is not the first
     assert " in steering: " in own["observe"].message
-    table = next(table for table in own["place"].tables if table.title.startswith("load cases"))
-    assert [row[0] for row in table.rows] == ["down", "steering"]
-    assert table.rows[0][-1] == "silent"

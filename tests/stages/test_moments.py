@@ -7,13 +7,11 @@ import re
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
 from strainsight.workflow.artefact import Artefact
-from strainsight_cli.main import app
 
 from ..edges.beam import (
     BENCH_CONFIG,
@@ -28,24 +26,22 @@ from ..edges.beam import (
     prepared,
     validated,
 )
+from .tested_beam import estimated
 
 MOMENT, FORCE = 500.0, 200.0
-SLOW = {"type": "sine", "frequency": 1.0}
+
+
+def sine(amplitude, frequency):
+    return {"type": "sine", "frequency": frequency, "amplitude": amplitude}
+
+
+def load(**keys):
+    return {"node": TIP, "known": False, "process_noise": {"model": "integrated_random_walk"}} | keys
+
+
 LOADS = {
-    "bend": {
-        "node": TIP,
-        "moment": [0, 3, 0],
-        "known": False,
-        "signal": SLOW | {"amplitude": MOMENT},
-        "process_noise": {"model": "integrated_random_walk"},
-    },
-    "push": {
-        "node": TIP,
-        "direction": [0, 1, 0],
-        "known": False,
-        "signal": SLOW | {"amplitude": FORCE, "frequency": 2.0},
-        "process_noise": {"model": "integrated_random_walk"},
-    },
+    "bend": load(moment=[0, 3, 0], signal=sine(MOMENT, 1.0)),
+    "push": load(direction=[0, 1, 0], signal=sine(FORCE, 2.0)),
 }
 CHANGES = {
     "filter.compare": False,
@@ -86,81 +82,38 @@ def test_a_tip_moment_strains_a_cantilever_by_mc_over_ei(tmp_path):
     assert set(np.sign(z[middle])) == {-1.0, 1.0}
 
 
-def test_a_moment_is_in_newton_metres_wherever_it_is_named(run):
-    assert run["train"].attributes("/input")["units"] == "N or N m"
-    for key in ("truth", "estimate", "std", "smoothed"):
-        assert run["validate"].attributes(f"/{key}/bend")["units"] == "N m"
-        assert run["validate"].attributes(f"/{key}/push")["units"] == "N"
-    table = next(table for table in run["validate"].tables if table.title.startswith("estimates"))
-    assert "N m RMS" in next(" ".join(row) for row in table.rows if row[0] == "bend")
-
-
-def test_the_moment_is_found_again_and_sigma_is_what_placement_expected(run):
-    own, summary = run, run["validate"].summary
+def test_the_moment_is_found_again_in_newton_metres_and_sigma_is_what_placement_expected(run):
+    summary = run["validate"].summary
     assert summary["estimate.bend"] == pytest.approx(MOMENT / np.sqrt(2), rel=0.01)
     assert summary["error.bend"] < 0.01
     assert summary["smoothed.bend"] < 0.005
     claimed = summary["std.bend"] * summary["scale.bend"]
-    assert own["place"]["/expected_std/bend"][()] == pytest.approx(claimed, rel=0.1)
-    assert own["place"].attributes("/expected_std/bend")["scale"] == MOMENT
-
-
-def test_process_noise_of_a_moment_scales_with_its_amplitude(tmp_path):
-    """σ over the amplitude hangs on σ of the gauges over their readings alone: twice both leave it."""
-    twice = {n: load | {"signal": load["signal"] | {"amplitude": 2 * load["signal"]["amplitude"]}} for n, load in LOADS.items()}
-    changes = CHANGES | {"loads": twice, "gauges.noise_std": {"value": 2e-7}}
-    one, other = (placed(prepared(tmp_path, SMALL, own)).expected.std["bend"] for own in (CHANGES, changes))
-    assert other == pytest.approx(one, rel=1e-6)
+    assert run["place"]["/expected_std/bend"][()] == pytest.approx(claimed, rel=0.1)
+    assert run["place"].attributes("/expected_std/bend")["scale"] == MOMENT
+    assert run["train"].attributes("/input")["units"] == "N or N m"
+    for key in ("truth", "estimate", "std", "smoothed"):
+        assert run["validate"].attributes(f"/{key}/bend")["units"] == "N m"
+        assert run["validate"].attributes(f"/{key}/push")["units"] == "N"
 
 
 @pytest.mark.slow
-def test_a_known_moment_is_read_in_newton_metres_and_nothing_else(tmp_path):
-    known = CHANGES | {
-        "loads": LOADS | {"bend": LOADS["bend"] | {"known": True}},
-        "place": {"estimate": ["push"], "keep": 3},
-    }
-    known["validate.initial_std"] = {"push": 1.0}
+def test_a_known_moment_is_read_in_newton_metres(tmp_path):
+    known = CHANGES | {"loads.bend.known": True, "place.estimate": ["push"], "validate.initial_std": {"push": 1.0}}
     record = finished(tmp_path, "validate", SMALL, known)["validate"].path.parent / "measured.csv"
     assert record.read_text(encoding="utf-8").splitlines()[0].endswith("bend [N m]")
-    for unit in ("N m", "N"):
-        estimate = {
-            "file": str(record),
-            "as_placed": True,
-            "time": {"channel": "time"},
-            "channels": [{"channel": name, "gauge": name, "unit": "m/m"} for name in ("G1", "G2", "G3")],
-            "inputs": {"bend": {"channel": "bend", "unit": unit, "override": True}},
-        }
-        path = tmp_path / "edge.yaml"
-        path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, known | {"estimate": estimate})), encoding="utf-8")
-        words = ["estimate", str(path), "--results", str(tmp_path / "results"), "--no-page"]
-        result = CliRunner().invoke(app, words)
-        if unit == "N":
-            assert result.exit_code == 2
-            assert "force, but it is to be a moment" in " ".join(result.output.split())
-        else:
-            assert result.exit_code == 0, result.output
-            found = Artefact(tmp_path / "results" / "edge" / "estimate.h5")
-            assert found.attributes("/known/bend")["units"] == "N m"
-            assert found.attributes("/std/push")["units"] == "N"
-            assert np.abs(found["/known/bend"]).max() == pytest.approx(MOMENT, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("change", "key", "remedy"),
-    [
-        ({"direction": [0, 0, 1]}, "loads.bend.direction", "remove one of the two keys"),
-        ({"deck_load": "FORCE-1", "node": None}, "loads.bend.moment", "remove the key"),
-    ],
-)
-def test_a_moment_that_is_stated_wrongly_is_refused(tmp_path, change, key, remedy):
-    path = tmp_path / "edge.yaml"
-    loads = LOADS | {"bend": LOADS["bend"] | change}
-    path.write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, CHANGES | {"loads": loads})), encoding="utf-8")
-    with pytest.raises(ConfigError) as caught:
-        load_config(path)
-    found = [error for error in (caught.value, *caught.value.others) if error.key == key]
-    assert found
-    assert remedy in found[0].remedy
+    known["estimate"] = {
+        "as_placed": True,
+        "time": {"channel": "time"},
+        "channels": [{"channel": name, "gauge": name, "unit": "m/m"} for name in ("G1", "G2", "G3")],
+        "inputs": {"bend": {"channel": "bend", "unit": "N m"}},
+    }
+    (tmp_path / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, known)), encoding="utf-8")
+    code, said = estimated(tmp_path, record, config="edge.yaml")
+    assert code == 0, said
+    found = Artefact(tmp_path / "results" / "edge" / "estimate.h5")
+    assert found.attributes("/known/bend")["units"] == "N m"
+    assert found.attributes("/std/push")["units"] == "N"
+    assert np.abs(found["/known/bend"]).max() == pytest.approx(MOMENT, rel=1e-3)
 
 
 DECK = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((6, 1, 1), "hex20"), flags=re.MULTILINE)
@@ -170,12 +123,7 @@ FREE = {
     "rom.modes": 6,
     "loads.tip.known": False,
     "loads.tip.process_noise": {"frequency": 30.0},
-    "loads.push": {
-        "node": TIP,
-        "direction": [1.0, 0.0, 0.0],
-        "known": True,
-        "signal": {"type": "sine", "frequency": 25.0, "amplitude": 2000.0},
-    },
+    "loads.push": {"node": TIP, "direction": [1.0, 0.0, 0.0], "known": True, "signal": sine(2000.0, 25.0)},
     "train": {"duration": 0.2, "time_step": 0.001, "settle": "auto"},
     "place.estimate": ["E", "tip"],
     "place.keep": 3,
@@ -221,62 +169,59 @@ def test_readings_are_those_on_springs_that_nothing_notices(free, tmp_path):
     assert np.abs(one - other).max() < 2e-4 * np.abs(other).max()
 
 
-def test_sigma_of_modulus_and_unknown_load_is_that_on_soft_springs(layout, tmp_path):
-    """On springs of 0.28 Hz. E of it is 4.7e-4 away; beside loads that are free softer ones lose more digits, 6e-4 to 1e-3 and
-    scattered at half of the stiffness and less, 4.5e-3 at a tenth, and firmer ones carry the loads, 3e-3 of tip at five times."""
-    springs = {"mesh.supports": [{"set": "end", "stiffness": 200.0}]}
-    firm = placed(prepared(tmp_path, DECK, {**FREE, **SOFT, **springs}))
-    assert layout.expected.std == pytest.approx(firm.expected.std, rel=1e-3)
-
-
 def test_modulus_and_unknown_load_of_a_free_structure_are_found(free, layout):
     found = validated(free, layout.gauges).accuracy["E"]
     assert found.error < 0.02
     assert found.error < 3 * found.std
 
 
-def test_the_pushed_bar_strains_as_inertia_relief_has_it(free):
-    """Static response to a unit push at x = L: mean axial displacement x²/(2EAL) beside a constant."""
-    model = free.reduced.model
-    q = np.linalg.solve(model.stiffness.at(model.reference), model.input_shape[:, model.inputs.index("push")])
-    z = (free.reduced.basis @ q).reshape(-1, 3)
-    ends = [z[np.isclose(free.mesh.position[:, 0], at), 0].mean() for at in (0.0, 0.5, 1.0)]
-    assert ends[1] - ends[0] == pytest.approx(0.125 / (model.reference["E"] * SIZE[1] * SIZE[2]), rel=2e-2)
+READY = {"numbering": "n.csv", "stiffness": [{"file": "k.mtx", "parameter": "E"}], "mass": [{"file": "k.mtx"}]}
+SENSORS = {"mid": {"quantity": "acceleration", "noise_std": {"value": 1e-3}}}
+BEND = {**FREE, "loads.bend": LOADS["bend"]}
 
 
-def config(tmp_path, changes):
-    path = tmp_path / "own.yaml"
-    path.write_text(yaml.safe_dump(config_of(config_of(PLACEMENT_CONFIG, FREE), changes)))
-    return load_config(path)
+@pytest.mark.parametrize(
+    ("changes", "key", "says"),
+    [
+        ({"loads.bend.direction": [0, 0, 1]}, "loads.bend.direction", "remove one of the two keys"),
+        ({"loads.bend.deck_load": "FORCE-1", "loads.bend.node": None}, "loads.bend.moment", "remove the key"),
+        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "reads the rigid motion, which is left out of a free structure"),
+        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "is of an assembled model"),
+    ],
+)
+def test_what_contradicts_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):
+    path = tmp_path / "edge.yaml"
+    path.write_text(yaml.safe_dump(config_of(config_of(PLACEMENT_CONFIG, BEND), changes)), encoding="utf-8")
+    with pytest.raises(ConfigError) as caught:
+        load_config(path)
+    assert [str(error) for error in (caught.value, *caught.value.others) if error.key == key and says in str(error)]
 
 
-def test_sensors_of_motion_are_refused_with_the_reason(tmp_path):
-    sensor = {"quantity": "acceleration", "noise_std": {"value": 1e-3}}
-    with pytest.raises(ConfigError, match="reads the rigid motion, which is left out of a free structure") as caught:
-        config(tmp_path, {"motion_sensors": {"mid": sensor}})
-    assert caught.value.key == "motion_sensors.mid"
-    assert "soft springs" in str(caught.value)
-
-
-def test_ready_matrices_and_bodies_of_a_bench_are_not_free(tmp_path):
-    term = {"file": "k.mtx"}
-    matrices = {"numbering": "n.csv", "stiffness": [{**term, "parameter": "E"}], "mass": [term]}
-    with pytest.raises(ConfigError, match="is of an assembled model"):
-        config(tmp_path, {"mesh.matrices": matrices, "parameters.E.region": None})
+def test_the_body_of_a_bench_is_free_in_any_case(tmp_path):
     with pytest.raises(ConfigError, match="a body of a bench is free in any case"):
         finished(tmp_path, "import", DECK, {"bodies.beam.mesh.free": True}, BENCH_CONFIG)
 
 
-def test_a_weight_strains_nothing_and_a_density_of_a_part_is_refused(tmp_path):
-    weight = {"gravity": [0, 0, -9.81], "known": True, "signal": {"type": "sine", "frequency": 20.0, "amplitude": 1.0}}
-    with pytest.raises(UserError, match=r"accelerates a free structure .* as a whole and strains nothing") as caught:
-        finished(tmp_path / "weight", "rom", DECK, {**FREE, "loads.weight": weight})
-    assert caught.value.key == "loads.weight"
-    carried = DECK.replace("ENDDATA", f"CONM2,77,{TIP},,5.0\nENDDATA")
-    rho = {"property": "density", "region": 1, "guess": 7850.0, "range": [7000.0, 8500.0]}
-    with pytest.raises(UserError, match="the density of a part of a free structure is unknown") as caught:
-        finished(tmp_path / "density", "modes", carried, {**FREE, "parameters.rho": rho})
-    assert caught.value.key == "parameters.rho"
+WEIGHT = {"gravity": [0, 0, -9.81], "known": True, "signal": sine(1.0, 20.0)}
+DENSITY = {"property": "density", "region": 1, "guess": 7850.0, "range": [7000.0, 8500.0]}
+
+
+@pytest.mark.parametrize(
+    ("deck", "key", "value", "says"),
+    [
+        (DECK, "loads.weight", WEIGHT, r"accelerates a free structure .* as a whole and strains nothing"),
+        (
+            DECK.replace("ENDDATA", f"CONM2,77,{TIP},,5.0\nENDDATA"),
+            "parameters.rho",
+            DENSITY,
+            "the density of a part of a free structure is unknown",
+        ),
+    ],
+)
+def test_a_weight_strains_nothing_and_a_density_of_a_part_is_refused(tmp_path, deck, key, value, says):
+    with pytest.raises(UserError, match=says) as caught:
+        finished(tmp_path, "rom", deck, {**FREE, key: value})
+    assert caught.value.key == key
 
 
 @pytest.mark.slow

@@ -7,8 +7,6 @@ import shutil
 
 import numpy as np
 import pytest
-import pyvista
-from scipy.linalg import solve_continuous_are, solve_continuous_lyapunov
 
 from strainsight.cases.structure import training
 from strainsight.stages.placement import PLACEMENT
@@ -51,44 +49,6 @@ def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, 
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 
 
-def test_a_row_is_the_strain_of_the_basis_by_differences_along_the_facet(artefacts):
-    """Mid-side nodes of a flat quad8 facet: the displacement difference over the distance, exact for fields quadratic in x."""
-    train, basis, position = artefacts["train"], artefacts["rom"]["/basis"], artefacts["import"]["/nodes/position"]
-    nodes, rows = train["/gauges/nodes"], train["/gauges/row"]
-    checked = 0
-    for i in range(0, len(nodes), 37):
-        middle = nodes[i, 4:8]
-        edge = position[middle] - train["/gauges/position"][i]
-        ends = middle[np.abs(edge[:, 0]) > 1e-6]
-        u = basis.reshape(-1, 3, basis.shape[1])[ends, 0]
-        slope = (u[1] - u[0]) / (position[ends[1], 0] - position[ends[0], 0])
-        assert np.allclose(rows[i], slope, rtol=1e-9, atol=1e-9 * np.abs(rows).max())
-        checked += 1
-    assert checked > 10
-
-
-def test_place_stores_what_it_solved(artefacts):
-    """trace_initial, from the stored F, H, Q, R and weight alone, by scipy's solvers. What symmetry keeps from the noise is
-    blown up in these coordinates: of the Riccati solver six digits are left, which Newton's steps bring back."""
-    place = artefacts["place"]
-    F, H, Q, R, W = (place[f"/augmented/{key}"] for key in ("F", "H", "Q", "R", "weight"))
-    traces = []
-    for f, h, q, r, w in zip(F, H, Q, R, W, strict=True):
-        P, G = solve_continuous_are(f.T, h.T, q, np.diag(r)), (h.T / r) @ h
-        for _ in range(2):
-            P = solve_continuous_lyapunov(f - P @ G, -(q + P @ G @ P))
-        # Motions that symmetry keeps from the process noise have no variance to scale by.
-        reached = np.diag(P) > 1e-3
-        assert np.allclose(np.diag(P)[reached], 1.0, atol=1e-5)
-        assert reached[-1]
-        traces.append(w @ np.diag(P))
-    assert np.mean(traces) == pytest.approx(place.summary["trace_initial"], rel=1e-12)
-    assert place["/elimination/trace"][0] == pytest.approx(1.0, rel=1e-9)
-    assert len(place["/elimination/trace"]) == 100 - 4 + 1
-    assert place.summary["lower_bound"] <= place.summary["trace_final"] * (1 + 1e-12)
-    assert place.summary["riccati_residual"] <= 1e-10
-
-
 def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
     place, train = artefacts["place"], artefacts["train"]
     lines = list(csv.DictReader((place.path.parent / "gauges.csv").read_text().splitlines()))
@@ -100,20 +60,6 @@ def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
         np.testing.assert_allclose(written, train[f"/gauges/{key}"][rows], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose([float(line["std_E_without"]) for line in lines], place["/without/E"], rtol=1e-8)
     assert {"workshop.csv", "workshop.unv", "sheet-G1.svg"} <= {path.name for path in artefacts["report"].path.parent.iterdir()}
-
-
-def test_the_budget_is_the_whole_variance(artefacts):
-    place = artefacts["place"]
-    assert place["/budget/share/E"].sum() == pytest.approx(1.0, rel=1e-9)
-    assert {"noise", "process noise", "position", "angle", "gain"} < set(place["/budget/source"].astype(str))
-
-
-def test_mode_shapes_open_in_the_real_reader(artefacts):
-    reader = pyvista.HDFReader(str(artefacts["rom"].path))
-    grid = reader.read()
-    assert grid.n_points == len(artefacts["import"]["/nodes/id"])
-    assert grid.n_cells == artefacts["import"].summary["elements"]
-    assert "mode" in grid.point_data
 
 
 @pytest.mark.slow
@@ -129,13 +75,7 @@ def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
         path.write_text(text.replace(tip, "\n".join(lines)).replace("estimate: [E]", f"estimate: {estimate}"))
         done = finished(job_of(path, tmp_path / f"results{len(found)}", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1])
         found.append({stage: artefact for stage, (_, _, artefact) in done.items()})
-    first, second = found
-    assert [str(name) for name in second["place"]["/elimination/unknowns"]] == ["side", "E"]
+    assert [str(name) for name in found[1]["place"]["/elimination/unknowns"]] == ["side", "E"]
     for name in ("E", "side"):
-        assert second["validate"].summary[f"estimate.{name}"] == pytest.approx(
-            first["validate"].summary[f"estimate.{name}"], rel=1e-6
-        )
-    # The same results folder too: what the reduced model was built with stays the order of everything that follows.
-    again = finished(job_of(tmp_path / "own1.yaml", tmp_path / "results0", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1])
-    assert again["rom"][0] == "up to date"
-    assert again["validate"][2].summary["error.E"] == pytest.approx(first["validate"].summary["error.E"], rel=1e-6)
+        one, other = (own["validate"].summary[f"estimate.{name}"] for own in found)
+        assert other == pytest.approx(one, rel=1e-6)

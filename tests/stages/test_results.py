@@ -1,4 +1,4 @@
-"""Placement from modes and static responses of another program: the same layout and σ as from the deck."""
+"""Placement from modes and static responses of another program, or over MPI: the same layout and σ as from the deck."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 
 from ..frd import calculix, solved, write_frd
+from ..mpi import needs_slepc, over
 from ..shared import stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 from .tested_beam import changed, estimated, result
@@ -139,20 +140,27 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
 
 
 @pytest.mark.parametrize(
-    ("results", "key", "said"),
+    ("overrides", "key", "said"),
     [
-        ("{file: found.frd, loads: {top: {step: 1}}}", "mesh.results.loads.top", "no load"),
-        ("{file: found.frd, modes: {step: 7}}", "mesh.results.modes", "no modes step 7 in the file"),
-        ("{file: found.frd, loads: {tip: {step: 1, applied: 2.0}}}", "mesh.results.loads.tip", "the modes alone take"),
-        ("{file: found.frd, loads: {tip: {step: 1, applied: 0.9}}}", "mesh.results.loads.tip", "of mode 1"),
-        ("{file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}", "parameters.E.guess", "the results"),
+        (("mesh.results={file: found.frd, loads: {top: {step: 1}}}",), "mesh.results.loads.top", "no load"),
+        (("mesh.results={file: found.frd, modes: {step: 7}}",), "mesh.results.modes", "no modes step 7 in the file"),
+        ((OF_RESULTS.replace("step: 1", "step: 1, applied: 0.9"),), "mesh.results.loads.tip", "of mode 1"),
+        (("mesh.results={file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}",), "parameters.E.guess", "the results"),
+        ((OF_RESULTS, "rom.modes=15"), "rom.modes", "ask for 1 to 12"),
+        ((OF_RESULTS, "mesh.free=true"), "mesh.free", "a structure that is held"),
+        # springs of the deck do not change with E, and one set of results does not say what they add
+        ((OF_RESULTS, "mesh.file=sprung.bdf"), "parameters.E", "springs of the deck have none"),
+        ((OF_RESULTS, "mesh.file=parts.bdf", "parameters.E.region=1"), "parameters.E", "it is of some regions only"),
     ],
 )
-def test_what_the_results_lack_or_contradict(folder, results, key, said):
+def test_what_the_results_lack_or_contradict(folder, overrides, key, said):
+    text = (folder / "beam.bdf").read_text()
+    (folder / "sprung.bdf").write_text(text.replace("ENDDATA", "CELAS2,77,1.+5,101,2,702,2\nENDDATA"))
+    (folder / "parts.bdf").write_text(in_two(text))
     with pytest.raises(StrainsightError, match=said) as caught:
-        placed(folder, "wrong", f"mesh.results={results}", until="rom")
+        placed(folder, "wrong", *overrides, until="rom")
     assert key in str(caught.value)
-    assert "\n" in str(caught.value)
+    assert caught.value.remedy
 
 
 @pytest.mark.parametrize(
@@ -166,32 +174,21 @@ def test_what_the_results_lack_or_contradict(folder, results, key, said):
 def test_results_of_another_mesh(folder, mesh, response, other, said):
     write_frd(folder / "other.frd", other(mesh), response, form=3)
     with pytest.raises(StrainsightError, match=said) as caught:
-        placed(folder, "other", "mesh.results={file: other.frd, loads: {tip: {step: 1}}}", until="rom")
+        model_of(folder, mesh, "other.frd")
     assert "other.frd" in str(caught.value)
     assert caught.value.remedy
+
+
+def model_of(folder, mesh, file, *overrides):
+    config = load_config(folder / "beam.yaml", overrides or (OF_RESULTS,)).model
+    return model_of_results(config.mesh, mesh, (), {"mesh.results.file": folder / file}, config.loads).model
 
 
 def test_six_digits_far_from_the_origin_are_of_the_same_mesh(folder, mesh, response):
     """At 10 km a text has metres to 0.05, which is 0.025 of the beam."""
     far = replace(mesh, position=mesh.position + np.array([1e4, 0.0, 0.0]))
     write_frd(folder / "far.frd", far, response, form=1)
-    config = load_config(folder / "beam.yaml", ("mesh.results={file: far.frd, loads: {tip: {step: 1}}}",)).model
-    model_of_results(config.mesh, far, (), {"mesh.results.file": folder / "far.frd"}, config.loads)
-
-
-def test_more_modes_than_there_are(folder):
-    with pytest.raises(StrainsightError, match="ask for 1 to 12") as caught:
-        placed(folder, "wrong", OF_RESULTS, "rom.modes=15", until="modes")
-    assert "rom.modes" in str(caught.value)
-
-
-def test_a_property_of_a_part_is_refused(folder, mesh):
-    """Springs of the deck do not change with E, and one set of results does not say what they add."""
-    sprung = (folder / "beam.bdf").read_text().replace("ENDDATA", "CELAS2,77,1.+5,101,2,702,2\nENDDATA")
-    (folder / "sprung.bdf").write_text(sprung)
-    with pytest.raises(StrainsightError, match="springs of the deck have none") as caught:
-        placed(folder, "wrong", OF_RESULTS, "mesh.file=sprung.bdf", until="rom")
-    assert "parameters.E" in str(caught.value)
+    model_of(folder, far, "far.frd")
 
 
 def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
@@ -206,11 +203,8 @@ def test_motion_along_the_axes_of_a_node(folder, mesh, monkeypatch):
             yield replace(own, motion=motion, along_node_axes=True)
 
     monkeypatch.setitem(READERS, ".axes", along_axes)
-    config = load_config(folder / "beam.yaml", (OF_RESULTS,)).model
-    plain, own = (
-        model_of_results(config.mesh, deck, (), {"mesh.results.file": folder / name}, config.loads).model
-        for deck, name in ((mesh, "found.frd"), (replace(mesh, axes=turned), "found.axes"))
-    )
+    plain = model_of(folder, mesh, "found.frd")
+    own = model_of(folder, replace(mesh, axes=turned), "found.axes")
     difference = abs(own.constraint.transform - plain.constraint.transform).max()
     assert difference < 1e-12 * abs(plain.constraint.transform).max()
     assert np.allclose(own.mass.at({}).toarray(), plain.mass.at({}).toarray(), rtol=1e-12)
@@ -220,26 +214,11 @@ def test_units_of_the_mesh_and_size_of_the_load(folder, mesh, response):
     """In mm and t a mode of unit mass is √1000 times as large a number, and the motion under 250 N 250 000 times."""
     in_mm = replace(response, shapes=np.sqrt(1000.0) * response.shapes, static=250.0 * 1000.0 * response.static)
     write_frd(folder / "mm.frd", replace(mesh, position=1000.0 * mesh.position), in_mm, form=3)
-    write_frd(folder / "m.frd", mesh, response, form=3)
-    own = "mesh.results={file: m.frd, loads: {tip: {step: 1}}}"
-    in_units = (
-        "mesh.results={file: mm.frd, loads: {tip: {applied: 250.0}}}",
-        "mesh.length_unit=mm",
-        "mesh.mass_unit=t",
-    )
-    models = []
-    for name, overrides in (("m.frd", (own,)), ("mm.frd", in_units)):
-        config = load_config(folder / "beam.yaml", overrides).model
-        models.append(model_of_results(config.mesh, mesh, (), {"mesh.results.file": folder / name}, config.loads).model)
-    a, b = models
+    results = OF_RESULTS.replace("step: 1", "applied: 250.0")
+    a = model_of(folder, mesh, "found.frd")
+    b = model_of(folder, mesh, "mm.frd", results, "mesh.length_unit=mm", "mesh.mass_unit=t")
     assert np.allclose(b.constraint.transform.toarray(), a.constraint.transform.toarray(), rtol=1e-9, atol=1e-14)
     assert np.allclose(b.stiffness.at({}).toarray(), a.stiffness.at({}).toarray(), rtol=1e-9)
-
-
-def test_a_free_structure_of_results_is_refused(folder):
-    with pytest.raises(StrainsightError) as caught:
-        load_config(folder / "beam.yaml", (OF_RESULTS, "mesh.free=true"))
-    assert "mesh.free" in str(caught.value)
 
 
 @pytest.mark.slow
@@ -264,6 +243,19 @@ def test_a_load_and_a_modulus_from_a_record(tmp_path, mesh):
         off = np.abs(own[name] - whole[name]).max() / np.abs(whole[name]).max()
         assert off < 1e-6, name
     assert (tmp_path / "results" / "test" / "test.html").is_file()
+
+
+@needs_slepc
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [1, 2, 4])
+def test_over_mpi_frequencies_and_gauges_are_those_of_pardiso(folder, of_deck, monkeypatch, processes):
+    for name, value in over(processes).items():
+        monkeypatch.setenv(name, value)
+    own = placed(folder, f"slepc-{processes}", "solver=slepc", results=f"slepc-{processes}")
+    same(of_deck, own, 1e-6)
+    reduced, known = read(Reduced, own["rom"]), read(Reduced, of_deck["rom"])
+    assert np.allclose(reduced.frequency, known.frequency, rtol=1e-9, atol=0)
+    assert np.allclose(reduced.static, known.static, rtol=0, atol=1e-9 * np.abs(known.static).max())
 
 
 FIRST, SECOND = 1.8e11, 2.4e11
@@ -303,18 +295,3 @@ def test_second_results_give_the_layout_and_sigma_of_the_deck(folder_in_parts):
     own = placed(folder_in_parts, "results", PARTS, RESULTS)
     same(whole, own, 1e-4)
     assert np.allclose(own["rom"]["/frequency"], whole["rom"]["/frequency"], rtol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("change", "key", "said"),
-    [
-        (("second: {parameter: E", "second: {parameter: F"), "mesh.results.second.parameter", "'F' is no parameter"),
-        ((", second: {parameter: E, at: 2.4e+11, file: second.frd}", ""), "parameters.E", "it is of some regions only"),
-    ],
-)
-def test_a_second_set_of_something_else(folder_in_parts, change, key, said):
-    assert change[0] in RESULTS
-    with pytest.raises(StrainsightError, match=said) as caught:
-        placed(folder_in_parts, "wrong", PARTS, RESULTS.replace(*change), until="rom")
-    assert caught.value.key == key
-    assert caught.value.remedy

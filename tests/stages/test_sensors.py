@@ -68,7 +68,7 @@ def mixed(tmp_path_factory):
         return made(config, until="place", beside="mixed")
 
 
-def test_a_layout_keeps_every_limit(mixed):
+def test_a_layout_keeps_every_limit_and_a_rosette_is_one_gauge_of_three_channels(mixed):
     train, place = mixed["train"], mixed["place"]
     chosen = place["/selected/final/channel"]
     first = chosen[:, 0]
@@ -78,10 +78,6 @@ def test_a_layout_keeps_every_limit(mixed):
     assert np.sum(position[:, 0] <= 0.35) == 1
     assert np.where(bonded, 0.0, np.array([1.0, 3.0, 10.0])[array]).sum() <= 9
     assert bonded.sum() == 1
-
-
-def test_a_rosette_is_one_gauge_of_three_channels(mixed):
-    train, chosen = mixed["train"], mixed["place"]["/selected/final/channel"]
     rosettes = chosen[(chosen >= 0).sum(axis=1) == 3]
     assert len(rosettes)
     for own in rosettes:
@@ -113,18 +109,6 @@ def test_the_stored_scenarios_give_the_trace_of_the_layout(mixed):
     assert np.mean(traces) == pytest.approx(place.summary["trace_final"], rel=1e-5)
 
 
-def test_an_accelerometer_reads_the_acceleration_of_the_linearised_motion(mixed):
-    train, place = mixed["train"], mixed["place"]
-    n = mixed["rom"]["/basis"].shape[1]
-    quantity, channel = train["/gauges/quantity"], place["/pool/channel"]
-    moving = np.flatnonzero(quantity[channel] == 1)
-    assert len(moving)
-    for F, H, scale in zip(*(place[f"/augmented/{key}"] for key in ("F", "H", "scale")), strict=True):
-        rates = (F * scale[:, None] / scale)[n : 2 * n]
-        row = train["/gauges/row"][channel[moving]]
-        np.testing.assert_allclose(H[moving] / scale, row @ rates, rtol=1e-9, atol=1e-9 * np.abs(row @ rates).max())
-
-
 def test_training_accelerations_are_second_differences_of_displacements(mixed):
     train = mixed["train"]
     moving = train["/gauges/quantity"] == 1
@@ -144,8 +128,6 @@ def test_the_filter_takes_all_of_them(mixed, tmp_path):
         validate = made(tmp_path / "mixed.yaml", until="validate", beside="mixed")["validate"]
     chosen = mixed["place"]["/selected/final/channel"]
     assert validate["/gauge/measured"].shape[1] == (chosen >= 0).sum()
-    assert np.isfinite(validate["/estimate/tip"]).all()
-    assert np.isfinite(validate["/estimate/E"]).all()
     # with no load known E rests on what is stated of the tip's, and no error of it is right or wrong
     assert "E rests on what process_noise states of tip" in mixed["place"].summary["rests_on_loads"]
 
@@ -154,15 +136,6 @@ def test_an_array_over_channels_has_the_units_of_what_they_measure(mixed):
     assert mixed["train"].attributes("/rms")["units"] == "strain or m/s^2 or m"
     assert mixed["place"].attributes("/augmented/R")["units"] == "(strain or m/s^2 or m)^2 s"
     assert mixed["train"].attributes("/gauges/row")["units"] == "(strain or m)/(kg^1/2 m)"
-
-
-def test_all_seven_cases_are_compared(mixed):
-    observe = mixed["observe"]
-    assert observe["/case"].tolist() == ["input", "E", "rho", "input+E", "input+rho", "E+rho", "input+E+rho"]
-    condition = dict(zip(observe["/case"].tolist(), observe["/condition"][0], strict=True))
-    for joint in ("input+E", "input+rho", "E+rho"):
-        assert condition[joint] > max(condition[single] for single in joint.split("+"))
-    assert observe["/condition_raw"].max() > 1e15
 
 
 COARSE = (f"mesh.file={DECK}", *SHORT, "screen.keep=24", "place.certificate=false")
@@ -188,31 +161,17 @@ def test_a_plane_of_symmetry_places_mirrored_pairs_that_keep_their_spacing(young
     assert min(np.linalg.norm(a - b) for a, b in combinations(position, 2)) >= 0.15 * (1 - 1e-9)
 
 
-def test_covariances_as_printed_are_those_of_the_thesis(youngs, config):
-    """(5.15-5.17): Q = (hδ)² of the parameter and R = σ², no intensities."""
-    found = youngs("process_noise.rule=as_printed", "place.instants=1")
-    place, screen = found["place"], found["screen"]
-    scale, h, delta = place["/augmented/scale"][0], 1e-3, 0.05
-    assert place["/augmented/Q"][0, -1, -1] * scale[-1] ** 2 == pytest.approx((h * delta) ** 2, rel=1e-9)
-    assert place["/augmented/R"][0] == pytest.approx(screen["/noise_std"][place["/pool/channel"]] ** 2, rel=1e-12)
-    assert len(place["/augmented/F"]) == 1
-
-
 def test_the_metric_uses_the_input_model_of_the_filter():
     config = ROOT / "configs" / "cantilever-input.yaml"
     walk = "loads.tip.process_noise={model: integrated_random_walk}"
     with without_hot_spots():
         done = made(config, *COARSE, walk, "parameters.E.guess=2.0e+11", until="place")
     place, n = done["place"], done["rom"]["/basis"].shape[1]
-    F, scale = place["/augmented/F"][0], place["/augmented/scale"][0]
-    assert F.shape == (2 * n + 2, 2 * n + 2)
-    state = place["/augmented/state"].tolist()
-    assert state[0] == "q1"
-    assert state[n : 2 * n] == [f"d{name}/dt" for name in state[:n]]
-    np.testing.assert_allclose((F * scale[:, None] / scale)[:n], np.eye(n, 2 * n + 2, n), atol=1e-12)
-    assert state[2 * n :] == ["tip", "rate of tip"]
-    assert (F * scale[:, None] / scale)[2 * n, 2 * n + 1] == pytest.approx(2 * np.pi * 20.0, rel=1e-9)
-    weight = place["/augmented/weight"][0]
+    scale, weight = place["/augmented/scale"][0], place["/augmented/weight"][0]
+    F = place["/augmented/F"][0] * scale[:, None] / scale
+    assert place["/augmented/state"].tolist()[2 * n :] == ["tip", "rate of tip"]
+    np.testing.assert_allclose(F[:n], np.eye(n, 2 * n + 2, n), atol=1e-12)
+    assert F[2 * n, 2 * n + 1] == pytest.approx(2 * np.pi * 20.0, rel=1e-9)
     assert weight[2 * n] > 0
     assert weight[2 * n + 1] == 0
 

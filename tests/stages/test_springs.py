@@ -3,111 +3,56 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from strainsight.cases.structure.mesh import checked, mesh_of
-from strainsight.config.load import load_config
-from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, DeckError, StrainsightError, UserError
-from strainsight.records.mesh import mesh_from
-from strainsight.records.record import read
-from strainsight.records.reduced import Modes
+from strainsight.config.mesh import MeshFile
+from strainsight.errors import ConfigError, DeckError, StrainsightError
 
-from ..edges.beam import (
-    BENCH_CONFIG,
-    PLACEMENT_CONFIG,
-    RHO,
-    SIZE,
-    TIP,
-    bricks,
-    config_of,
-    finished,
-    placed,
-    prepared,
-    validated,
-)
+from ..edges.beam import BENCH_CONFIG, TIP, bricks, finished, placed, prepared, validated
 
 MESH = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((4, 1, 1), "hex20"), flags=re.MULTILINE)
 K = 2.0e4
-ENDS = {"left": {"near": [0, 0.05, 0.04]}, "right": {"near": [1, 0.05, 0.04]}}
-CHANGES = {
-    "filter.compare": False,
-    "mesh.faces": ENDS,
-    "mesh.supports": [{"set": "left", "stiffness": K}, {"node": TIP, "stiffness": [K, 2 * K, K]}],
-    "rom.modes": 8,
-    "train": {"duration": 0.2, "time_step": 0.001, "settle": "auto"},
-    "gauges.exclude": [{"normal_cone": {"axis": [1, 0, 0], "angle": 10}}],
-    "tolerances": "none",
-}
+ROOT = {"root": {"near": (0, 0.05, 0.04)}}
 
 
-def test_the_lowest_modes_are_those_of_a_rigid_bar_on_its_springs(tmp_path):
-    """√(2k/m) along x is one of the six; the elastic ones lie far above them."""
-    run = finished(tmp_path, "modes", MESH, CHANGES)
-    found = read(Modes, run["modes"]).frequency
-    m = RHO * np.prod(SIZE)
-    along = np.sqrt(2 * K / m) / (2 * np.pi)
-    assert np.min(np.abs(found[:6] / along - 1)) < 1e-4
-    assert found[6] / found[5] > 10
-    mesh = mesh_from(run["import"])
-    assert [own.name for own in mesh.springs] == ["mesh.supports.0", "mesh.supports.1"]
-    assert mesh.springs[0].stiffness.sum() == pytest.approx(3 * K)
-    assert mesh.springs[1].stiffness.tolist() == [K, 2 * K, K]
-    assert len(mesh.fixed) == 0
+def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_that_has_some(tmp_path):
+    path = tmp_path / "beam.bdf"
+    path.write_text(MESH.replace("ENDDATA", "SET1,9,1,2,3,4\nENDDATA"))
 
-
-def config(tmp_path: Path, changes) -> PlacementConfig:
-    path = tmp_path / "own.yaml"
-    path.write_text(yaml.safe_dump(config_of(config_of(PLACEMENT_CONFIG, CHANGES), changes)))
-    model = load_config(path).model
-    assert isinstance(model, PlacementConfig)
-    return model
-
-
-def test_supports_that_contradict_themselves_are_named(tmp_path):
-    with pytest.raises(ConfigError) as caught:
-        config(tmp_path, {"mesh.supports": [{"node": TIP, "stiffness": 1.0, "components": [1, 4]}]})
-    assert caught.value.key == "mesh.supports[0].components"
-
-
-def test_nodes_of_a_set_share_and_rotations_are_those_of_a_node_that_has_some(tmp_path):
-    (tmp_path / "beam.bdf").write_text(MESH.replace("ENDDATA", "SET1,9,1,2,3,4\nENDDATA"))
-
-    def mesh(*supports):
-        own = config(tmp_path, {"mesh.supports": list(supports)}).mesh
-        found = mesh_of(own, tmp_path / "beam.bdf")
+    def springs(**support):
+        own = MeshFile.model_validate({"file": "beam.bdf", "faces": ROOT, "supports": ({"stiffness": 8.0, **support},)})
+        found = mesh_of(own, path)
         checked(found, own)
-        return found
+        return found.springs[0]
 
-    shared = mesh({"set": "SET1-9", "stiffness": 8.0, "components": [2]}).springs[0]
+    shared = springs(set="SET1-9", components=(2,))
     assert shared.stiffness.tolist() == [2.0] * 4
     assert set(shared.component.tolist()) == {1}
-    turned = mesh({"node": TIP, "stiffness": 8.0, "components": [5]}).springs[0]
-    assert turned.torsion.tolist() == [True]
+    assert springs(set="root", stiffness=K).stiffness.sum() == pytest.approx(3 * K)
+    assert springs(node=TIP, stiffness=(K, 2 * K, K)).stiffness.tolist() == [K, 2 * K, K]
+    assert springs(node=TIP, components=(5,)).torsion.tolist() == [True]
     with pytest.raises(DeckError, match=r"mesh.supports.0 acts on rotations of node 3, which has none"):
-        mesh({"node": 3, "stiffness": 8.0, "components": [5]})
+        springs(node=3, components=(5,))
 
 
 def test_a_body_of_a_bench_has_no_springs(tmp_path):
-    with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported") as caught:
+    with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported"):
         finished(tmp_path, "import", MESH, {"bodies.beam.mesh.supports": [{"node": TIP, "stiffness": K}]}, BENCH_CONFIG)
-    assert caught.value.key == "bodies.beam.mesh"
 
 
 FOUNDATION = {
     "filter.compare": False,
-    "mesh.faces": {"root": ENDS["left"]},
+    "mesh.faces": ROOT,
     "mesh.supports": [{"set": "root", "stiffness": 5.0e9}],
     "parameters": {
         "s": {"property": "stiffness_factor", "springs": ["mesh.supports.0"], "guess": 1.0, "range": [0.7, 1.5]}
     },
     "loads.tip.signal.frequency": 35.0,
     "rom": {"modes": 6, "parameter_samples": 4},
-    "gauges.exclude": CHANGES["gauges.exclude"],
+    "gauges.exclude": [{"normal_cone": {"axis": [1, 0, 0], "angle": 10}}],
     "place.estimate": ["s"],
     "tolerances": "none",
     "validate.truth": {"model": "modes", "parameters": {"s": 1.2}, "modes": 8},
@@ -121,22 +66,6 @@ def test_a_test_finds_the_stiffness_of_a_foundation(tmp_path):
     found = run["validate"].summary
     assert 0 < found["std.s"] < 0.05
     assert abs(found["estimate.s"] - 1.2) < 2 * found["std.s"]
-
-
-@pytest.mark.parametrize(
-    ("changes", "key", "what"),
-    [
-        ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
-        ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
-        ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
-        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
-    ],
-)  # fmt: skip
-def test_springs_of_a_parameter_are_looked_for_at_import(tmp_path, changes, key, what):
-    with pytest.raises(UserError, match=what) as caught:
-        finished(tmp_path, "import", MESH, FOUNDATION | changes)
-    assert caught.value.key == key
-    assert caught.value.remedy
 
 
 COUNTS = (4, 1, 1)
@@ -159,17 +88,10 @@ LOAD = {
 }
 
 
-def changed(*changes):
-    every = dict(STATIC)
-    for own in changes:
-        every |= own
-    return every
-
-
-def trained(folder, *changes):
+def trained(folder, changes):
     """The beam in its training run, and the static strain of every candidate under a newton (m,): the rows on K⁻¹ S."""
     folder.mkdir(exist_ok=True)
-    own = prepared(folder, bricks(COUNTS), changed(*changes))
+    own = prepared(folder, bricks(COUNTS), STATIC | changes)
     model = own.reduced.model
     response = np.linalg.solve(model.stiffness.at(model.reference), model.input_shape)
     return own, (own.training.rows @ response)[:, 0]
@@ -181,7 +103,7 @@ def channels_of(found):
 
 def test_readings_follow_the_load_and_lag_by_what_is_stated(tmp_path):
     """1.4 ω/ω_s of the amplitude, ω_s a hundred times the first mode; statics are those of the model with inertia."""
-    own, d = trained(tmp_path / "static")
+    own, d = trained(tmp_path / "static", {})
     off = own.training.reading() - np.outer(own.training.load[:, 0], d)
     lag = 1.4 * SLOW / (100 * own.reduced.frequency[0])
     np.testing.assert_allclose(np.abs(off).max(axis=0) / (AMPLITUDE * np.abs(d)), lag, rtol=0.01)
@@ -205,20 +127,9 @@ def test_an_unknown_load_has_the_variance_of_a_random_walk_that_is_read(tmp_path
     assert P < validated(own, found.gauges).validated.std["tip"][-1] ** 2 < P + q * lag
 
 
-@pytest.mark.slow
-def test_it_is_the_limit_of_a_structure_with_inertia_for_slow_loads(tmp_path):
-    """Without noise on the model. A walk that is slow against the first mode is known alike, by the same gauges."""
-    slow = LOAD | {"loads.tip.process_noise": {"frequency": 1e-5}, "process_noise.model_error": 0.0}
-    static = placed(trained(tmp_path / "static", slow)[0])
-    short = {"train": {"duration": DURATION, "time_step": 1e-3}}
-    dynamic = placed(trained(tmp_path / "dynamic", slow, short)[0])
-    np.testing.assert_array_equal(channels_of(static), channels_of(dynamic))
-    assert static.layout.cost == pytest.approx(dynamic.layout.cost, rel=1e-3)
-
-
 def test_a_modulus_under_a_known_load_has_the_variance_of_a_regression(tmp_path):
     """ε = d F/E: σ(ln E) = σ/√Σ ε² over all samples, beside a prior of a tenth."""
-    own, _ = trained(tmp_path)
+    own, _ = trained(tmp_path, {})
     placement = placed(own)
     squares = np.sum((own.training.reading(channels_of(placement))[1:] * 0.9) ** 2)
     expected = 1 / np.sqrt(squares / NOISE**2 + 1 / 0.1**2)
@@ -229,7 +140,7 @@ def test_a_modulus_under_a_known_load_has_the_variance_of_a_regression(tmp_path)
 @pytest.mark.slow
 def test_errors_against_a_truth_with_inertia_are_what_is_claimed(tmp_path):
     """Gauges, loads and damping drawn from their tolerances, forty times."""
-    own, _ = trained(tmp_path, LOAD, {"tolerances": {}, "validate.repeats": 40, "place.installation": "ignore"})
+    own, _ = trained(tmp_path, LOAD | {"tolerances": {}, "validate.repeats": 40, "place.installation": "ignore"})
     found = validated(own, placed(own).gauges).validated.repeats
     ratio = np.sqrt(np.mean((found.error["tip"] / found.std["tip"]) ** 2))
     assert 0.75 < ratio < 1.25
@@ -241,31 +152,37 @@ def test_inertia_that_is_left_out_is_named_and_refused_where_it_is_much(tmp_path
         return {"loads.tip.signal.frequency": frequency, "train": training, "validate.time_step": 1e-3}
 
     with pytest.warns(UserWarning, match="adds up to 2."):
-        finished(tmp_path / "10", "train", bricks(COUNTS), changed(quick(10.0)))
+        finished(tmp_path / "10", "train", bricks(COUNTS), STATIC | quick(10.0))
     with pytest.raises(StrainsightError, match=r"inertia, which train\.model: static leaves out") as caught:
-        finished(tmp_path / "40", "train", bricks(COUNTS), changed(quick(40.0)))
+        finished(tmp_path / "40", "train", bricks(COUNTS), STATIC | quick(40.0))
     assert caught.value.key == "train.model"
 
 
 def test_steps_that_do_not_show_the_swinging_are_named(tmp_path):
     with pytest.warns(UserWarning, match=r"do not show how the structure swings.*train\.model: static"):
-        finished(tmp_path, "train", bricks(COUNTS), changed({"train": {"duration": DURATION, "time_step": STEP}}))
+        finished(tmp_path, "train", bricks(COUNTS), STATIC | {"train": {"duration": DURATION, "time_step": STEP}})
+
+
+SENSOR = {"quantity": "acceleration", "noise_std": {"value": 0.01}}
+DENSITY = {"property": "density", "region": 1, "guess": 7e3, "range": [6e3, 9e3]}
+MIXED = {"node": TIP, "stiffness": 1.0, "components": [1, 4]}
+INERTIA = r"train\.model: static"
 
 
 @pytest.mark.parametrize(
-    ("changes", "key"),
+    ("changes", "key", "what"),
     [
-        ({"motion_sensors": {"a": {"quantity": "acceleration", "noise_std": {"value": 0.01}}}}, "motion_sensors.a.quantity"),
-        (
-            {
-                "parameters": {"E": {"property": "density", "region": 1, "guess": 7e3, "range": [6e3, 9e3]}},
-                "validate.truth.parameters": {"E": 7850.0},
-            },
-            "parameters.E.property",
-        ),
+        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness for"),
+        ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
+        ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
+        ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
+        ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
+        (STATIC | {"motion_sensors": {"a": SENSOR}}, "motion_sensors.a.quantity", INERTIA),
+        (STATIC | {"parameters.s": DENSITY, "validate.truth.parameters.s": 7850.0}, "parameters.s.property", INERTIA),
     ],
 )
-def test_what_needs_inertia_is_refused(tmp_path, changes, key):
-    with pytest.raises(StrainsightError, match=r"train\.model: static") as caught:
-        finished(tmp_path, "import", bricks(COUNTS), changed(changes))
-    assert key in str(caught.value) or caught.value.key == key
+def test_what_springs_and_static_models_cannot_be_is_refused_at_import(tmp_path, changes, key, what):
+    with pytest.raises(StrainsightError, match=what) as caught:
+        finished(tmp_path, "import", MESH, FOUNDATION | changes)
+    assert caught.value.key == key
+    assert caught.value.remedy

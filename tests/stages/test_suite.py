@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from strainsight.config.load import load_config
+from strainsight.config.suite_runs import runs_of
 from strainsight.report.placement.data import Repeats, Unknown
 from strainsight.report.suite.data import PlacementRun, Suite
 from strainsight.stages import suite as suite_stage
@@ -26,9 +28,6 @@ LASTS = ("import", "place", "report")
 @pytest.fixture(scope="module")
 def given(config, artefacts, tmp_path_factory):
     """What the stage is given of the same run, as far as it got three times, and of a claim on it."""
-    from strainsight.config.load import load_config
-    from strainsight.config.suite_runs import runs_of
-
     path = tmp_path_factory.mktemp("suite") / "suite.yaml"
     runs = "".join(f"  - {{config: {config}, name: to-{last}, label: <{last}>}}\n" for last in LASTS)
     claims = "claims: [{text: E is known., run: to-report, number: error.E, below: 0.5}]\n"
@@ -60,17 +59,9 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
     np.testing.assert_allclose(suite["/unknown/expected"], [np.nan, expected / scale, expected / 2.1e11])
     assert suite["/unknown/repeats_worst"][2] == np.abs(validate["/repeats/error/E"]).max()
     assert suite["/case/condition"].tolist() == artefacts["observe"]["/condition"].T.ravel().tolist() * 2
-    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
-    assert "&lt;place&gt;" in page
-    assert "<place>" not in page
-
-
-def test_a_claim_is_measured_where_a_placement_is_validated(suite, artefacts):
     assert suite["/claim/verdict"].tolist() == ["confirmed"]
-    assert suite["/number/value"].tolist() == [artefacts["validate"].summary["error.E"]]
+    assert suite["/number/value"].tolist() == [validate.summary["error.E"]]
     assert suite["/number/run"].tolist() == [2]
-    page = (suite.path.parent / "report.html").read_text(encoding="utf-8")
-    assert page.index("E is known.") < page.index("✓ confirmed") < page.index('data-table="runs"')
 
 
 def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():

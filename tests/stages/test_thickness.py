@@ -7,15 +7,8 @@ import pytest
 import yaml
 from scipy.linalg import eigh, solve_continuous_are
 
-from strainsight import api
-from strainsight.cases.structure.channels import training_units
-from strainsight.cases.structure.problem import filter_model, problem_of
 from strainsight.cases.structure.scenarios import placed_instants
-from strainsight.damage.curve import Curve
-from strainsight.damage.sums import damage_of
 from strainsight.errors import UserError
-from strainsight.estimation.judge import with_free_loads
-from strainsight.records.record import written
 from strainsight.signals.histories import instant_values
 from strainsight.workflow.artefact import Artefact
 
@@ -67,19 +60,6 @@ CHANGES = {
 pytestmark = pytest.mark.filterwarnings("ignore:.*acts on node:UserWarning")
 
 
-def case_in(folder, changes=CHANGES, text=None):
-    (folder / "beam.bdf").write_text(text or deck(), encoding="ascii")
-    (folder / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
-    return api.load(folder / "edge.yaml")
-
-
-@pytest.fixture(scope="module")
-def trained(tmp_path_factory):
-    """Case, mesh, reduced model, training run and its screened candidates."""
-    own = prepared(tmp_path_factory.mktemp("plate"), deck(), CHANGES)
-    return own.case, own.mesh, own.reduced, own.training, own.screened
-
-
 def halves(training):
     """Of every channel the membrane and the bending part of its row (m, n) on a flat plate: mean and half the difference with
     the channel across from it."""
@@ -89,26 +69,13 @@ def halves(training):
     return (training.rows + training.rows[across]) / 2, (training.rows - training.rows[across]) / 2
 
 
-def test_bending_on_the_faces_of_the_region_alone_goes_with_its_thickness(trained):
-    _, _, reduced, training, _ = trained
-    membrane, bending = halves(training)
-    first = (training.candidates.element <= 8)[:, None]
-    for t in (0.8 * T, 1.17 * T):
-        expected = membrane + bending * np.where(first, t / T, 1.0)
-        np.testing.assert_allclose(training.rows_at({"t": t}), expected, atol=1e-12 * np.abs(training.rows).max())
-    assert reduced.model.reference == {"t": T}
-    paths = list(written(training, training_units(training.candidates.quantity) | {"the loads": "N"}))
-    assert "/gauges/row_change/t (1)" in paths
-    assert "/gauges/row_change/weights/t (1)" in paths
-
-
-def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(trained):
+def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(tmp_path):
     """ẋ = f(x, t), y = h(x, t) linearised by differences: M q̈ = S u − C q̇ − K q with K, M and C = M Φ 2ζω Φᵀ M at t, and rows
     whose bending part is proportional to t. The column ∂h/∂t is not small: it halves σ of t."""
-    case, mesh, reduced, training, screened = trained
-    found = api.place(case, mesh, reduced, training, screened)
-    p, own = found.problem, reduced.model
-    k = placed_instants(p, own.reference, p.x, case.config.place, case.config.seed)[0]
+    run = prepared(tmp_path, deck(), CHANGES)
+    found, own, training = placed(run), run.reduced.model, run.training
+    p = found.problem
+    k = placed_instants(p, own.reference, p.x, run.case.config.place, run.case.config.seed)[0]
     n, x, u = own.size, p.x[k], instant_values(p.u)[k]
     membrane, bending = halves(training)
     first = (training.candidates.element <= 8)[:, None]
@@ -150,23 +117,9 @@ def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(tra
     assert variances(blind, chosen)[1] < 0.75 * variances(H, chosen)[1]
 
 
-def test_how_free_an_unknown_load_is_depends_on_its_frequency_alone(trained, tmp_path):
-    """ω²T/2 of a sine of 3 Hz and 0.2 s, whatever κ and the rule of process noise."""
-    _, _, *made = trained
-    for changes in ({}, {"loads.tip.process_noise": {"kappa": 0.02}}, {"process_noise.rule": "thesis"}):
-        case = case_in(tmp_path, CHANGES | changes)
-        p = problem_of(case.config, case.files, *made)
-        model = filter_model(p, np.array([0, 1]), p.h)
-        load = model.input_states.start
-        free = with_free_loads(model, 50).Q[load, load]
-        assert free == pytest.approx((2 * np.pi * 3.0) ** 2 * 0.2 / 2, rel=1e-12), changes
-        assert free > 2 * model.Q[load, load]
-
-
 def validation_in(folder, truth, repeats, **changes):
     """Of the plate of the true thickness by a truth, so many times with noise of its own and another start."""
-    validate = {**CHANGES["validate"], "truth": {**CHANGES["validate"]["truth"], "model": truth}, "repeats": repeats}
-    own = prepared(folder, deck(), CHANGES | {"validate": validate} | changes)
+    own = prepared(folder, deck(), CHANGES | {"validate.truth.model": truth, "validate.repeats": repeats} | changes)
     return validated(own, placed(own).gauges).validated
 
 
@@ -202,47 +155,39 @@ def test_truth_of_the_full_model_reads_its_own_faces(tmp_path):
     [
         ({"guess": 4.0, "range": [3.0, 5.0]}, "parameters.t.guess", "the deck has 0.004", "4 mm are 0.004 m"),
         ({"region": [1, 2]}, "parameters.t.region", "different thicknesses: region 1 4 mm, region 2 3 mm", "its own"),
-        ({"region": 3}, "parameters.t.property", "is of solids: it has no thickness", "youngs_modulus"),
         ({"region": 4}, "parameters.t.property", "is of beams or rods: it has no thickness", "bending_factor"),
     ],
 )
 def test_what_is_no_thickness_is_refused_with_its_key_and_a_remedy(tmp_path, changes, key, what, remedy):
-    """Of a plate with a rod and a solid on it."""
-    block = [f"GRID,{40 + i},,{0.4 + 0.05 * (i % 2):g},{0.05 * (i // 2 % 2):g},{1 + i // 4:g}" for i in range(8)]
-    more = ["CROD,101,4,25,27", "PROD,4,1,1-4", "PSOLID,3,1", *block, "CHEXA,201,3,40,41,43,42,44,45", ",47,46"]
-    text = deck(second=0.003).replace("ENDDATA\n", "\n".join([*more, "SPC1,1,123,40,THRU,47", "ENDDATA", ""]))
+    """Of a plate with a rod on it."""
+    text = deck(second=0.003).replace("ENDDATA", "CROD,101,4,25,27\nPROD,4,1,1-4\nENDDATA")
     own = CHANGES["parameters"]["t"] | changes
-    truth = {"model": "rich", "parameters": {"t": own["guess"]}, "modes": 8}
-    validate = {**CHANGES["validate"], "truth": truth}
-
-    case = case_in(tmp_path, CHANGES | {"parameters": {"t": own}, "validate": validate}, text)
-    with pytest.raises(UserError) as told:
-        api.reduce(case, api.mesh(case))
-    assert (str(told.value.key), what in told.value.what) == (key, True), told.value
-    assert remedy in str(told.value.remedy)
+    with pytest.raises(UserError, match=what) as caught:
+        prepared(tmp_path, text, CHANGES | {"parameters.t": own, "validate.truth.parameters": {"t": own["guess"]}})
+    assert str(caught.value.key) == key
+    assert remedy in str(caught.value.remedy)
 
 
 @pytest.mark.slow
 def test_what_a_test_says_of_other_places_knows_of_the_thickness(tmp_path):
-    """A virtual gauge where one is bonded, each gauge by the others, and damage."""
-    listed = [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 7)]
-    place = {**CHANGES["place"], "keep": 6}
-    validate = {**CHANGES["validate"], "truth": {**CHANGES["validate"]["truth"], "model": "modes"}, "repeats": 1}
-    noise = {"relative_to_strongest": 0.02}
-    changes = CHANGES | {"place": place, "validate": validate, "tolerances": "none", "gauges.noise_std": noise}
+    """A virtual gauge where one is bonded, and each gauge by the others."""
+    changes = CHANGES | {
+        "validate.truth.model": "modes",
+        "validate.repeats": 1,
+        "tolerances": "none",
+        "gauges.noise_std": {"relative_to_strongest": 0.02},
+    }
     before = finished(tmp_path, "validate", deck(), changes)
     at, along = (before["place"][f"/selected/final/{name}"][5].tolist() for name in ("position", "direction"))
-    curve = {"stress": 1e8, "cycles": 2e6, "slope": 5}
-    stated = {
+    changes["estimate"] = {
         "as_placed": True,
         "time": {"channel": "time"},
-        "channels": listed,
+        "channels": [{"channel": f"G{i}", "gauge": f"G{i}", "unit": "m/m"} for i in range(1, 7)],
         "inputs": {"mid": {"channel": "mid", "unit": "N"}},
         "virtual": [{"position": at, "direction": along}],
         "hold_out": "each",
-        "damage": {"curve": curve, "draws": 40},
     }
-    case_in(tmp_path, changes | {"estimate": stated})
+    (tmp_path / "edge.yaml").write_text(yaml.safe_dump(config_of(PLACEMENT_CONFIG, changes)), encoding="utf-8")
     code, said = estimated(tmp_path, tmp_path / "results" / "edge" / "measured.csv", config="edge.yaml")
     assert code == 0, said
     found, true = Artefact(tmp_path / "results" / "edge" / "estimate.h5"), before["validate"]["/gauge/true"]
@@ -251,6 +196,3 @@ def test_what_a_test_says_of_other_places_knows_of_the_thickness(tmp_path):
     error = (found["/hold_out/predicted"] - found["/gauge/measured"]) / found["/hold_out/std"]
     assert np.all(np.sqrt(np.mean(error[5:] ** 2, axis=0)) < 1.5)
     assert abs(found.summary["estimate.t"] - 1.06 * T) < 2 * found.summary["std.t"]
-    own = Curve(curve["stress"], curve["cycles"], curve["slope"], np.inf, np.inf, np.inf)
-    damage = damage_of(E * found["/virtual/strain"].T, own).miner
-    assert found["/damage/virtual/of_mean"] == pytest.approx(damage, rel=1e-3)

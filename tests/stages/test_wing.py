@@ -12,11 +12,8 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.locate import locate
+from strainsight.gauges.bonded import BondedEntry, bonded
 from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.surface import facet_centres
-from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.units import to_si
@@ -99,26 +96,10 @@ def test_surface_strains_under_unit_loads_are_those_of_quadratic_shells_of_calcu
     model = softer(deck_text(), tmp_path)
     S = np.hstack([input_shape(model, [load]) for load in UNIT])
     z = nodal(model, factorise(model.stiffness.constant).solve(S))
-    skin = skin_of(model.mesh.position, exterior_facets(model.mesh))
-    where = locate(skin, np.array([1e-3 * place.position for place in places]))
-    found = skin.facets.some(where.facet)
-    _, normal = facet_centres(skin.position, found.kind, found.nodes)
-    direction = np.array([place.direction for place in places])
-    direction -= np.sum(direction * normal, axis=1)[:, None] * normal
-    direction /= np.linalg.norm(direction, axis=1)[:, None]
-    gauges = Candidates(
-        found.element_id,
-        found.facet,
-        found.kind,
-        found.nodes,
-        where.point,
-        normal,
-        direction,
-        np.zeros(len(places)),
-        where.local,
-        np.full(len(places), 0.006),
-    )
-    read = channel_rows(skin.position, gauges, z, facets=skin)
+    facets = exterior_facets(model.mesh)
+    entries = [BondedEntry(tuple(1e-3 * place.position), tuple(place.direction), 0.006) for place in places]
+    gauges, _ = bonded(model.mesh, facets, entries, 0.01)
+    read = channel_rows(model.mesh.position, gauges, z, facets=facets)
     known = own.static * [1, 1, 1e3, 1]  # of a newton metre
     np.testing.assert_allclose(read / np.abs(known).max(axis=0), known / np.abs(known).max(axis=0), rtol=0, atol=0.007)
 
@@ -141,14 +122,8 @@ def estimated(folder, seed):
     strain += NOISE * np.random.default_rng(100 + seed).standard_normal(strain.shape)
     columns = {"time": np.arange(len(strain)) / RATE, "shaker": histories["shaker"]}
     columns |= {f"s{i}": 1e6 * one for i, one in enumerate(strain.T, start=1)}
-    np.savetxt(
-        folder / "record.csv",
-        np.column_stack(list(columns.values())),
-        "%.9g",
-        ",",
-        header=",".join(columns),
-        comments="",
-    )
+    table = np.column_stack(list(columns.values()))
+    np.savetxt(folder / "record.csv", table, "%.9g", ",", header=",".join(columns), comments="")
     fixed = "\n".join(
         f"    - {{name: A{i}, position: [{_numbers(1e-3 * place.position)}], direction: [{_numbers(place.direction)}], "
         "length: 0.006}"
