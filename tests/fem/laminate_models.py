@@ -8,8 +8,6 @@ from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.thin import ShellBlock
 
-from .second_order import KINDS as SECOND_ORDER
-from .second_order import square
 from .shell_models import unit_square
 
 CARBON = Lamina(1, e1=1.4e11, e2=1.0e10, nu12=0.3, g12=5.0e9, g1z=4.5e9, g2z=3.0e9, density=1600.0)
@@ -26,7 +24,7 @@ def stack(angles, thickness, material=1):
 
 def plate(laminate, n, m, a, b, kind="quad4", fixed=(), axis=(np.nan,) * 3, offset=0.0, turned=0):
     """A plate a × b of one laminate; turned: by how many corners the first node of an element is moved on."""
-    x, y, cells = (square if kind in SECOND_ORDER else unit_square)(n, m, kind)
+    x, y, cells = unit_square(n, m, kind)
     e = len(cells)
     block = ShellBlock(
         kind,

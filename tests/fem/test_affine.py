@@ -70,11 +70,6 @@ def test_beyond_its_range_a_polynomial_levels_off(logarithm):
     np.testing.assert_allclose(slope[3, 2:5], (3 * x**2 * by_x)[2:5], rtol=1e-14)
 
 
-def test_what_is_linear_has_its_term_for_slope_whatever_the_values():
-    plain = AffineOperator(X0, {"E": XE})
-    assert plain.derivative("E", {"E": np.ones(5)}) is XE
-
-
 def test_sums_and_maps_go_term_by_term():
     theta = {"E": 3.0, "t": 0.7}
     both = sum_of(PLATE, AffineOperator(X1, {"E": X3, "t": X0}))

@@ -55,18 +55,6 @@ def test_a_hanging_bar_stretches_by_its_weight():
     np.testing.assert_allclose(u[:, 2], -RHO / E * (4 * z - z**2 / 2), rtol=1e-9, atol=1e-20)
 
 
-def test_a_rotating_bar_stretches_by_its_own_pull():
-    """ν = 0, about an end: u(x) = ρ/E (L² x/2 − x³/6) for Ω² = 1; cubic, so that quadratic elements have it at their corners."""
-    mesh = body("hex20", (8, 1, 1), lambda u, v, w: (0.25 * u, 0.01 * v, 0.01 * w))
-    mesh = held(replace(mesh, materials={1: replace(mesh.materials[1], poisson_ratio=0.0)}), mesh.position[:, 0] == 0)
-    model = build_model(mesh)
-    S = input_shape(model, [PointLoad("w", rotation=((0, 0, -5.0), (0, 0.005, 9.0)))])
-    u = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
-    x = mesh.position[:, 0]
-    corner = np.isclose(x % 0.25, 0) | np.isclose(x % 0.25, 0.25)
-    np.testing.assert_allclose(u[corner, 0], (RHO / E * (2**2 * x / 2 - x**3 / 6))[corner], rtol=1e-6, atol=1e-18)
-
-
 def test_a_point_mass_pulls_where_it_is_and_turns_its_node():
     """m a at its centre and −ω × Jω, against particles that make up mass and inertia."""
     mesh = body("hex8", (1, 1, 1), lambda *u: u)
@@ -197,19 +185,6 @@ def bar(box):
 
 def mass_of(mesh):
     return build_model(mesh).mass.constant.toarray()
-
-
-@pytest.mark.parametrize("inertia", [np.zeros((3, 3)), INERTIA])
-@pytest.mark.parametrize("components", [(0, 1, 2), (0, 1, 2, 3, 4, 5)])
-def test_an_offset_is_a_rigid_arm(bar, inertia, components):
-    """To a node that follows in rotation too where it has inertia."""
-    n = len(bar.position) - 2
-    with_offset = replace(bar, point_masses=(PointMass(4, n, 500.0, OFFSET, inertia),))
-    arm = RigidElement(2, n, np.array([n + 1]), components)
-    on_arm = replace(bar, rigid=(*bar.rigid, arm), point_masses=(PointMass(4, n + 1, 500.0, inertia=inertia),))
-    expected, found = mass_of(with_offset), mass_of(on_arm)
-    lost = inertia.any() and len(components) == 3
-    assert np.allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max()) != lost
 
 
 def test_energy_of_a_turning_body_has_its_inertia_and_that_of_its_centre(bar):

@@ -179,27 +179,6 @@ def test_the_modulus_of_a_layer_may_be_free(box, kind):
         np.testing.assert_allclose(stress, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
 
 
-def test_one_modulus_of_a_layer_of_solids_and_a_ply_of_shells(box):
-    """The same parameter in both: each adds its own part."""
-    solid = layered(box("hex20", (1, 1, 1), clamp_root=True), [(1.0, STEEL, 0.0), (1.0, CARBON, 0.0)])
-    shell = plate(laminate([0, 0], 0.01, [2, 3]), 1, 1, 1.0, 1.0)
-    skin = replace(shell.shells[0], ids=np.array([9]), nodes=np.array([[0, 1, 2, 3]]), region=np.array([2]))
-    top = [int(np.argmin(np.abs(solid.position - x).sum(axis=1))) for x in ((0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1))]
-    both = replace(
-        solid,
-        shells=(replace(skin, nodes=np.array([top])),),
-        regions={**solid.regions, 2: replace(shell.regions[1], id=2)},
-        sections={2: laminate([0, 0], 0.01, [1, 3])},
-        materials={**solid.materials, 3: shell.materials[3]},
-    )
-    E = Parameter("E", "youngs_modulus", (1, 2), 2.1e11, range=(1.5e11, 3e11), material=1)
-    found = build_model(both, [E]).stiffness.at({"E": 2.5e11})
-    other = {**both.materials, 1: replace(both.materials[1], youngs_modulus=2.5e11)}
-    same = build_model(replace(both, materials=other)).stiffness.constant
-    d = np.sqrt(same.diagonal())
-    assert np.abs((found - same).toarray() / np.outer(d, d)).max() < 5e-8
-
-
 @pytest.mark.parametrize(("kind", "along"), DIRECTIONS)
 def test_halves_of_an_element_have_the_layers_of_their_half(box, kind, along):
     """A mesh cut at the middle of its edges is the same body: Pᵀ X P of the fine matrices, K where no incompatible modes are."""
@@ -279,23 +258,6 @@ def test_layers_side_by_side_resist_a_pull_with_their_sum(box, kind):
     E = np.where((height > 0.02) & (height < 0.08), 4.2e10, 2.1e11)
     np.testing.assert_allclose(state.stress[:, 0], 1e-3 * E, rtol=1e-9)
     assert np.abs(state.stress[:, 1:]).max() < 1e-9 * 2.1e8
-
-
-def test_layers_one_behind_the_other_are_a_bound_of_their_stiffness(box):
-    """Pulled across, one element shares its strain among layers but for what is linear in it, and is between Reuss and Voigt;
-    with an element a layer it is Reuss' mean (of ν = 0)."""
-    layers = [(1.0, replace(STEEL, poisson_ratio=0.0), 0), (1.0, replace(TIN, poisson_ratio=0.0), 0)]
-    found = []
-    for mesh in (layered(box("hex8", (1, 1, 1)), layers), bricks(box("hex8", (1, 1, 2)), layers)):
-        x = mesh.position
-        fixed = np.array(
-            [(n, 2) for n in np.flatnonzero(x[:, 2] < 1e-9)] + [(n, c) for n in range(len(x)) for c in (0, 1)]
-        )
-        force = np.where(x[:, 2:] > 1 - 1e-9, [0.0, 0.0, 0.25], 0.0)
-        found.append(1 / moved(replace(mesh, fixed=fixed), force)[:, 2].max())
-    reuss, voigt = 2 / (1 / 2.1e11 + 1 / 4.2e10), 0.5 * (2.1e11 + 4.2e10)
-    assert found[1] == pytest.approx(reuss, rel=1e-12)
-    assert reuss < found[0] < voigt
 
 
 @pytest.mark.parametrize(("kind", "theory", "explicit"), [("hex8", 0.005, 0.005), ("hex20", 0.01, 0.011)])

@@ -26,8 +26,6 @@ from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
 
-from .second_order import KINDS as SECOND_ORDER
-from .second_order import square
 from .shell_models import unit_square
 
 E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
@@ -46,7 +44,7 @@ SECTIONS = {
 
 def shell(kind="quad4", section=SECTIONS["homogeneous"], height=0.0, offset=0.0, count=(3, 2), size=(0.3, 0.1)):
     """On a rectangle, curved both ways and warped by `height` [m], with the faces of its thickness."""
-    a, b, cells = (square if kind in SECOND_ORDER else unit_square)(*count, kind)
+    a, b, cells = unit_square(*count, kind)
     x = np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
     e = len(cells)
     block = ShellBlock(kind, 1 + np.arange(e), cells, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan))

@@ -11,14 +11,13 @@ from scipy import sparse
 from scipy.linalg import eigh
 
 from strainsight import memory
-from strainsight.errors import NumericalError, UserError
+from strainsight.errors import UserError
 from strainsight.fem import modes as own
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.krylov import _beside as beside
 from strainsight.fem.krylov import largest
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, modes, turned
-from strainsight.mesh.joins import RigidElement
 
 
 def chain(n, stiffness=1.0, mass=1.0):
@@ -40,16 +39,6 @@ def test_chain_of_masses(n, stiffness, mass):
     )
     first = np.argmax(np.abs(shapes) > (1 - 1e-6) * np.abs(shapes).max(axis=0), axis=0)
     assert np.all(shapes[first, np.arange(12)] > 0)
-
-
-def test_every_copy_of_a_repeated_frequency_is_found():
-    """Three equal chains that do not touch: each frequency three times."""
-    K, M, exact = chain(400)
-    frequency, shapes = modes(
-        sparse.csr_array(sparse.kron(sparse.eye_array(3), K)), sparse.csr_array(sparse.kron(sparse.eye_array(3), M)), 9
-    )
-    assert np.allclose(frequency, np.repeat(exact[:3], 3), rtol=1e-9)
-    assert np.allclose(shapes.T @ shapes, np.eye(9), atol=1e-9)
 
 
 def test_the_same_model_gives_the_same_bits():
@@ -75,35 +64,6 @@ def test_too_little_memory_for_the_lanczos_vectors_is_refused(monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 1e5)
     with pytest.raises(UserError, match=r"5 modes of 2000 unknowns: .* GiB of memory are needed"):
         modes(K, M, 5, factor=factor)
-
-
-def test_a_hinge_inside_the_mesh_is_a_mechanism(box):
-    """Two boxes that share one edge only: by their nodes they are one part, yet one of them swings about the edge."""
-    mesh = box("hex20", (3, 3, 2))
-    block = mesh.blocks[0]
-    middle = mesh.position[block.nodes].mean(axis=1)
-    keep = (middle[:, 0] < 1 / 3) & (middle[:, 1] < 1 / 3) | (middle[:, 0] > 1 / 3) & (middle[:, 1] > 1 / 3)
-    block = replace(block, ids=block.ids[keep], nodes=block.nodes[keep], region=block.region[keep])
-    root = [(i, c) for i in np.flatnonzero(np.isclose(mesh.position[:, 0], 0)) for c in range(3)]
-    model = build_model(replace(mesh, blocks=(block,), fixed=np.array(root)), supported=False)
-    with pytest.raises((UserError, NumericalError), match=r"mechanism|not positive definite"):
-        modes(model.stiffness.constant, model.mass.constant, 3)
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e3])
-def test_frequency_is_inverse_to_size(box, unit):
-    """A clamped block with a rigid tip, in micrometres and kilometres: f L is one number."""
-
-    def block(scale):
-        mesh = box("tet10", (2, 2, 2), size=(2 * scale, scale, scale), clamp_root=True)
-        tip = np.flatnonzero(np.isclose(mesh.position[:, 0] / scale, 2.0))
-        n = len(mesh.position)
-        rigid = (RigidElement(1, n, tip, (0, 1, 2)),)
-        position = np.vstack([mesh.position, [2.5 * scale, 0.5 * scale, 0.0]])
-        model = build_model(replace(mesh, node_ids=np.arange(n + 1), position=position, rigid=rigid))
-        return modes(model.stiffness.constant, model.mass.constant, 6)[0]
-
-    assert np.allclose(block(unit) * unit, block(1.0), rtol=1e-9)
 
 
 def plate(box, kind, counts):

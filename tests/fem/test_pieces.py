@@ -124,18 +124,3 @@ def test_a_body_of_one_kind_is_one_piece(box, kind):
     found = stiff_pieces(mesh)
     assert found.count == 1
     np.testing.assert_array_equal(np.unique(found.label[mesh.nodes_of_elements]), [0])
-
-
-def test_the_names_are_those_of_another_order_of_the_nodes(box):
-    """The same structure numbered backwards turns about the same line."""
-    mesh, _ = stand(box)
-    n = len(mesh.position)
-    turned = replace(
-        mesh,
-        position=mesh.position[::-1],
-        blocks=tuple(replace(block, nodes=n - 1 - block.nodes) for block in mesh.blocks),
-        shells=tuple(replace(block, nodes=n - 1 - block.nodes) for block in mesh.shells),
-        fixed=np.column_stack([n - 1 - mesh.fixed[:, 0], mesh.fixed[:, 1]]),
-    )
-    (motion,) = rigid_body_motions(turned, held_motions(turned))
-    assert motion.startswith("rotation about y through (0.5, 0.5, 0.5) m of the part with node ")

@@ -108,60 +108,6 @@ def test_they_are_the_integrals_over_hexahedra(sheared):
     assert_same(inertia_invariants(model, basis, origin), by_definition(weight, x - origin, Phi))
 
 
-def test_they_are_the_integrals_over_tetrahedra_of_second_order():
-    """Three of them with straight edges; L = (1 − r, r(1 − s), rs(1 − t), rst) over the unit cube, dV = 6V r² s."""
-    edges = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
-    corners = np.eye(4, 3, -1) + 0.3 * np.random.default_rng(2).uniform(-1, 1, (3, 4, 3))
-    X = np.concatenate([corners, 0.5 * (corners[:, edges[:, 0]] + corners[:, edges[:, 1]])], axis=1)
-    block = CellBlock("tet10", np.arange(1, 4), np.arange(30).reshape(3, 10), np.array([1, 2, 1]))
-    mesh = replace(box(), node_ids=np.arange(1, 31), position=X.reshape(30, 3), blocks=(block,))
-    model = build_model(mesh, supported=False)
-    basis = shapes(model, 3)
-    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
-    rho = np.array([DENSITY[1], DENSITY[2], DENSITY[1]])
-    g, w = np.polynomial.legendre.leggauss(5)
-    g, w = 0.5 * (g + 1), 0.5 * w
-    r, s, t = (axis.ravel() for axis in np.meshgrid(g, g, g, indexing="ij"))
-    L = np.array([1 - r, r * (1 - s), r * s * (1 - t), r * s * t])
-    N = np.concatenate([L * (2 * L - 1), 4 * L[edges[:, 0]] * L[edges[:, 1]]])
-    weight = np.einsum("i,j,k->ijk", w, w, w).ravel() * 6 * r**2 * s
-    x, Phi = (np.einsum("aq,eac->qec", N, f).reshape(-1, f.shape[2]) for f in (X, basis.reshape(3, 10, 9)))
-    assert_same(
-        inertia_invariants(model, basis),
-        by_definition(np.outer(weight, rho * volume).ravel(), x, Phi.reshape(-1, 3, 3)),
-    )
-
-
-def test_mass_and_its_moments_of_a_cuboid():
-    """m, m x̄, m(diag(l²)/12 + x̄ x̄ᵀ); the other mass properties of the mesh agree."""
-    model = build_model(box(densities={1: 7850.0, 2: 7850.0}), supported=False)
-    body = inertia_invariants(model, shapes(model, 1))
-    m, centre = 7850.0 * SIZE.prod(), START + 0.5 * SIZE
-    assert body.mass == pytest.approx(m, rel=1e-13)
-    assert np.allclose(body.first, m * centre, rtol=1e-13)
-    assert np.allclose(body.second, m * (np.diag(SIZE**2) / 12 + np.outer(centre, centre)), rtol=1e-12)
-    mass, mean = mass_properties(model.mesh)
-    assert body.mass == pytest.approx(mass, rel=1e-13)
-    assert np.allclose(body.first / body.mass, mean, rtol=1e-13)
-
-
-def test_shapes_that_are_rigid_motions_repeat_the_moments():
-    """φ = e_i and φ = e_i × x."""
-    model = build_model(box(0.2), supported=False)
-    x = model.mesh.position
-    rigid = [np.tile(e, (len(x), 1)).ravel() for e in np.eye(3)] + [np.cross(e, x).ravel() for e in np.eye(3)]
-    body = inertia_invariants(model, np.stack(rigid, axis=1))
-    spin = np.stack([np.cross(e, np.eye(3)).T for e in np.eye(3)])
-    inertia = np.trace(body.second) * np.eye(3) - body.second
-    cross = np.cross(np.eye(3), body.first).T
-    tolerance = {"rtol": 0, "atol": 1e-12 * body.mass}
-    assert np.allclose(body.first_modal[:, :3], body.mass * np.eye(3), **tolerance)
-    assert np.allclose(body.first_modal[:, 3:], cross, **tolerance)
-    assert np.allclose(body.modal[3:, 3:], inertia, **tolerance)
-    assert np.allclose(body.second_modal[3:], spin @ body.second + body.second @ spin.swapaxes(1, 2), **tolerance)
-    assert np.allclose(body.coupling[:, :, :3], np.einsum("j,ik->jik", body.first, np.eye(3)), **tolerance)
-
-
 def tied(clamped: bool) -> Mesh:
     """The box with its far face on node 901, its near face clamped if asked."""
     mesh = box(0.1)
@@ -217,28 +163,6 @@ def test_a_point_mass_is_the_particles_it_stands_for():
     assert six.size == one.size
     basis = shapes(one, 3)
     assert_same(inertia_invariants(one, basis), inertia_invariants(six, basis))
-
-
-def test_they_give_the_kinetic_energy_of_any_motion():
-    """½∫ρ|ṙ + Ṙ(x + Φη) + RΦη̇|² dV: from the invariants, and from the mass matrix of the mesh."""
-    model = build_model(box(0.2), supported=False)
-    rng = np.random.default_rng(5)
-    n, x = 4, model.mesh.position
-    basis = shapes(model, n)
-    Phi = basis.reshape(-1, 3, n)
-    s = inertia_invariants(model, basis)
-    R, R_dot = Rotation.random(rng=7).as_matrix(), rng.standard_normal((3, 3))
-    r_dot, eta, eta_dot = rng.standard_normal(3), rng.standard_normal(n), rng.standard_normal(n)
-    velocity = (r_dot + (x + Phi @ eta) @ R_dot.T + (Phi @ eta_dot) @ R.T).ravel()
-    energy = 0.5 * velocity @ (model.mass.constant @ velocity)
-    first = s.first + s.first_modal @ eta
-    second = s.second + np.einsum("k,kij->ij", eta, s.second_modal)
-    second += np.einsum("k,l,klij->ij", eta, eta, s.second_modal2)
-    coupling = s.coupling + np.einsum("k,kjil->jil", eta, s.coupling_modal)
-    found = 0.5 * s.mass * r_dot @ r_dot + 0.5 * np.trace(R_dot @ second @ R_dot.T)
-    found += 0.5 * eta_dot @ s.modal @ eta_dot + r_dot @ R_dot @ first + r_dot @ R @ s.first_modal @ eta_dot
-    found += np.einsum("jil,l,ai,aj->", coupling, eta_dot, R, R_dot)
-    assert found == pytest.approx(energy, rel=1e-12)
 
 
 def test_a_body_without_mass_is_refused():

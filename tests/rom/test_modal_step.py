@@ -172,12 +172,6 @@ def test_a_batch_is_the_loop():
         np.testing.assert_allclose(slopes[i], alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
-def test_no_parameter_gives_no_slope():
-    model = two_materials(6, DAMPINGS[1])
-    step = modal_step(model, model.reference, 1e-3)
-    assert parameter_slopes(model, step, model.reference, np.ones(8), np.ones((3, 2)), ()).shape == (8, 0)
-
-
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
 def test_simulation_from_rest_is_what_an_ode_solver_finds(damping):
     model, theta = two_materials(10, damping, n=3, omega=30.0), {"E": 1.1, "rho": 1.2}

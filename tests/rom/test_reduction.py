@@ -15,7 +15,6 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
-from strainsight.rom import reduction as module
 from strainsight.rom.model import Damping, modal_basis
 from strainsight.rom.reduction import (
     energy_orthonormal,
@@ -183,33 +182,12 @@ def test_one_material_scaled_as_a_whole_needs_only_the_reference(one):
     assert errors.static.max() < 1e-9
 
 
-def test_sampling_one_material_anyway_leaves_the_basis_unchanged(one, monkeypatch):
-    monkeypatch.setattr(module, "only_scales", lambda full: False)
-    full, S = one
-    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 3, 1e-8, DAMPING)
-    assert len(reduced.samples) == 3
-    assert reduced.model.size == 8 + 2
-    assert np.all(reduced.singular_value < 1e-8)
-
-
 def test_a_load_given_twice_adds_nothing(one):
     full, S = one
     twice = np.hstack([S, S[:, :1]])
     reduced = reduce_model(full, twice, ("Fz", "Fy", "again"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 1, 1e-8, DAMPING)
     assert reduced.model.size == 8 + 2
     np.testing.assert_array_equal(reduced.model.input_shape[:, 0], reduced.model.input_shape[:, 2])
-
-
-@pytest.mark.parametrize("length", [1e-3, 1e3])
-def test_size_does_not_matter(length):
-    """Lengths × L at the same materials: frequencies / L; a micro-beam and a mountain reduce alike."""
-    plain = build_model(beam(), TWO)
-    scaled = build_model(beam(length), TWO)
-    a = reduce_two((plain, input_shape(plain, LOADS)), 2)
-    b = reduce_two((scaled, input_shape(scaled, LOADS)), 2)
-    assert a.model.size == b.model.size
-    np.testing.assert_allclose(b.frequency * length, a.frequency, rtol=1e-8)
-    np.testing.assert_allclose(b.singular_value[:5], a.singular_value[:5], rtol=1e-6)
 
 
 def test_the_largest_component_of_every_basis_vector_is_positive(reduced):

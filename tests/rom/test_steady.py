@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from strainsight.errors import InfeasibleError
@@ -70,19 +69,6 @@ def test_it_tends_to_the_complex_solution(damping):
     assert wrong[0] < 1e-4
     assert wrong[0] / wrong[1] > 14
     assert wrong[1] / wrong[2] > 14
-
-
-@pytest.mark.slow
-def test_it_is_what_an_ode_solver_ends_in():
-    """From rest under the sines themselves, ζ = 0.05: of what the start sets off exp(−30) is left after 12 s."""
-    model = two_materials(4, Damping("modal", ratio=0.05))
-    A, B = system(model, THETA)
-    slowest = -np.linalg.eigvals(A).real.max()
-    periods = int(np.ceil(30 / slowest / 0.2))
-    solved = solve_ivp(lambda t, x: A @ x + B @ loads(t), (0, 0.2 * periods), np.zeros(8), "DOP853", rtol=1e-9, atol=1e-13)
-    w = scales(model, THETA)
-    found = steady_start(model, THETA, 2e-4, FREQUENCY, AMPLITUDE)
-    np.testing.assert_allclose(w * found, w * solved.y[:, -1], rtol=0, atol=1e-6 * np.abs(w * found).max())
 
 
 def test_two_masses_in_closed_form():
