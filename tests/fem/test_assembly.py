@@ -123,14 +123,6 @@ def test_one_layer_of_bricks_bends_exactly(box, kind):
     assert energy == pytest.approx(0.5 * E * b * h**3 / 12 * curvature**2 * L, rel=1e-11)
 
 
-def test_a_wedge_numbered_from_its_other_end_is_named(box):
-    """Its facets would point inwards."""
-    mesh = box("wedge6", (1, 1, 1))
-    block = mesh.blocks[0]
-    with pytest.raises(DeckError, match="2 wedge6 elements are flat or inverted: 1, 2 "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=block.nodes[:, [3, 4, 5, 0, 1, 2]]),)))
-
-
 def two_regions(box, kind):
     mesh = box(kind, (4, 2, 2), distort=0.2)
     block = mesh.blocks[0]
@@ -169,70 +161,59 @@ def test_one_parameter_over_two_regions_keeps_each_poisson_ratio(box):
     assert np.abs((K.at({"E": E}) - assemble(mesh)[0].constant).toarray()).max() < 1e-13 * E
 
 
-@pytest.mark.parametrize("kind", ["tet4", "hex8"])
-def test_inverted_elements_are_named(box, kind):
-    mesh = box(kind, (2, 1, 1))
-    block = mesh.blocks[0]
+def reordered(mesh, element, order):
+    """One element with its nodes in another order."""
+    (block,) = mesh.blocks
     nodes = block.nodes.copy()
-    nodes[1] = nodes[1][[1, 0, *range(2, nodes.shape[1])]]
-    with pytest.raises(DeckError, match=f"inverted: {block.ids[1]} "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+    nodes[element] = nodes[element][[*order, *range(len(order), nodes.shape[1])]]
+    return replace(mesh, blocks=(replace(block, nodes=nodes),))
 
 
-@pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
-def test_midside_nodes_in_another_order_are_named(box, kind):
-    """Among them orders in which the Jacobian stays positive at every quadrature point."""
-    mesh = box(kind, (2, 1, 1))
-    block = mesh.blocks[0]
-    nodes = block.nodes.copy()
-    nodes[1, -2:] = nodes[1, [-1, -2]]
-    with pytest.raises(DeckError, match=f"{kind} element {block.ids[1]} "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+def with_swapped_middles(mesh):
+    """The last two nodes of the second element swapped: its Jacobian may stay positive at every quadrature point."""
+    size = mesh.blocks[0].nodes.shape[1]
+    return reordered(mesh, 1, [*range(size - 2), size - 1, size - 2])
 
 
-def test_flat_wedges_are_named(box):
-    mesh = box("wedge6", (1, 1, 1))
-    with pytest.raises(DeckError, match="2 wedge6 elements"):
-        assemble(replace(mesh, position=mesh.position * [1, 1, 0]))
+def with_material(mesh, **change):
+    return replace(mesh, materials={1: replace(mesh.materials[1], **change)})
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("kind", "change", "message"),
     [
-        ({"youngs_modulus": 0.0}, "Young's modulus"),
-        ({"poisson_ratio": 0.5}, "Poisson"),
-        ({"density": -1.0}, "density"),
-        ({"youngs_modulus": float("nan")}, "Young's modulus"),
+        ("wedge6", lambda mesh: reordered(mesh, 0, [3, 4, 5, 0, 1, 2]), "inverted: 1 "),
+        ("wedge6", lambda mesh: replace(mesh, position=mesh.position * [1, 1, 0]), "4 wedge6 elements"),
+        ("tet4", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
+        ("hex8", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
+        *((kind, with_swapped_middles, f"{kind} element 2 ") for kind in ("tet10", "hex20", "wedge15")),
+        ("tet4", lambda mesh: with_material(mesh, youngs_modulus=0.0), "Young's modulus"),
+        ("tet4", lambda mesh: with_material(mesh, youngs_modulus=np.nan), "Young's modulus"),
+        ("tet4", lambda mesh: with_material(mesh, poisson_ratio=0.5), "Poisson"),
+        ("tet4", lambda mesh: with_material(mesh, density=-1.0), "density"),
+        ("tet4", lambda mesh: replace(mesh, regions={}), "region 1"),
+        ("tet4", lambda mesh: replace(mesh, materials={}), "material 1"),
     ],
 )
-def test_materials_that_cannot_be_are_refused(box, change, message):
-    mesh = box("tet4", (1, 1, 1))
+def test_meshes_that_cannot_be_are_refused(box, kind, change, message):
     with pytest.raises(DeckError, match=message):
-        assemble(replace(mesh, materials={1: replace(mesh.materials[1], **change)}))
+        assemble(change(box(kind, (2, 1, 1))))
 
 
-def test_missing_region_material_or_mass_is_refused(box):
-    mesh = box("tet4", (1, 1, 1))
-    with pytest.raises(DeckError, match="region 1"):
-        assemble(replace(mesh, regions={}))
-    with pytest.raises(DeckError, match="material 1"):
-        assemble(replace(mesh, materials={}))
+def test_a_mesh_without_mass_is_refused(box):
     with pytest.raises(DeckError, match="total mass is 0 kg"):
-        mass_properties(replace(mesh, materials={1: replace(mesh.materials[1], density=0.0)}))
+        mass_properties(with_material(box("tet4", (1, 1, 1)), density=0.0))
+
+
+E_OF, RHO_OF = (Parameter("E", name, (1,), 1.0) for name in ("youngs_modulus", "density"))
 
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ([Parameter("E", "youngs_modulus", (9,), 1.0)], "region 9"),
-        (
-            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("E", "density", (1,), 1.0)],
-            "2 parameters are called 'E'",
-        ),
-        (
-            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("F", "youngs_modulus", (1,), 1.0)],
-            "both the youngs_modulus",
-        ),
+        ([replace(E_OF, regions=(9,))], "region 9"),
+        ([E_OF, RHO_OF], "2 parameters are called 'E'"),
+        ([E_OF, replace(E_OF, name="F")], "both the youngs_modulus"),
     ],
 )
 def test_parameters_that_contradict_are_refused(box, parameters, message):

@@ -1,10 +1,9 @@
-"""Beams of three nodes: rigid motions, closed forms of straight and curved beams, NAFEMS, and what gauges read on their sides."""
+"""Beams of three nodes: rigid motions, closed forms of straight and curved beams, and what gauges read on their sides."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import linalg
 from scipy.sparse.linalg import spsolve
 
 from strainsight.decks.reader import read_mesh
@@ -16,48 +15,9 @@ from strainsight.fem.recovery import facet_strain
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import exterior_facets
 
-from ..beams import axes_of, properties, rectangle
+from ..beams import Arch, axes_of, properties, threes
 from .shell_models import rigid_motions
-from .test_beam_frequencies import DENSITY, E, timoshenko_pinned
-
-SHEAR = (5 / 6, 5 / 6)
-
-
-class Arch:
-    """Beams through points x (2n + 1, 3), of which every second lies between ends: dense K and M."""
-
-    def __init__(self, x, towards, own, density=0.0, more=()):
-        self.x = np.asarray(x, float)
-        n = (len(self.x) - 1) // 2
-        cells = [[2 * i, 2 * i + 2, 2 * i + 1] for i in range(n)] if not len(more) else more
-        self.cells = np.array(cells)
-        position = self.x[self.cells]
-        axes, e = axes_of(position[:, :2], towards), len(self.cells)
-        offset, ids = np.zeros((e, 3, 3)), np.arange(1, e + 1)
-        K = E * curved_beam_stiffnesses(position, axes, own, offset, ids)
-        M = curved_beam_masses(position, axes, density * own.area, offset, ids, density * own.second)
-        self.K, self.M = np.zeros((2, 6 * len(self.x), 6 * len(self.x)))
-        for rows, k, m in zip((6 * self.cells[:, :, None] + np.arange(6)).reshape(e, 18), K, M, strict=True):
-            self.K[np.ix_(rows, rows)] += k
-            self.M[np.ix_(rows, rows)] += m
-
-    def free(self, fixed):
-        held = [6 * node + c for node, components in fixed.items() for c in components]
-        return np.setdiff1d(np.arange(len(self.K)), held)
-
-    def moved(self, fixed, force):
-        free, u = self.free(fixed), np.zeros(len(self.K))
-        u[free] = np.linalg.solve(self.K[np.ix_(free, free)], force[free])
-        return u.reshape(-1, 6)
-
-    def frequencies(self, fixed, count):
-        free = self.free(fixed)
-        values = linalg.eigh(self.K[np.ix_(free, free)], self.M[np.ix_(free, free)], eigvals_only=True)
-        return np.sqrt(values[:count]) / (2 * np.pi)
-
-
-def line(count, length):
-    return np.column_stack([np.linspace(0, length, 2 * count + 1), np.zeros((2 * count + 1, 2))])
+from .test_beam_frequencies import SHEAR, E
 
 
 def test_only_the_six_rigid_motions_are_free_and_have_the_mass_of_the_body():
@@ -84,15 +44,19 @@ def test_only_the_six_rigid_motions_are_free_and_have_the_mass_of_the_body():
 def test_a_straight_beam_is_exact_under_a_force_at_its_end():
     """One element: v = F L³/(3 E I) + F L/(k G A), θ = F L²/(2 E I), and twist T L/(G J)."""
     L, own = 2.0, properties(1, 2e-3, np.diag([4e-7, 9e-7]), 6e-7, (5 / 6, 0.7))
+    beam = Arch([[0, 0, 0], [L / 2, 0, 0], [L, 0, 0]], [[0, 2, 1]], (0.0, 1.0, 0.0), own, E)
     for component, I, k, sign in ((1, 4e-7, 5 / 6, 1), (2, 9e-7, 0.7, -1)):
-        force = np.zeros(18)
-        force[12 + component] = 1.0
-        u = Arch(line(1, L), (0.0, 1.0, 0.0), own).moved({0: range(6)}, force)
+        u = beam.solve({0: range(6)}, {(2, component): 1.0})
         assert u[2, component] == pytest.approx(L**3 / (3 * E * I) + L / (k * E / 2.6 * 2e-3), rel=1e-10)
         assert u[2, 6 - component] == pytest.approx(sign * L**2 / (2 * E * I), rel=1e-10)
-    force = np.zeros(18)
-    force[15] = 1.0
-    assert Arch(line(1, L), (0.0, 1.0, 0.0), own).moved({0: range(6)}, force)[2, 3] == pytest.approx(L * 2.6 / E / 6e-7)
+    assert beam.solve({0: range(6)}, {(2, 3): 1.0})[2, 3] == pytest.approx(L * 2.6 / E / 6e-7)
+
+
+def quarter(R, section):
+    """Four elements on a quarter of a ring about z."""
+    angle = np.linspace(0, np.pi / 2, 9)
+    x = np.column_stack([R * np.cos(angle), R * np.sin(angle), 0 * angle])
+    return Arch(x, threes(range(9)), (0.0, 0.0, 1.0), section, E)
 
 
 @pytest.mark.parametrize("slender", [20, 2000])
@@ -102,12 +66,8 @@ def test_a_ring_that_is_pinched(slender):
     quarter: within 0.1 %, however slender it is."""
     R, h = 1.0, 1.0 / slender
     I, A = h**4 / 12, h**2
-    angle = np.linspace(0, np.pi / 2, 9)
-    x = np.column_stack([R * np.cos(angle), R * np.sin(angle), 0 * angle])
-    ring = Arch(x, (0.0, 0.0, 1.0), properties(4, A, np.diag([I, I]), 2 * I, SHEAR))
-    force = np.zeros(54)
-    force[49] = -0.5
-    u = ring.moved({0: (1, 2, 3, 4, 5), 8: (0, 2, 3, 4, 5)}, force)
+    ring = quarter(R, properties(4, A, np.diag([I, I]), 2 * I, SHEAR))
+    u = ring.solve({0: (1, 2, 3, 4, 5), 8: (0, 2, 3, 4, 5)}, {(8, 1): -0.5})
     alpha, beta = I / (A * R**2), 1.2 * 2.6 * I / (A * R**2)
     k1, k2 = 1 - alpha + beta, 1 - alpha
     vertical = -(R**3) / (E * I) * (np.pi * k1 / 4 - 2 * k2**2 / np.pi)
@@ -119,57 +79,9 @@ def test_a_ring_that_is_pinched(slender):
 def test_a_quarter_of_a_ring_under_a_force_across_its_plane():
     """w = F R³ (π/4/(E I) + (3π/4 − 2)/(G J)) of a slender one (Castigliano)."""
     R, I, J, A = 2.0, 3e-8, 5e-8, 4e-2
-    angle = np.linspace(0, np.pi / 2, 9)
-    x = np.column_stack([R * np.cos(angle), R * np.sin(angle), 0 * angle])
-    force = np.zeros(54)
-    force[50] = 1.0
-    u = Arch(x, (0.0, 0.0, 1.0), properties(4, A, np.diag([I, I]), J, SHEAR)).moved({0: range(6)}, force)
+    u = quarter(R, properties(4, A, np.diag([I, I]), J, SHEAR)).solve({0: range(6)}, {(8, 2): 1.0})
     expected = R**3 * (np.pi / 4 / (E * I) + (3 * np.pi / 4 - 2) * 2.6 / (E * J))
     assert u[8, 2] == pytest.approx(expected, rel=1e-3)
-
-
-def test_pin_ended_double_cross_fv2():
-    """NAFEMS FV2 with five elements an arm: within 1 % (with four 1.2 %)."""
-    nodes, cells, fixed = [np.zeros(3)], [], {}
-    for arm in range(8):
-        along = np.array([np.cos(arm * np.pi / 4), np.sin(arm * np.pi / 4), 0.0])
-        first = len(nodes)
-        nodes += [0.5 * step * along for step in range(1, 11)]
-        cells += [[first + 2 * i - 1 if i else 0, first + 2 * i + 1, first + 2 * i] for i in range(5)]
-        fixed[first + 9] = (0, 1)
-    for node in range(len(nodes)):
-        fixed[node] = (*fixed.get(node, ()), 2, 3, 4)
-    frame = Arch(nodes, (0.0, 0.0, 1.0), rectangle(40, 0.125, 0.125, SHEAR), DENSITY, cells)
-    target = np.array([11.336, *[17.709] * 7, 45.345, *[57.390] * 7])
-    np.testing.assert_allclose(frame.frequencies(fixed, 16), target, rtol=0.01)
-
-
-def test_cantilever_with_masses_off_its_centre_fv4():
-    """NAFEMS FV4 with five elements: within 1 %."""
-    second = np.pi * 0.25**4 / 4
-    own = properties(5, np.pi * 0.25**2, np.diag([second] * 2), 2 * second, (0.9, 0.9))
-    frame = Arch(line(5, 10.0), (0.0, 1.0, 0.0), own, DENSITY)
-    for mass, y in ((10_000.0, 2.0), (1_000.0, -2.0)):
-        G = np.zeros((3, 6))
-        G[:, :3] = np.eye(3)
-        G[:, 3:] = np.array([[0, 0, -y], [0, 0, 0], [y, 0, 0]])
-        frame.M[60:, 60:] += mass * G.T @ G
-    target = np.array([1.723, 1.727, 7.413, 9.972, 18.155, 26.957])
-    np.testing.assert_allclose(frame.frequencies({0: range(6)}, 6), target, rtol=0.01)
-
-
-def test_deep_simply_supported_beam_fv5():
-    """NAFEMS FV5 with five elements: within 1 % of its targets; with ten within 0.2 % of Timoshenko's theory."""
-
-    def frequencies(count):
-        own = rectangle(count, 2.0, 2.0, shear=SHEAR, torsion=2 * 16 / 12)
-        beam = Arch(line(count, 10.0), (0.0, 1.0, 0.0), own, DENSITY)
-        return beam.frequencies({0: (0, 1, 2, 3), 2 * count: (1, 2)}, 9)
-
-    target = np.array([42.649, 42.649, 77.542, 125.0, 148.31, 148.31, 233.10, 284.55, 284.55])
-    np.testing.assert_allclose(frequencies(5), target, rtol=0.01)
-    exact = [timoshenko_pinned(n, 10.0, E, E / 2.6, DENSITY, 4.0, 16 / 12, 5 / 6) for n in (1, 2, 3)]
-    np.testing.assert_allclose(frequencies(10)[[0, 4, 7]], exact, rtol=2e-3)
 
 
 DECK = """*NODE

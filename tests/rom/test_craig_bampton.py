@@ -18,20 +18,6 @@ from strainsight.rom.craig_bampton import craig_bampton, floating_basis, rigid_m
 from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, inertia_of, pick, rigid
 
 
-@pytest.fixture(scope="module")
-def clamped():
-    """Held at ROOT; TIP and SIDE are interfaces."""
-    return build_model(bar(side=True, clamped=True))
-
-
-@pytest.fixture(scope="module")
-def free():
-    return build_model(bar(side=True), supported=False)
-
-
-# statics
-
-
 def test_a_load_on_the_interface_moves_it_and_all_else_as_in_the_full_model(clamped):
     body = craig_bampton(clamped, [TIP, SIDE], modes=5)
     B = pick(clamped, TIP, SIDE)
@@ -56,9 +42,6 @@ def test_stiffness_of_the_interface_is_the_schur_complement_and_the_modes_are_ap
     scale = np.sqrt(np.diag(reduced))
     assert np.all(np.abs(reduced[:12, 12:]) <= 1e-10 * np.outer(scale[:12], scale[12:]))
     assert np.allclose(body.mass[12:16, 12:16], np.eye(4), rtol=0, atol=1e-12)
-
-
-# modes
 
 
 def test_with_all_modes_nothing_is_lost():
@@ -107,9 +90,6 @@ def test_a_cut_off_below_the_first_mode_leaves_the_static_shapes(clamped):
     assert body.size == 12 + 3
     assert len(body.frequency) == 0
     assert body.cut > 1.0
-
-
-# rigid motions
 
 
 def on_the_interface(model, *nodes):
@@ -173,9 +153,6 @@ def test_a_supported_body_has_no_rigid_motion(clamped, free):
     assert rigid_motions(free).shape == (free.size, 6)
 
 
-# coordinates
-
-
 def test_interface_motions_are_along_the_basic_axes_whatever_the_axes_of_the_node(free):
     turned = {free.mesh.node_index(TIP): Rotation.from_rotvec([0.5, 1.0, -0.7]).as_matrix()}
     own = build_model(replace(free.mesh, axes=turned), supported=False)
@@ -206,8 +183,6 @@ def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamp
     assert eigvalsh(seen.stiffness.constant)[0] > 0
 
 
-# parameters
-
 MODULI = (Parameter("E1", "youngs_modulus", (1,), 2.1e11), Parameter("E2", "youngs_modulus", (2,), 7.0e10))
 REFERENCE = {p.name: p.reference for p in MODULI}
 
@@ -234,12 +209,6 @@ def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
     exact = np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), f)
     found = body.basis @ np.linalg.solve(body.stiffness.at({"E": 0.7e11}), body.basis.T @ f)
     assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
-
-
-# gauges
-
-
-# what cannot be reduced
 
 
 @pytest.mark.parametrize(

@@ -13,37 +13,28 @@ from strainsight.errors import DeckError, NumericalError
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.joins import PointMass, RigidElement
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import Mesh
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
 from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes, simulate
 from strainsight.rom.model import Damping, damping_derivative, damping_matrix
 from strainsight.rom.steady import steady_start
 
+from ..fem.conftest import make_box
+from ..solids import HEX
 from .models import system, two_materials
 from .test_modal_step import with_force_states
 
 SIZE, START = np.array([1.0, 0.6, 0.4]), np.array([0.3, -0.8, 0.5])
-CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+CORNERS = np.array(HEX)
 DENSITY = {1: 7850.0, 2: 2700.0}
 FIELDS = tuple(InertiaInvariants.__dataclass_fields__)
 
 
 def box(bend: float = 0.0, densities: dict[int, float] = DENSITY, turn: np.ndarray | None = None) -> Mesh:
-    """3 × 2 × 2 hexahedra in two materials, the nodes shaken by `bend` of an element, then mapped by `turn`."""
-    counts = np.array([3, 2, 2])
-    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(grid)).reshape(counts + 1)
-    cells = np.array([[number[tuple(at + c)] for c in CORNERS] for at in np.ndindex(*counts)])
-    shaken = grid + bend * np.random.default_rng(0).uniform(-1, 1, grid.shape)
-    region = np.where(np.arange(len(cells)) < 6, 1, 2)
-    return Mesh(
-        node_ids=np.arange(1, len(grid) + 1),
-        position=(START + shaken / counts * SIZE) @ (np.eye(3) if turn is None else turn).T,
-        blocks=(CellBlock("hex8", np.arange(1, len(cells) + 1), cells, region),),
-        regions={r: Region(r, str(r), r) for r in densities},
-        materials={r: Material(r, 2e11, 0.3, rho) for r, rho in densities.items()},
-        fixed=np.zeros((0, 2), dtype=np.int64),
-    )
+    """3 × 2 × 2 hexahedra in two materials, inner nodes shaken by `bend` of an element, then all mapped by `turn`."""
+    materials = {r: (2e11, 0.3, rho) for r, rho in densities.items()}
+    mesh = make_box("hex8", (3, 2, 2), SIZE, bend, region=np.repeat([1, 2], 6), materials=materials)
+    return replace(mesh, position=(START + mesh.position) @ (np.eye(3) if turn is None else turn).T)
 
 
 def shapes(model, count: int, seed: int = 1) -> np.ndarray:

@@ -21,17 +21,6 @@ from strainsight.rom.inertia import inertia_invariants
 from .bars import MESHES, ROOT, SIDE, TIP, bar, frequencies, gauge_rows, inertia_of, pick, rigid
 
 
-@pytest.fixture(scope="module")
-def clamped():
-    """Held at ROOT; TIP and SIDE are interfaces."""
-    return build_model(bar(side=True, clamped=True))
-
-
-@pytest.fixture(scope="module")
-def free():
-    return build_model(bar(side=True), supported=False)
-
-
 @pytest.mark.parametrize("count", [0, 1, 40])
 def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, count):
     body = craig_bampton(clamped, [TIP, SIDE], modes=count)
