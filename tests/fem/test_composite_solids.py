@@ -242,15 +242,12 @@ def test_layers_side_by_side_resist_a_pull_with_their_sum(box, kind):
     """Of one Poisson's ratio, F/ε = Σ E_l A_l where nothing holds the sides; the stress of each face is E ε of its layer."""
     mesh = layered(box(kind, (3, 2, 1), size=(1.0, 0.2, 0.1)), [(1.0, STEEL, 0), (3.0, TIN, 0), (1.0, STEEL, 0)])
     x = mesh.position
-    corner = {(n, c) for n in np.flatnonzero(x[:, 0] < 1e-9) for c in (0,)}
-    corner |= {(n, 1) for n in np.flatnonzero(np.abs(x[:, :2]).max(axis=1) < 1e-9)}
-    corner |= {(n, 2) for n in np.flatnonzero(np.abs(x[:, [0, 2]]).max(axis=1) < 1e-9)}
-    mesh = replace(mesh, fixed=np.array(sorted(corner)))
     u = x * 1e-3 * [1.0, -0.3, -0.3]
     force = (assemble_stiffness(mesh) @ u.ravel()).reshape(-1, 3)
     end = x[:, 0] > 1 - 1e-9
     assert force[end, 0].sum() == pytest.approx(1e-3 * 0.02 * (0.4 * 2.1e11 + 0.6 * 4.2e10), rel=1e-12)
-    np.testing.assert_allclose(moved(mesh, np.where(end[:, None], force, 0.0)), u, atol=1e-14)
+    inner = (x[:, 0] > 1e-9) & ~end
+    assert np.abs(force[inner]).max() < 1e-12 * np.abs(force).max()
     facets = exterior_facets(mesh)
     rows = facet_strain(mesh, facets)
     state = surface_state(surface_model(mesh, rows, u.reshape(-1, 1)), {}, np.ones(1))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,7 +20,7 @@ from strainsight.gauges.rows import channel_matrix
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.hexahedra import HEX8
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import Mesh, Region
 
 KINDS = [kind.name for kind in ELEMENTS]
 E, NU, RHO = 2.1e11, 0.3, 7850.0
@@ -288,42 +290,15 @@ def test_a_region_without_material_has_no_stress(box):
         surface_model(bare, rows, np.zeros((3 * len(mesh.position), 1)))
 
 
-def test_blocks_of_several_kinds_and_ids_in_any_order():
-    """A wedge on a hexahedron, element numbers descending: every facet finds its own solid."""
-    position = np.array(
-        [
-            [0, 0, 0],
-            [1, 0, 0],
-            [1, 1, 0],
-            [0, 1, 0],
-            [0, 0, 1],
-            [1, 0, 1],
-            [1, 1, 1],
-            [0, 1, 1],
-            [2, 0, 0],
-            [2, 0, 1],
-            [-1, 0, 0],
-            [-1, 1, 0],
-            [-1, 0, 1],
-            [-1, 1, 1],
-        ],
-        dtype=float,
-    )
-    hexahedra = np.array([[0, 1, 2, 3, 4, 5, 6, 7], [10, 0, 3, 11, 12, 4, 7, 13]])
-    blocks = (
-        CellBlock("hex8", np.array([9, 4]), hexahedra, np.array([1, 1])),
-        CellBlock("wedge6", np.array([6]), np.array([[1, 8, 2, 5, 9, 6]]), np.array([1])),
-    )
-    mesh = Mesh(
-        np.arange(1, 15),
-        position,
-        blocks,
-        {1: Region(1, "", 1)},
-        {1: Material(1, E, NU, RHO)},
-        np.zeros((0, 2), dtype=int),
-    )
+def test_blocks_of_several_kinds_and_ids_in_any_order(box, mesh_of):
+    """Wedges beside hexahedra, element numbers descending: every facet finds its own solid."""
+    left, right = box("hex8", (2, 1, 1)), box("wedge6", (1, 1, 1))
+    position = np.vstack([left.position, right.position + np.array([1, 0, 0])])
+    wedges = right.blocks[0].nodes + len(left.position)
+    mesh = mesh_of(position, [("hex8", left.blocks[0].nodes, 1), ("wedge6", wedges, 1)])
+    mesh = replace(mesh, blocks=tuple(replace(block, ids=9 - block.ids) for block in mesh.blocks))
     facets = exterior_facets(mesh)
-    field = np.zeros((14, 3))
-    field[:, 1] = np.where(position[:, 0] > 1, 5 * (position[:, 0] - 1), 0.0)
+    x, field = mesh.position[:, 0], np.zeros_like(mesh.position)
+    field[:, 1] = np.where(x > 1, 5 * (x - 1), 0.0)
     strain = tensors(facet_strain(mesh, facets), field)
-    assert np.all((np.abs(strain[:, 3]) > 1) == (facets.element_id == 6))
+    assert np.all((np.abs(strain[:, 3]) > 1) == np.isin(facets.element_id, [5, 6]))

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pyyeti import nastran
-from scipy.linalg import null_space
 from scipy.sparse.linalg import spsolve
 
 from strainsight.decks.nastran.deck import read_nastran
@@ -309,7 +308,7 @@ def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
-def test_a_um_set_leaves_the_null_space_of_the_equations(box, unit):
+def test_a_um_set_leaves_the_same_motions_free(box, unit):
     """T spans all z with u_r = mean: the same motions as with the reference dependent, other coordinates."""
     mesh = box("hex8", (1, 1, 1), size=(unit, unit, unit))
     tip = np.flatnonzero(mesh.position[:, 0] > unit / 2)
@@ -328,15 +327,6 @@ def test_a_um_set_leaves_the_null_space_of_the_equations(box, unit):
         assert T.shape[1] == 24
         spaces.append(np.linalg.qr(T * lengths[:, None])[0])
     assert np.linalg.svd(spaces[0].T @ spaces[1])[1].min() > 1 - 1e-10
-    # and that space is what the normal equations of the weighted fit annul
-    arm = mesh.position[tip] - mesh.position[8]
-    design = np.vstack([np.hstack([np.eye(3), np.column_stack([np.cross(a, r) for a in np.eye(3)])]) for r in arm])
-    normal = design.T * np.repeat(e.weight, 3)
-    C = np.zeros((6, 30))
-    C[:, (3 * tip[:, None] + np.arange(3)).ravel()] = normal
-    C[:, 24:30] = -normal @ design
-    C = C / np.array([1, 1, 1, unit, unit, unit])[:, None] / lengths
-    assert np.linalg.svd(null_space(C).T @ spaces[1])[1].min() > 1 - 1e-10
 
 
 def refused(mesh, what, **change):

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import spsolve
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry, check_materials
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.section_shapes import SHAPES, section_of_shape
@@ -294,25 +295,9 @@ def test_what_multiplies_a_rotation_in_a_relation_is_a_length(metres, tmp_path):
     assert half.relations[-1].value.tolist() == [2.0, 0.25, 0.125]
 
 
-def masses(mesh):
-    """Of shells and beams by their areas and lengths [kg]."""
-    rho = mesh.materials[3].density
-    x = mesh.position
-    plate = mesh.sections[1]
-    side = np.linalg.norm(np.diff(x[mesh.shells[0].nodes[0]], axis=0), axis=1)
-    found = [side[0] * side[1] * (rho * plate.thickness + plate.nonstructural)]
-    for block in mesh.beams:
-        own = mesh.sections[int(block.region[0])]
-        ends = x[block.nodes[0]] + block.offset[0]
-        other = own.at_b or own
-        per_length = rho * (own.area + other.area) / 2 + (own.nonstructural + other.nonstructural) / 2
-        found.append(np.linalg.norm(ends[1] - ends[0]) * per_length)
-    return np.array(found)
-
-
 def test_mass_grows_with_the_cube_of_the_size_and_stiffness_of_sections_with_the_fourth_power(metres):
     half = scaled(metres, 0.5)
-    np.testing.assert_allclose(masses(half), masses(metres) / 8, rtol=1e-14)
+    assert mass_properties(half)[0] == pytest.approx(mass_properties(metres)[0] / 8, rel=1e-14)
     for region in (2, 13):
         np.testing.assert_allclose(half.sections[region].second, metres.sections[region].second / 16)
         np.testing.assert_allclose(half.sections[region].torsion, metres.sections[region].torsion / 16)

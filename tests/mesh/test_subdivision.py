@@ -103,16 +103,7 @@ def test_nodes_of_parts_of_facets_are_found(kind):
 def test_bodies_that_only_touch_stay_apart():
     """Two copies in one place, with nodes of their own, are two bodies after it."""
     mesh = block("hex8")
-    count, cells = len(mesh.position), mesh.blocks[0]
-    twin = CellBlock("hex8", cells.ids + 10, cells.nodes + count, cells.region)
-    both = replace(
-        mesh,
-        node_ids=np.arange(1, 2 * count + 1),
-        position=np.vstack([mesh.position, mesh.position]),
-        blocks=(replace(cells, ids=np.r_[cells.ids, twin.ids], nodes=np.vstack([cells.nodes, twin.nodes]),
-                        region=np.r_[cells.region, twin.region]),),
-    )  # fmt: skip
-    assert len(refined(both).mesh.position) == 2 * len(refined(mesh).mesh.position)
+    assert len(refined(both(mesh, mesh)).mesh.position) == 2 * len(refined(mesh).mesh.position)
 
 
 # Nodes that follow the faces of another mesh, near or over a gap; the nearest point of a facet.
