@@ -34,28 +34,35 @@ def skew(axis):
 
 
 def nodes_at_the_tip(mesh):
-    return np.flatnonzero(np.isclose(mesh.position[:, 0], L))
+    """Nodes of elements there."""
+    return np.flatnonzero(np.isclose(mesh.position[:, 0], L) & (mesh.node_ids != TIP))
+
+
+LOOSE, STIFF, MEAN = "loose", "stiff", "mean"
+END = PointLoad("M", node_set="END")
+AT_TIP = PointLoad("M", node_id=TIP)
 
 
 @pytest.fixture(scope="module")
-def cantilever(box):
-    """Clamped at x = 0; TIP leads the end rigidly, the set END is its nodes, MIDDLE the node at its middle."""
+def ended(box):
+    """Clamped at x = 0, with sets of its end, a line of it and its root: without a node that leads the end, with a rigid and with
+    an averaging one."""
     plain = box("hex20", (16, 4, 4), (L, B, H), clamp_root=True, material=(E, NU, RHO))
     end = nodes_at_the_tip(plain)
-    middle = end[np.argmin(np.linalg.norm(plain.position[end] - [L, B / 2, H / 2], axis=1))]
-    plain = replace(plain, node_sets={"END": plain.node_ids[end], "MIDDLE": plain.node_ids[[middle]]})
-    rigid = replace(
-        plain,
-        node_ids=np.append(plain.node_ids, TIP),
-        position=np.vstack([plain.position, [L, B / 2, H / 2]]),
-        rigid=(RigidElement(1, len(plain.position), end, (0, 1, 2)),),
+    line = end[np.isclose(plain.position[end, 1], 0.0)]
+    sets = {"END": plain.node_ids[end], "LINE": plain.node_ids[line], "ROOT": plain.node_ids[plain.position[:, 0] == 0]}
+    plain = replace(plain, node_sets=sets)
+    led = replace(
+        plain, node_ids=np.append(plain.node_ids, TIP), position=np.vstack([plain.position, [L, B / 2, H / 2]])
     )
-    return {"free": build_model(plain), "rigid": build_model(rigid)}
+    rigid = replace(led, rigid=(RigidElement(1, len(plain.position), end, (0, 1, 2)),))
+    mean = AveragingElement(1, len(plain.position), end, np.ones(len(end)), tuple(range(6)))
+    return {LOOSE: build_model(plain), STIFF: build_model(rigid), MEAN: build_model(replace(led, averaging=(mean,)))}
 
 
-def test_a_shifted_tip_force_twists_and_bends_the_beam_by_its_moment(cantilever):
+def test_a_shifted_tip_force_twists_and_bends_the_beam_by_its_moment(ended):
     """φ = F δ L/GJ of a shift across the beam, F δ L/EI of one along it; the root, which cannot warp, stiffens by 1 %."""
-    model, load = cantilever["rigid"], PointLoad("tip", (0, 0, 1.0), TIP)
+    model, load = ended[STIFF], PointLoad("tip", (0, 0, 1.0), TIP)
     axes, row = axes_across(np.array([0.0, 0.0, 1.0])), model.constraint.reference_rows[model.mesh.node_index(TIP)]
 
     def rotation(shift):
@@ -117,8 +124,8 @@ def test_a_set_takes_the_couple_with_the_least_forces(box):
 
 
 @pytest.mark.parametrize("load", [PointLoad("F", (1.0, 0.2, 0.3), TIP), PointLoad("F", (0, 0.2, -0.3), node_set="END")])
-def test_the_slopes_are_those_of_small_misalignments(cantilever, load):
-    model, h = cantilever["rigid" if load.node_id else "free"], 1e-5
+def test_the_slopes_are_those_of_small_misalignments(ended, load):
+    model, h = ended[STIFF if load.node_id else LOOSE], 1e-5
     found = misalignment_shapes(model, [load])[:, 0]
     for k, step in enumerate(h * np.eye(4)):
         ends = [misaligned_shape(model, load, s * step[:2], s * step[2:]) for s in (1, -1)]
@@ -141,32 +148,6 @@ def test_nodes_in_a_line_take_no_couple_about_it(box):
         np.testing.assert_allclose(np.cross(mesh.position, own).sum(axis=0), moment, atol=1e-12)
 
 
-LOOSE, STIFF, MEAN = "loose", "stiff", "mean"
-END = PointLoad("M", node_set="END")
-AT_TIP = PointLoad("M", node_id=TIP)
-
-
-@pytest.fixture(scope="module")
-def ended(box):
-    """Clamped at x = 0, with the set END of its end, without a node that leads it, with a rigid and with an averaging one."""
-    plain = box("hex20", (12, 3, 3), (L, B, H), clamp_root=True, material=(E, NU, 7850.0))
-    end = np.flatnonzero(np.isclose(plain.position[:, 0], L))
-    line = end[np.isclose(plain.position[end, 1], 0.0)]
-    sets = {"END": plain.node_ids[end], "LINE": plain.node_ids[line], "ROOT": plain.node_ids[plain.position[:, 0] == 0]}
-    plain = replace(plain, node_sets=sets)
-    led = replace(
-        plain, node_ids=np.append(plain.node_ids, TIP), position=np.vstack([plain.position, [L, B / 2, H / 2]])
-    )
-    rigid = replace(led, rigid=(RigidElement(1, len(plain.position), end, (0, 1, 2)),))
-    mean = AveragingElement(1, len(plain.position), end, np.ones(len(end)), tuple(range(6)))
-    return {LOOSE: build_model(plain), STIFF: build_model(rigid), MEAN: build_model(replace(led, averaging=(mean,)))}
-
-
-def at_the_end(mesh):
-    """Nodes of elements there."""
-    return np.flatnonzero(np.isclose(mesh.position[:, 0], L) & (mesh.node_ids != TIP))
-
-
 def about(load, axis):
     return replace(load, moment=tuple(axis))
 
@@ -179,7 +160,7 @@ def test_a_unit_moment_does_its_work_on_rigid_turns_and_none_on_translations(end
     S = input_shape(model, (about(load, axis),))[:, 0]
     T, x = model.constraint.transform, model.mesh.position
     # z of the free motions at which the end moves as a rigid body: their nodes are free, others do no work
-    end = at_the_end(model.mesh)
+    end = nodes_at_the_tip(model.mesh)
     unit = np.array(axis) / np.linalg.norm(axis)
     for j, basis in enumerate(np.eye(3)):
         turned, moved = (np.zeros(T.shape[0]) for _ in range(2))
@@ -198,7 +179,7 @@ def test_the_cantilever_bends_and_twists_by_beam_theory(ended, where, load):
     """θ = ML/EI about y and z, TL/GJ about x, of the mean turn of the end; the clamp holds back Poisson's contraction."""
     model = ended[where]
     stiffness = model.stiffness.at({}).tocsc()
-    end = at_the_end(model.mesh)
+    end = nodes_at_the_tip(model.mesh)
     r = model.mesh.position[end] - [L, B / 2, H / 2]
     rigidity = (G * torsion_constant(), E * B * H**3 / 12, E * H * B**3 / 12)
     for axis, (own, unit) in enumerate(zip(rigidity, np.eye(3), strict=True)):

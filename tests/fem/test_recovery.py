@@ -192,19 +192,6 @@ def test_torsion_of_a_bar(box):
     np.testing.assert_allclose(state.principal[at], np.tile([peak, 0, -peak], (len(at), 1)), atol=5e-3 * peak)
 
 
-def test_strain_jumps_between_two_materials_and_stress_goes_on(box):
-    """In series under tension."""
-    mesh = box("hex20", (4, 2, 2), region=np.repeat([1, 2], 8), materials={1: (E, 0.0, RHO), 2: (E / 4, 0.0, RHO)})
-    assert set(mesh.blocks[0].region[mesh.position[mesh.blocks[0].nodes][:, :, 0].mean(axis=1) < 0.5]) == {1}
-    x = mesh.position[:, 0]
-    field = np.zeros((len(x), 3))
-    field[:, 0] = np.where(x < 0.5, x, 0.5 + 4 * (x - 0.5))
-    rows = facet_strain(mesh, exterior_facets(mesh))
-    state = surface_state(surface_model(mesh, rows, column(field)), {}, np.ones(1))
-    np.testing.assert_allclose(state.strain[:, 0], np.where(rows.region == 1, 1.0, 4.0), rtol=1e-12)
-    np.testing.assert_allclose(state.stress[:, 0], E, rtol=1e-12)
-
-
 def test_invariants_do_not_turn_with_the_axes():
     rng = np.random.default_rng(0)
     s = np.array([3.0, -1.0, 0.5])

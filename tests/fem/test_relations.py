@@ -18,7 +18,7 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.support import require_support, rigid_body_motions
 from strainsight.fem.ties import rotation_rows
-from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement
+from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 
 from .test_thin import BAR, E, line
 
@@ -43,39 +43,6 @@ def turned(seed):
     q, r = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
     q = q * np.sign(np.diag(r))
     return q * np.linalg.det(q)
-
-
-def rigid_in_relations(mesh, reference, nodes, components):
-    """u_i = u + θ × (x_i − x), term by term, along the axes of both nodes: what an RBE2 says."""
-    found = []
-    for node in nodes:
-        own, lead = (mesh.axes.get(int(i), np.eye(3)) for i in (node, reference))
-        arm = mesh.position[node] - mesh.position[reference]
-        for c in components:
-            axis = own[:, c % 3]
-            if c < 3:
-                terms = [(reference, k, -axis @ lead[:, k]) for k in range(3)]
-                terms += [(reference, 3 + k, -axis @ np.cross(lead[:, k], arm)) for k in range(3)]
-            else:
-                terms = [(reference, 3 + k, -axis @ lead[:, k]) for k in range(3)]
-            found.append(relation((node, c, 2.0), *((n, k, 2 * v) for n, k, v in terms), number=len(found) + 1))
-    return tuple(found)
-
-
-@pytest.mark.parametrize("axes", [{}, {5: turned(1), 8: turned(2)}])
-@pytest.mark.parametrize("components", [(0, 1, 2), (0, 2)])
-def test_relations_that_state_a_rigid_element_give_its_matrices(box, components, axes):
-    mesh = replace(with_node(box("hex8", (1, 1, 1), clamp_root=True), [1.3, 0.6, 0.2]), axes=axes)
-    if len(components) == 3:  # or nothing carries the mass along y
-        mass = PointMass(7, 8, 3.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 2.5]))
-        mesh = replace(mesh, point_masses=(mass,))
-    tip = np.flatnonzero(mesh.position[:8, 0] == 1)
-    rigid = build_model(replace(mesh, rigid=(RigidElement(5, 8, tip, components),)), supported=False)
-    related = build_model(replace(mesh, relations=rigid_in_relations(mesh, 8, tip, components)), supported=False)
-    assert related.size == rigid.size
-    for own, expected in ((related.stiffness, rigid.stiffness), (related.mass, rigid.mass)):
-        K = expected.constant.toarray()
-        np.testing.assert_allclose(own.constant.toarray(), K, rtol=1e-12, atol=1e-12 * np.abs(K).max())
 
 
 def test_relations_equal_lagrange_multipliers(box):

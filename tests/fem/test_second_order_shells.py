@@ -9,13 +9,11 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import DeckError
-from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.gauges.candidates import candidates
-from strainsight.gauges.locate import locate
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
@@ -187,29 +185,6 @@ def test_a_bent_arc_has_the_same_strain_everywhere_on_its_faces(kind):
     around /= np.linalg.norm(around, axis=1)[:, None]
     moved = replace(pool, local=np.repeat(corners, len(pool.local), axis=0), direction=around)
     np.testing.assert_allclose(channel_rows(mesh.position, moved, z)[:, 0], expected, rtol=OFF_CENTRE[kind])
-
-
-@pytest.mark.parametrize("kind", SECOND)
-def test_a_clicked_place_on_a_curved_face_is_found(kind):
-    """A point of a cylinder, half the thickness above it, lies on the upper face to a thousandth of the radius."""
-
-    def arc(a, b):
-        return np.column_stack([np.sin(a), b, np.cos(a)])
-
-    mesh, *_ = panel(kind, 4, 4, arc)
-    skin = skin_of(mesh.position, exterior_facets(mesh))
-    place = (1 + T / 2) * np.array([[np.sin(0.37), 0, np.cos(0.37)]]) + [[0, 0.41, 0]]
-    found = locate(skin, place)
-    assert found.distance[0] < 1e-4
-    assert skin.facets.facet[found.facet[0]] == UPPER
-
-
-@pytest.mark.parametrize("kind", SECOND)
-def test_mass_centre_offset_and_what_is_not_of_the_material(kind):
-    mesh, *_ = panel(kind, 3, 2, flat, ShellSection(T, nonstructural=3.0), offset=0.02)
-    mass, centre = mass_properties(mesh)
-    assert mass == pytest.approx(RHO * L * B * T + 3.0 * L * B)
-    np.testing.assert_allclose(centre, [L / 2, B / 2, 0.02], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", SECOND)

@@ -11,9 +11,7 @@ from scipy.linalg import eigh
 
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape
-from strainsight.fem.model import build_model, nodal
+from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.gauges.clearance import obstacles
 from strainsight.mesh.facets import exterior_facets
@@ -140,18 +138,6 @@ def test_what_springs_leave_free_is_named():
         build_model(replace(mesh, springs=(replace(soft, stiffness=0 * soft.stiffness),)))
 
 
-def test_soft_springs_do_not_change_the_elastic_modes_and_their_stiffness_is_no_part_of_a_modulus():
-    mesh = rigid(stiffer=1.0)
-    soft = replace(mesh, springs=(node_springs("s", np.arange(4), [1e5, 1e5, 1e5, 0, 0, 0]),))
-    free = build_model(mesh, supported=False)
-    model = build_model(soft, [Parameter("E", "youngs_modulus", (1,), 2.1e11)])
-    assert not only_scales(model)
-    assert model.stiffness.constant.sum() == pytest.approx(3e5)  # of four springs of a quarter along each axis
-    elastic = modes(free.stiffness.constant, free.mass.constant, 8, shift=-1e6)[0][6:]
-    found = modes(model.stiffness.at({"E": mesh.materials[1].youngs_modulus}), model.mass.constant, 8)[0][6:]
-    np.testing.assert_allclose(found, elastic, rtol=1e-5)
-
-
 def test_a_spring_on_a_rotation_that_is_not_there_is_named():
     mesh = rigid()
     one = Springs("CELAS2 9", np.ones(1), np.zeros(1, int), np.zeros(1, int), np.array([4]), np.ones(1))
@@ -212,15 +198,6 @@ def test_gauges_keep_clear_of_springs():
     sprung = replace(mesh, springs=(node_springs("s", np.array([0]), [1.0] * 3 + [0] * 3),))
     assert not len(obstacles(mesh, facets, np.zeros(0, int))["supports"])
     np.testing.assert_array_equal(obstacles(sprung, facets, np.zeros(0, int))["supports"][0, 0], mesh.position[0])
-
-
-def test_a_static_load_presses_a_spring_by_f_over_k():
-    mesh = rigid()
-    mesh = replace(mesh, springs=(node_springs("s", np.flatnonzero(mesh.position[:, 2] == 0), [*K, 0, 0, 0]),))
-    model = build_model(mesh)
-    push = PointLoad("F", gravity=(0, 0, 1.0))
-    u = nodal(model, factorise(model.stiffness.constant).solve(input_shape(model, [push])))
-    np.testing.assert_allclose(u.reshape(-1, 3)[:, 2], MASS / K[2], rtol=1e-6)
 
 
 def test_stiffness_is_affine_in_the_factor_of_named_springs():

@@ -17,6 +17,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.merging import merged
 
 from ..bodies import NU, E, body, held
 from ..solids import SOLIDS
@@ -89,7 +90,7 @@ def test_a_moment_on_the_end_of_a_round_bar_twists_it_as_saint_venant_says():
         return r * np.cos(phi), r * np.sin(phi), length * w / 4
 
     seam = body("hex20", (2, 16, 4), chart)
-    mesh = merged(seam)
+    mesh = merged(seam, 1e-9)
     mesh = held(named(mesh, end=(0.75, 0, length)), np.isclose(mesh.position[:, 2], 0))
     u = displaced(mesh, PointLoad("T", node_set="end", moment=(0, 0, 5.0)))
     x = mesh.position
@@ -97,13 +98,6 @@ def test_a_moment_on_the_end_of_a_round_bar_twists_it_as_saint_venant_says():
     turn = (x[:, 0] * u[:, 1] - x[:, 1] * u[:, 0]) / r2
     J, G = np.pi * (b**4 - a**4) / 2, E / (2 * (1 + NU))
     np.testing.assert_allclose(turn, x[:, 2] / (G * J), atol=2e-3 * length / (G * J))
-
-
-def merged(mesh):
-    """Nodes at one place made one."""
-    _, first, of = np.unique(mesh.position.round(9), axis=0, return_index=True, return_inverse=True)
-    block = replace(mesh.blocks[0], nodes=of.ravel()[mesh.blocks[0].nodes])
-    return replace(mesh, node_ids=np.arange(1, len(first) + 1), position=mesh.position[first], blocks=(block,))
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +108,7 @@ def bored():
         r, phi = 1 + u / 2, 2 * np.pi * v / 24
         return r * np.cos(phi), r * np.sin(phi), 0.5 * w
 
-    return named(merged(body("hex20", (2, 24, 1), chart)), bore=(0, 0, 0.25))
+    return named(merged(body("hex20", (2, 24, 1), chart), 1e-9), bore=(0, 0, 0.25))
 
 
 def test_a_pin_bears_with_the_cosine_on_the_half_that_it_presses(bored):

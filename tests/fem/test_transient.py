@@ -12,7 +12,6 @@ from scipy.linalg import eigh
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem import complex_factor
-from strainsight.fem import transient as module
 from strainsight.fem.steady import steady_state
 from strainsight.fem.transient import DEGREES, choose, pade, transient
 from strainsight.fem.viscous import ViscousDamping, modal_damping
@@ -58,20 +57,6 @@ def test_several_masses_loads_and_rows_over_several_blocks(J):
     np.testing.assert_allclose(found.end, true[-1, :2], rtol=0, atol=1e-10 * np.abs(true[-1, :2]).max())
 
 
-@pytest.mark.parametrize("degree", [2, 4])
-def test_halving_the_step_divides_the_error_by_its_order(degree, monkeypatch):
-    monkeypatch.setattr(module, "choose", lambda y: (pade(degree), 1))
-    K, M = chain(3)
-    C = 2.0 * M + 1e-5 * K
-    S, errors = np.eye(3)[:, :1], []
-    for T in (24, 48, 96) if degree == 2 else (6, 12, 24):
-        h = 0.05 / T
-        u = hold_coefficients([Sine(15, 50.0)], 0.0, h, T)
-        found = transient(model_of(K, M), S, {}, ViscousDamping(2.0, 1e-5), u, h, np.eye(3))
-        errors.append(np.abs(found.end[0] - exact(K, M, C, S, u, h)[-1, 0]).max())
-    assert np.all(np.log2(np.array(errors[:-1]) / errors[1:]) > 2 * degree - 1)
-
-
 def test_a_motion_that_follows_its_load_is_exact_however_fast_the_mode():
     """Quadratic load, quadratic motion: z = u/k − m ü/k², for modes from far below to far above the step."""
     h, T = 1e-3, 40
@@ -94,45 +79,6 @@ def test_a_motion_that_follows_its_load_is_exact_however_fast_the_mode():
     expected = now(h * np.arange(T + 1))
     np.testing.assert_allclose(found.reading[:, 1:], expected[:, 1:], rtol=1e-11)
     np.testing.assert_allclose(found.reading[:, 0], expected[:, 0], rtol=1e-6)
-
-
-def test_energy_stays_without_damping_and_load():
-    K, M = chain(8)
-    omega = np.sqrt(eigh(K, M, eigvals_only=True))
-    rng = np.random.default_rng(4)
-    x0 = (rng.standard_normal(8), rng.standard_normal(8) * omega[0])
-    h = 0.5 / omega[-1]
-    T = 600
-
-    def energy(z, v):
-        return 0.5 * (z @ K @ z + v @ M @ v)
-
-    held = np.zeros((T, 1, 1))
-    found = transient(
-        model_of(K, M), np.ones((8, 1)), {}, NONE, held, h, np.eye(8), start=x0, highest=5.6 / (2 * np.pi * h)
-    )
-    assert energy(*found.end) == pytest.approx(energy(*x0), rel=1e-9)
-
-
-def test_periods_at_the_highest_frequency_are_right_to_a_ten_thousandth():
-    f, h = 37.0, 1e-3
-    omega = 2 * np.pi * f
-    T = 2703
-    found = transient(
-        model_of([[omega**2]], [[1.0]]),
-        np.ones((1, 1)),
-        {},
-        NONE,
-        np.zeros((T, 1, 1)),
-        h,
-        np.eye(1),
-        start=(np.ones(1), np.zeros(1)),
-        highest=f,
-    )
-    assert found.highest >= f
-    t = h * np.arange(T + 1)
-    cycles = f * T * h
-    assert np.abs(found.reading[:, 0] - np.cos(omega * t)).max() < 2 * np.pi * cycles * 1.5e-4
 
 
 # ---- damping

@@ -13,12 +13,9 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight.errors import UserError
 from strainsight.fem.assembly import assemble
-from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.support import rigid_motions
 from strainsight.mesh.connectivity import connectivity_warnings
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import with_midsides
 from strainsight.mesh.model import CellBlock
@@ -27,7 +24,7 @@ from strainsight.mesh.subdivision import refined
 from strainsight.mesh.surface_ties import with_surface_tie
 from strainsight.mesh.vtkhdf import VTK_TYPE, facet_cells, unstructured_grid
 
-from ..bodies import RHO, E, body, held, moved
+from ..bodies import RHO, body
 from ..solids import SOLIDS
 from .boxes import FACE, TWO, both, box
 
@@ -149,11 +146,6 @@ def test_a_tie_over_a_gap_follows_every_rigid_motion(gap, kind):
             )
 
 
-def test_blocks_that_are_tied_over_a_gap_are_one_free_structure():
-    mesh = tied_over(1e-8)
-    assert rigid_motions(mesh, constraint_transform(mesh)).shape[1] == 6
-
-
 @pytest.mark.parametrize("code", range(len(FACETS)))
 def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
     kind = FACETS[code]
@@ -166,21 +158,6 @@ def test_the_nearest_point_of_a_curved_facet_is_the_foot_of_its_normal(code):
     feet = nearest(code, np.repeat(nodes, 3, axis=0), on + [[0.0], [1e-3], [-1e-2]] * n)
     np.testing.assert_allclose(feet.x, on, atol=1e-12)
     np.testing.assert_allclose(feet.apart, [0.0, 1e-3, 1e-2], atol=1e-12)
-
-
-@pytest.mark.parametrize(("fine", "coarse"), [("hex8", "hex8"), ("tet10", "hex20")])
-def test_a_bar_of_two_meshes_that_are_tied_is_stretched_as_one(fine, coarse):
-    mesh = tied_bar(coarse, fine)
-    n, end = len(mesh.position), mesh.position[:, 0] == 2
-    mesh = held(held(mesh, mesh.position[:, 0] == 0), end, (1, 2))
-    lead = RigidElement(1, n, np.flatnonzero(end), (0,))
-    x = np.vstack([mesh.position, [2, 0.5, 0.5]])
-    mesh = replace(mesh, position=x, node_ids=np.arange(1, n + 2), rigid=(lead,))
-    mesh = held(mesh, np.arange(n + 1) == n, (3, 4, 5))
-    force = np.zeros((n + 1, 3))
-    force[-1, 0] = E
-    u = moved(mesh, force).reshape(-1, 3)[:n]
-    np.testing.assert_allclose(u, x[:n] * [1, 0, 0], atol=1e-11)
 
 
 def test_a_node_beside_the_surface_is_refused():

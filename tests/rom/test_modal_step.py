@@ -157,21 +157,6 @@ def test_slow_and_fast_modes_beside_one_another(omega, damping):
         np.testing.assert_allclose(slopes[0, 1], 0.5 * angle * np.sin(angle), rtol=1e-9, atol=rounding)
 
 
-def test_a_batch_is_the_loop():
-    model = two_materials(5, DAMPINGS[1], on_mass=True)
-    rng = np.random.default_rng(4)
-    E, rho = rng.uniform(0.5, 2, 6), rng.uniform(0.5, 2, 6)
-    x, u = rng.standard_normal((6, 8)), rng.standard_normal((6, 3, 2))
-    step = modal_step(model, {"E": E, "rho": rho}, 1e-3)
-    slopes = parameter_slopes(model, step, {"E": E, "rho": rho}, x, u, NAMES)
-    for i in range(6):
-        single = modal_step(model, {"E": E[i], "rho": rho[i]}, 1e-3)
-        np.testing.assert_allclose(step.transition[i], single.transition, atol=1e-9)
-        np.testing.assert_allclose(step.input[i], single.input, atol=1e-12)
-        alone = parameter_slopes(model, single, {"E": E[i], "rho": rho[i]}, x[i], u[i], NAMES)
-        np.testing.assert_allclose(slopes[i], alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
-
-
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
 def test_simulation_from_rest_is_what_an_ode_solver_finds(damping):
     model, theta = two_materials(10, damping, n=3, omega=30.0), {"E": 1.1, "rho": 1.2}

@@ -68,18 +68,6 @@ def test_slopes_agree_with_central_differences(damping, kind):
         np.testing.assert_allclose(slopes[:, i], difference, atol=1e-7 * np.abs(difference).max())
 
 
-def test_bias_is_that_of_the_textbook_for_small_steps():
-    lam, h = np.array([1e2, 1e4]), 1e-3
-    angle = np.sqrt(lam) * h
-    longer, damped = scheme_bias(lam, Damping(), h, "trapezoidal")
-    np.testing.assert_allclose(longer, angle**2 / 12, rtol=0.01)
-    np.testing.assert_allclose(damped, 0, atol=1e-12)
-    longer, damped = scheme_bias(lam, Damping(), h, "implicit_euler")
-    np.testing.assert_allclose(longer, angle**2 / 3, rtol=0.01)
-    np.testing.assert_allclose(damped, angle / 2, rtol=0.01)
-    assert not np.any(scheme_bias(lam, Damping(ratio=0.1), h, "exact"))
-
-
 @pytest.mark.parametrize("scheme", ["trapezoidal", "implicit_euler"])
 def test_bias_is_seen_in_a_free_motion(scheme):
     """Counted on the free decay itself: zero crossings for the period, the envelope for the damping."""
