@@ -33,7 +33,6 @@ def test_value_is_the_polynomial():
 
 @pytest.mark.parametrize("t", [0.7, 1.0, 0.0, -0.5])
 def test_derivatives_are_those_of_a_complex_step(t):
-    """At the roots of a factor, too."""
     np.testing.assert_allclose(
         PLATE.derivative("t", {"E": 3.0, "t": t}), written_out(3.0, t + 1e-30j).imag / 1e-30, rtol=1e-13, atol=1e-14
     )
@@ -57,7 +56,6 @@ def test_many_values_are_one_after_the_other():
 
 @pytest.mark.parametrize("logarithm", [False, True])
 def test_beyond_its_range_a_polynomial_levels_off(logarithm):
-    """By a tenth of the end; slopes agree with differences, and at the ends with those within."""
     own = Newton("t", (0.0, 0.0, 0.0), 1.0, (0.5, 2.0), 0.1, logarithm)
     t = np.array([1e-5, 0.45, 0.5, 1.0, 2.0, 2.1, 90.0])
     seen = np.array([0.45, 0.5 - 0.05 * np.tanh(1), 0.5, 1.0, 2.0, 2 + 0.2 * np.tanh(0.5), 2.2])
@@ -96,7 +94,6 @@ def some(seed: int, density: float) -> sparse.csr_array:
 
 
 def test_an_operator_on_one_pattern_has_the_values_it_had():
-    """Terms that fill as many places, other places and next to none; a difference that is zero everywhere keeps its places."""
     first = some(0, 0.4)
     X = AffineOperator(first, {"a": some(1, 0.5), "b": -1.0 * first, "c": some(2, 0.02)})
     wide = X.on_one_pattern()

@@ -62,7 +62,6 @@ def test_every_strain_of_a_distorted_body_has_the_work_of_the_turned_tensor(box,
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_isotropic_material_by_its_matrix_is_the_same(box, kind):
-    """Of every second element, along any axes: stiffness, strain of the surface with incompatible modes, and stress."""
     mesh = box(kind, (2, 2, 2), distort=0.3, material=(2.1e11, 0.3, 1600.0))
     (block,) = mesh.blocks
     other = replace(

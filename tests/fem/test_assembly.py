@@ -54,7 +54,6 @@ def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_mass_of_rigid_motions_is_that_of_the_body(box, kind):
-    """Mass, first and second moments of a box: the mass is exact because N N is integrated exactly."""
     mesh = box(kind, (2, 3, 2), size=(1.0, 2.0, 0.5), distort=0.0)
     M = assemble(mesh)[1].constant
     spin = np.cross([0, 0, 1.0], mesh.position).ravel()
@@ -223,7 +222,6 @@ def test_parameters_that_contradict_are_refused(box, parameters, message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, monkeypatch):
-    """What an assembly takes at its peak is enough for it; a twentieth of that is refused before it is taken."""
     mesh = box(kind, (4, 4, 4))
     assemble(mesh)  # what the first call leaves behind is not the assembly's
     tracemalloc.start()

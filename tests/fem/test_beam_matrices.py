@@ -153,7 +153,6 @@ def test_a_beam_without_bending_is_a_rod():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_released_motions_carry_no_force_and_store_the_least_energy(seed):
-    """Against least energy over the released motions by a pseudo-inverse, mechanisms among them."""
     rng = np.random.default_rng(seed)
     own = properties(1, 1.0, np.array([[3.0, 1.0], [1.0, 2.0]]), 1.5, SHEAR if seed % 2 else (0, 0))
     released = rng.random((1, 2, 6)) < 0.45

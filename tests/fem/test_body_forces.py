@@ -124,7 +124,6 @@ def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
 
 
 def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
-    """A force and a moment on the reference node of the end, against those on a lever behind it and on a node of the end."""
     mesh = body("hex8", (3, 1, 1), lambda *u: u)
     mesh = held(mesh, mesh.position[:, 0] == 0)
     end = np.flatnonzero(mesh.position[:, 0] == 3)

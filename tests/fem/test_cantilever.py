@@ -87,7 +87,6 @@ def families(mesh, count=10):
 
 
 def test_the_example_deck_within_one_percent_of_theory_the_axial_mode_within_a_thousandth():
-    """meshes/cantilever.bdf, as read: mass, three bending modes in each plane, torsion."""
     mesh = read_mesh(Path(__file__).parents[2] / "meshes" / "cantilever.bdf")
     assert mass_properties(mesh)[0] == pytest.approx(RHO * L * AREA, rel=1e-12)
     found = families(mesh)

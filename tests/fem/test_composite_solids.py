@@ -53,7 +53,6 @@ from .laminate_models import stack as laminate
 
 @pytest.mark.parametrize(("kind", "along"), DIRECTIONS)
 def test_layers_of_one_material_are_the_element_of_it(box, kind, along):
-    """Stiffness, mass, strain and law of the surface, on parallelepipeds; a single layer on any element."""
     straight = box(kind, (2, 2, 2), size=(1.0, 0.7, 0.4))
     straight = replace(straight, position=straight.position @ SHEARED)
     for mesh, layers in ((straight, [1.0, 2.0, 0.7]), (box(kind, (2, 2, 2), distort=0.3), [3.0])):
@@ -104,7 +103,6 @@ def _reference(kind):
 
 @pytest.mark.parametrize("kind", list(STACKED))
 def test_mass_lies_where_the_layers_are(box, kind):
-    """Weight, centre and pull of gravity are those of the layers; density as a parameter is their mean."""
     mesh = layered(box(kind, (2, 1, 1), size=(1.0, 0.5, 0.2)), [(1.0, STEEL, 0), (3.0, CARBON, 0)])
     total, centre = mass_properties(mesh)
     weights = 0.1 * np.array([0.25 * 7850.0, 0.75 * 1600.0])
@@ -123,7 +121,6 @@ def test_mass_lies_where_the_layers_are(box, kind):
 
 
 def test_other_properties_scale_all_layers(box):
-    """A factor of the stiffness and a mean density: terms of a parameter, and a mesh that has them."""
     mesh = layered(box("hex8", (1, 1, 1)), [(1.0, STEEL, 0), (3.0, CARBON, 30.0)])
     K, M = (own.constant for own in assemble(mesh))
     other = with_properties(mesh, [1], density=2 * mesh.density_of(1), stiffness_factor=1.5)
@@ -149,7 +146,6 @@ def test_other_properties_scale_all_layers(box):
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20"])
 def test_the_modulus_of_a_layer_may_be_free(box, kind):
-    """K anywhere in the range, and its slope, are those of layers made anew; so is the stress of the surface; mass stays."""
     mesh = layered(box(kind, (2, 1, 1), distort=0.2), [(1.0, CARBON, 20.0), (2.0, STEEL, 0.0), (1.0, TIN, 0.0)])
     E = Parameter("E", "youngs_modulus", (1,), 2.1e11, range=(1.5e11, 3e11), material=2)
     assert value_of(mesh, 1, "youngs_modulus", 2) == 2.1e11
@@ -287,7 +283,6 @@ def test_a_soft_core_is_too_stiff_in_shear_across_and_import_says_so(box):
 
 @pytest.mark.parametrize("angles", [*slowly(((0, 90, 90, 0),)), (45, -45, -45, 45)])
 def test_a_thin_plate_has_the_frequencies_of_the_laminate(box, angles):
-    """Clamped at an edge, a hundredth as thick as long: the first six of solids with one element across, and of shells."""
     t = 0.004
     own = layered(box("hex20", (10, 10, 1), size=(0.4, 0.4, t), clamp_root=True), [(1.0, CARBON, a) for a in angles])
     model = build_model(own)

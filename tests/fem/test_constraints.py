@@ -83,7 +83,6 @@ def test_rigid_element_equals_lagrange_multipliers(box, kind, components):
 
 @pytest.mark.parametrize("components", [(0, 1, 2, 3, 4, 5), (0, 1, 2)])
 def test_averaging_element_equals_lagrange_multipliers(box, components):
-    """The reference follows the weighted least-squares rigid motion of its nodes."""
     mesh, r = with_reference(box("tet10", (2, 1, 1), clamp_root=True), [1.4, 0.7, 0.1])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     weight = np.random.default_rng(2).uniform(0.2, 2.0, len(tip))
@@ -117,7 +116,6 @@ def test_averaging_element_equals_lagrange_multipliers(box, components):
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_chains_resolve_in_any_order(box, order):
-    """A master turns a reference (all six components), which moves the tip: the same as one rigid element."""
     mesh, a = with_reference(box("tet4", (2, 1, 1), clamp_root=True), [1.2, 0.5, 0.5])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     mesh, b = with_reference(mesh, [2.0, -1.0, 0.3])
@@ -137,7 +135,6 @@ def test_nodes_of_no_element_have_no_motion(box):
 
 
 def test_motions_that_nothing_carries_are_left_out(box):
-    """A rigid element in z, on the plane of its reference, gives that z and the rotation about x."""
     mesh, r = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.0, 0.5, 0.5])
     mesh = replace(mesh, rigid=(RigidElement(1, r, tip_of(replace(mesh, position=mesh.position[:-1])), (2,)),))
     constraint = constraint_transform(mesh)
@@ -154,7 +151,6 @@ def test_clamped_rotation_of_a_solid_node_means_nothing(box):
 
 @pytest.mark.parametrize("clamped", [(0, 1, 2, 3, 4, 5), (0, 3, 5)])
 def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
-    """A reference that follows another one in rotations only, and moves the tip: z of the tip by hand."""
     mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.2, 0.5, 0.5])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     mesh, b = with_reference(mesh, [2.0, -1.0, 0.3])
@@ -177,7 +173,6 @@ def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
 
 
 def test_rows_of_other_matrices_have_rotations_and_supports_of_their_own(box):
-    """Stiffness stated row by row: what has none is left out; rotations follow a reference like those of a chain."""
     mesh, r = with_reference(box("hex8", (1, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
     one, other = tip_of(replace(mesh, position=mesh.position[:-1]))[:2]
     rigid = RigidElement(1, r, np.array([other]), (0, 1, 2, 3, 4, 5))

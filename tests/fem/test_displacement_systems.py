@@ -46,7 +46,6 @@ def solution(mesh, force):
 
 
 def test_axes_of_their_own_equal_lagrange_multipliers(supported_part):
-    """Every node has other axes: a component of it is the motion along one of them."""
     mesh = supported_part
     n = len(mesh.position)
     axes = dict(enumerate(Rotation.random(n, random_state=4).as_matrix()))
@@ -111,7 +110,6 @@ def frame(normal):
 
 @pytest.mark.parametrize("turn", [np.eye(3), TURN])
 def test_rollers_on_inclined_planes_hold_what_their_normals_span(box, turn):
-    """Six rollers with independent wrenches hold; normals through one line leave the rotation about it."""
     mesh = box("hex8", (1, 1, 1))
     mesh = replace(mesh, position=mesh.position @ turn.T)
     rng = np.random.default_rng(3)
@@ -146,7 +144,6 @@ def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(sup
 
 
 def test_an_averaging_reference_moves_along_its_own_axes(box):
-    """One component of the mean, the one along its second axis, follows; the others are free."""
     mesh = box("hex8", (2, 1, 1), clamp_root=True)
     n = len(mesh.position)
     tip = np.flatnonzero(mesh.position[:, 0] == 1)

@@ -129,7 +129,6 @@ def test_what_is_let_go_stays_free_of_rigid_motions(kind):
 
 @pytest.mark.parametrize("kind", ["quad4", "tri3"])
 def test_constant_stress_passes_where_rotations_are_let_go(kind):
-    """Of a distorted patch, at some of its nodes: no force is left at inner nodes, nor a couple."""
     a, b, cells = unit_square(4, 4, kind)
     x = np.column_stack([a + 0.1 * a * b, b - 0.15 * a * b + 0.1 * a**2, 0 * a])
     beside = np.isin(cells, [6, 7, 12, 13])

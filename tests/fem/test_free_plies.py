@@ -59,7 +59,6 @@ def apart(X, Y):
     ],
 )
 def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
-    """Anywhere in the ranges; at the reference to the last digit; slopes are those of the plies, too; the mass stays."""
     mesh, free = distorted(laminate, kind), moduli(*names)
     K, M = thin_operators(mesh, free)
     assert not M.terms
@@ -110,7 +109,6 @@ def test_factor_multiplies_what_moduli_shape():
 
 
 def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():
-    """Stress of plies made anew, and the rows that damage is of; σ by differences of them."""
     mesh = with_faces(plate(ANY, 2, 2, 0.3, 0.25, axis=(1.0, 0.3, 0.0)))
     free, facets = moduli("e1", "g12"), exterior_facets(mesh)
     field = np.random.default_rng(3).normal(size=(3 * len(mesh.position), 2))
@@ -152,8 +150,6 @@ def test_material_says_which_plies_are_meant():
 
 
 def test_modulus_of_isotropic_plies_is_that_of_a_plate_beside_them_too():
-    """One E of steel: in plies, where K and the stress of the lower ply are those of plies made anew, and in a plate, which is
-    proportional to it."""
     mesh = plate(stack([10, 55, 0], 1e-3, [2, 1, 1]), 4, 2, 0.4, 0.2, axis=(1.0, 0.3, 0.0))
     mesh.shells[0].region[:4] = 2
     mesh = replace(

@@ -50,7 +50,6 @@ def test_each_factor_acts_on_its_own_motion_and_exactly():
 
 @pytest.mark.parametrize("shear", [(0.0, 0.0), (0.8, 0.7)])
 def test_stiffness_and_mass_are_those_of_a_section_made_anew(shear):
-    """Of a tapered, unsymmetric one, with mass that is not of its material, and E and ρ of the region free too; slopes too."""
     section = BeamSection(
         2e-3, np.array([[8e-7, 1e-7], [1e-7, 6e-7]]), 3e-7, shear, nonstructural=0.4,
         at_b=BeamSection(1e-3, np.array([[4e-7, 0.0], [0.0, 5e-7]]), 2e-7, shear, nonstructural=0.2),

@@ -94,7 +94,6 @@ def anew(mesh, t):
     ],
 )
 def test_stiffness_and_mass_are_those_of_a_mesh_made_anew(kind, section, height, offset, size):
-    """Slopes too, by central differences."""
     mesh = shell(kind, SECTIONS[section], height, offset, size=size)
     for X, own in zip(thin_operators(mesh, [FREE]), (0, 1), strict=True):
         d = np.sqrt(X.constant.diagonal())
@@ -119,7 +118,6 @@ def displaced(mesh, t=None):
     [("quad4", 0.02, 0.0), ("tri6", 0.02, 0.0), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03)],
 )
 def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
-    """On both faces, at a point and over a grid; slopes too; linear in t where the shell is flat."""
     mesh = shell(kind, height=height, offset=0.001, count=(4, 3))
     facets = exterior_facets(mesh)
     pool = candidates(mesh, facets, (1.0, 0.2, 0.1), (0.0, 50.0), on_constraints=True, length=length)
@@ -155,7 +153,6 @@ def test_strain_of_the_faces_is_that_of_a_mesh_made_anew(kind):
 
 
 def test_of_two_regions_side_by_side_each_moves_its_own_faces():
-    """They share the nodes on their faces at the reference, and no longer where one is thicker."""
     mesh = shell(count=(4, 2))
     block = replace(mesh.shells[0], region=np.where(np.arange(8) < 4, 1, 2))
     mesh = replace(

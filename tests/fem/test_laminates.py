@@ -47,7 +47,6 @@ def test_resistance_is_that_of_slices(name):
 
 
 def test_plies_of_one_material_are_a_homogeneous_shell():
-    """However cut into plies and turned; K of the isotropic path."""
     plies = plate(stack([0, 30, 77], [1e-3, 4e-3, 2e-3], 2), 3, 2, 0.4, 0.3, offset=0.002)
     mesh = replace(
         plies,
@@ -144,7 +143,6 @@ def test_nafems_laminated_strip():
 
 
 def test_stress_on_faces_of_isotropic_plies_is_that_of_a_homogeneous_shell():
-    """Of strain of any kind, on both faces: of steel as plies and as a PSHELL, strain across too."""
     plies = plate(stack([20, 50], 2e-3, 2), 3, 2, 0.3, 0.2, axis=(1.0, 1.0, 0.0))
     alike = replace(plies, sections={1: ShellSection(4e-3)}, regions={1: replace(plies.regions[1], material=2)})
     states = []
@@ -183,7 +181,6 @@ def test_angles_go_from_the_material_axis():
 
 
 def test_mass_is_that_of_the_plies():
-    """Steel below carbon: the sum, and its centre on the side of the steel; of solids as thick as the plies."""
     laminate = replace(stack([0, 0], [1e-3, 3e-3], [2, 1]), nonstructural=2.0)
     mesh = plate(laminate, 2, 2, 0.3, 0.25, offset=0.01)
     mass, centre = mass_properties(mesh)

@@ -135,7 +135,6 @@ def test_the_slopes_are_those_of_small_misalignments(ended, load):
 
 
 def test_nodes_in_a_line_take_no_couple_about_it(box):
-    """Two nodes across the beam, pulled along it: of a shift along their line all of the moment, of one across it none."""
     mesh = box("hex8", (3, 2, 2), (L, B, H))
     pair = [i for i in nodes_at_the_tip(mesh) if np.isclose(mesh.position[i, 2], 0) and mesh.position[i, 1] % B < 1e-12]
     assert len(pair) == 2
@@ -155,7 +154,6 @@ def about(load, axis):
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (1.0, -2.0, 3.0)])
 @pytest.mark.parametrize(("where", "load"), [(LOOSE, END), (MEAN, AT_TIP)])
 def test_a_unit_moment_does_its_work_on_rigid_turns_and_none_on_translations(ended, where, load, axis):
-    """The forces are on nodes that are free; of the axis the length does not matter."""
     model = ended[where]
     S = input_shape(model, (about(load, axis),))[:, 0]
     T, x = model.constraint.transform, model.mesh.position

@@ -36,7 +36,6 @@ def bar(box):
 
 
 def test_a_tip_force_does_the_work_of_its_displacement(bar):
-    """Reciprocity and work: S picks the displacement of the loaded node out of a field."""
     model = build_model(bar)
     loads = [
         PointLoad("x", (2.0, 0.0, 0.0), node_id=1000),
@@ -59,7 +58,6 @@ def test_a_load_of_the_deck_has_a_unit_resultant_and_its_distribution(bar):
 
 
 def test_constrained_mass_keeps_the_point_mass_and_the_body(bar):
-    """Translation of the whole bar, root included, by a model without supports."""
     model = build_model(replace(bar, fixed=np.zeros((0, 2), dtype=np.int64)), supported=False)
     e = np.zeros(model.size)
     e[(model.constraint.free_rows < 3 * len(bar.position)) & (model.constraint.free_rows % 3 == 1)] = 1.0

@@ -49,7 +49,6 @@ def test_the_same_model_gives_the_same_bits():
 
 @pytest.mark.parametrize("n", [60, 900])
 def test_unknowns_without_mass_are_condensed(n):
-    """Every second mass zero: two springs in series, so a chain of half the length and half the stiffness."""
     K = chain(n, 2.0)[0]
     diagonal = np.tile([0.0, 1.0], n // 2)
     frequency, _ = modes(K, sparse.csr_array(sparse.diags_array(diagonal)), 4)
@@ -98,7 +97,6 @@ def test_simply_supported_solid_plate_fv52(box, kind, counts, published, within)
 
 @pytest.mark.parametrize("length", [40, 400])
 def test_modes_of_one_frequency_are_not_left_to_rounding(length):
-    """Two equal chains, and a third of twice the stiffness: rounding of the matrices turns no pair, even where one is cut off."""
     K, M, exact = chain(length)
     turn = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
     K = sparse.csr_array(sparse.kron(K, turn @ np.diag([1.0, 1.0, 2.0]) @ turn.T))
@@ -116,7 +114,6 @@ def test_modes_of_one_frequency_are_not_left_to_rounding(length):
 
 @pytest.mark.parametrize(("length", "count"), [(20, 1), (20, 10), (50, 8)])
 def test_no_copy_of_the_last_frequency_is_cut_off(length, count):
-    """Eight equal chains that do not touch: the copies of a frequency reach further than the modes found beside those wanted."""
     K, M, exact = chain(length)
     K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(8 * length))
     frequency, first = modes(K, M, count)
@@ -132,7 +129,6 @@ def test_no_copy_of_the_last_frequency_is_cut_off(length, count):
 
 
 def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkeypatch):
-    """Eight equal chains, of which the first pass is given three copies of the lowest frequency and one of the second."""
     K, M, exact = chain(50)
     K, M = sparse.csr_array(sparse.kron(sparse.eye_array(8), K)), sparse.csr_array(sparse.eye_array(400))
     own = np.linalg.eigh(chain(50)[0].toarray())
@@ -152,7 +148,6 @@ def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkey
 
 @pytest.mark.parametrize("n", [60, 400])
 def test_any_number_of_modes_up_to_that_of_unknowns_with_mass(n):
-    """Thirty masses of a chain, against its flexibility; thirty equal oscillators, all of one frequency."""
     at = np.linspace(2, n - 1, 30).astype(int)
     mass = np.zeros(n)
     mass[at] = np.linspace(1, 2, 30)
@@ -172,7 +167,6 @@ def test_any_number_of_modes_up_to_that_of_unknowns_with_mass(n):
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_values_that_chain_are_not_one_frequency(sign):
-    """Sixty values, each nearer to the next than one frequency's: no two further apart than that are mixed."""
     values = (1 + 0.9 * REPEATED * np.arange(60))[::sign]
     T = turned(values, np.random.default_rng(0).standard_normal((200, 60)))
     assert np.allclose(T.T @ T, np.eye(60), atol=1e-12)
@@ -213,14 +207,12 @@ def test_from_shapes_that_are_a_little_off_come_the_modes_themselves(off, no_lan
 
 
 def test_a_mode_that_the_near_ones_have_no_part_of_is_found_all_the_same():
-    """The second mode is missing among them, and iterations from them would never see it: exact modes stay exact modes."""
     exact, shapes = of_chain(N, np.arange(1, COUNT + 4))
     frequency, _ = modes(chain(N)[0], sparse.eye_array(N, format="csr"), COUNT, near=np.delete(shapes, 1, axis=1))
     assert np.allclose(frequency, exact[:COUNT], rtol=ROUNDING, atol=0)
 
 
 def test_of_two_equal_chains_no_copy_of_the_last_frequency_is_cut_off():
-    """Three modes of two chains: the shapes of the second pair are those that no rounding chooses, with near modes or without."""
     K, M = sparse.block_diag([chain(N)[0]] * 2, format="csr"), sparse.eye_array(2 * N, format="csr")
     exact, shapes = of_chain(N, np.arange(1, 4))
     near = np.kron(np.eye(2), shapes)

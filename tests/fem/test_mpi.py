@@ -62,7 +62,6 @@ def start(monkeypatch):
 @needs_slepc
 @pytest.mark.parametrize("processes", [*slowly(1), 2])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
-    """Every copy of a frequency, M-orthonormal shapes, K⁻¹B; shapes are those of PARDISO, and nothing is left."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     K, M, exact = lattice(ends=True)
     said = []
@@ -83,7 +82,6 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
 @needs_slepc
 @pytest.mark.slow
 def test_a_free_structure(start):
-    """Of a cube that nothing holds: its one rigid motion is left out, a load is balanced by inertia."""
     K, M, exact = lattice(ends=False)
     rigid = np.ones((SIDE**3, 1))
     relief = relief_of(M, rigid)
@@ -129,7 +127,6 @@ def test_a_process_that_dies_ends_the_others_and_is_named(start, tmp_path, monke
 
 @needs_slepc
 def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
-    """The pointers of a matrix of three thousand million entries, of which none is read."""
     K, _, _ = lattice(ends=True)
     far = np.arange(SIDE**3 + 1) * (3 * 10**9 // SIDE**3)
     monkeypatch.setattr(
@@ -143,7 +140,6 @@ def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
 @needs_slepc
 @pytest.mark.parametrize("ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name)
 def test_a_run_that_is_ended_leaves_no_process_and_no_file(tmp_path, ending):
-    """Ctrl-C and SIGTERM as the command line takes them, and SIGKILL, which asks nobody."""
     script = (
         "import time\n"
         "from scipy import sparse\n"
@@ -212,7 +208,6 @@ def pretend(folder, monkeypatch, scalar="np.float64", mumps=True, slepc=True, la
 
 
 def test_no_answer_in_time(tmp_path, monkeypatch):
-    """A launcher that waits for something: it is ended."""
     waiting = tmp_path / "waiting"
     waiting.write_text("#!/bin/sh\necho no host answers\nexec sleep 60\n")
     waiting.chmod(0o755)

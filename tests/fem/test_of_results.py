@@ -79,7 +79,6 @@ def without_density(mesh):
 
 
 def test_a_bar_by_its_closed_form(bar):
-    """The static response is exact; the residual has the energy and the mass of all modes that are left out."""
     found, S = built(bar, results_of(bar))
     K, M = (X.at({}).toarray() for X in (found.model.stiffness, found.model.mass))
     assert np.allclose(np.diag(K)[:MODES], (WAVE * np.sqrt(E / RHO)) ** 2, rtol=1e-12)
@@ -119,7 +118,6 @@ def test_without_densities_the_residual_is_quasi_static(bar):
 
 
 def test_modes_of_any_mass_are_normalised(bar):
-    """By what the file states, exactly; by the densities of the mesh, as good as its elements."""
     own, factor = results_of(bar), np.array([3.0, 0.2, 50.0])
     motion = own.motion.copy()
     motion[:MODES] *= factor[:, None, None]
@@ -228,7 +226,6 @@ def averaging(reference, nodes):
 
 
 def test_what_no_result_determines_is_not_known(box):
-    """Two nodes of a rigid element on a line do not say how it turns about that line."""
     mesh = box("hex8", (1, 1, 1), (1.0, 1.0, 1.0))
     edge = np.flatnonzero((mesh.position[:, 0] == 1.0) & (mesh.position[:, 1] == 1.0))
     mesh = replace(

@@ -103,7 +103,6 @@ def test_it_is_held_where_a_node_turns_with_its_neighbours_on_the_face(box):
 
 
 def test_a_corner_of_two_plates_holds_itself(box):
-    """A plate along y and one along x, joined: two lines on the face leave nothing to turn about."""
     mesh, line = stand(box)
     n = len(mesh.position)
     side = int(np.flatnonzero(np.all(np.isclose(mesh.position, [1.0, 0.5, 0.5]), axis=1))[0])

@@ -36,7 +36,6 @@ def collapsed_rule(across: int, along: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_it_is_the_hexahedron_whose_upper_facet_has_shrunk_to_a_point():
-    """The same functions of u, v and ζ, so that the two hold the same fields."""
     u, v, w = np.random.default_rng(0).uniform(-1, 1, (3, 50))
     z = (1 + w) / 2
     hexahedron = HEX8.shape(np.column_stack([u, v, w]))

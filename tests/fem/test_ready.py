@@ -63,7 +63,6 @@ def responses(model):
 
 @pytest.mark.parametrize("kind", ["all motions", "shuffled", "without clamped", "without clamped and dependent"])
 def test_matrices_of_an_assembly_give_its_responses(box, kind):
-    """The constraints of the mesh fit the matrices of all motions, and those from which they were taken before."""
     mesh = tied(box)
     model = build_model(mesh)
     if kind == "without clamped and dependent":
@@ -210,7 +209,6 @@ def test_a_beam_in_millimetres_and_tonnes_is_the_same_beam():
 
 
 def test_components_go_along_the_axes_of_their_node():
-    """Every node turned by its own rotation, its matrices with it: the same frequencies and the same tip motion."""
     mesh = beam_mesh(5)
     K, M = beam_matrices(5)
     rng = np.random.default_rng(0)
@@ -227,7 +225,6 @@ def test_components_go_along_the_axes_of_their_node():
 
 
 def test_a_component_of_no_stiffness_along_its_own_axes_is_left_out():
-    """A plane truss node: stiff along two of its turned axes only, as a drilling rotation is soft in a shell."""
     mesh = beam_mesh(5)
     K, M = beam_matrices(5)
     Q = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
@@ -263,7 +260,6 @@ def test_nodes_and_free_motions_are_named():
 
 
 def test_a_support_that_leaves_a_motion_is_distinguished_from_one_that_does_not():
-    """A hinge at the root lets the beam turn about y; a single free motion is no rigid body at all."""
     mesh = beam_mesh(4)
     K, M = beam_matrices(4)
     ready = ready_matrices(*beam_rows(mesh), [Term(K)], [Term(M)])
@@ -278,7 +274,6 @@ def test_a_support_that_leaves_a_motion_is_distinguished_from_one_that_does_not(
 
 
 def test_matrices_that_hold_the_structure_say_so():
-    """The clamped rows taken out, no support in the mesh; and a free beam on a soft spring, whose frequency is told."""
     mesh = beam_mesh(4, False)
     K, M = beam_matrices(4)
     node, component = beam_rows(mesh)

@@ -226,7 +226,6 @@ def test_stress_is_affine_in_a_free_modulus(random_model):
 
 
 def test_standard_deviations_are_those_of_draws(random_model):
-    """q and E drawn together, correlated: components exactly linear in q, von Mises and σ(q, E) to first order."""
     model, facets = random_model
     rng = np.random.default_rng(9)
     q = rng.standard_normal(5)
@@ -278,7 +277,6 @@ def test_a_region_without_material_has_no_stress(box):
 
 
 def test_blocks_of_several_kinds_and_ids_in_any_order(box, mesh_of):
-    """Wedges beside hexahedra, element numbers descending: every facet finds its own solid."""
     left, right = box("hex8", (2, 1, 1)), box("wedge6", (1, 1, 1))
     position = np.vstack([left.position, right.position + np.array([1, 0, 0])])
     wedges = right.blocks[0].nodes + len(left.position)

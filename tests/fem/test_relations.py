@@ -46,7 +46,6 @@ def turned(seed):
 
 
 def test_relations_equal_lagrange_multipliers(box):
-    """Of many terms, in chains, along axes of the nodes."""
     axes = {4: turned(3), 6: turned(4)}
     mesh = replace(box("hex8", (2, 1, 1), clamp_root=True), axes=axes)
     rng = np.random.default_rng(5)
@@ -135,7 +134,6 @@ def test_a_relation_that_no_rigid_motion_keeps_holds_the_motion(box):
 
 
 def test_motions_of_a_relation_that_move_nothing_are_named(box):
-    """Only the sum of two motions of a node that no element has moves the solid."""
     mesh = with_node(box("hex8", (1, 1, 1), clamp_root=True), [2.0, 0.0, 0.0])
     mesh = replace(mesh, relations=(relation((7, 0, 1.0), (8, 0, -1.0), (8, 4, -0.3)),))
     with pytest.raises(UserError, match="node 900, translation x of a relation, node 900, rotation y of a relation"):

@@ -114,7 +114,6 @@ def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
 
 @pytest.mark.parametrize("kind", ["tet10", "hex8", "wedge15"])
 def test_rigid_motions_are_the_null_space_of_the_stiffness(module_box, kind):
-    """At any modulus: the term of a parameter too."""
     model = build_model(
         module_box(kind, (3, 2, 2), distort=0.2), (Parameter("E", "youngs_modulus", (1,), 2.1e11),), free=True
     )
@@ -263,7 +262,6 @@ def test_parts_joined_by_rigid_elements_are_held(box):
 
 
 def test_a_reference_that_can_spin_about_its_nodes_is_found(box):
-    """The nodes lie on a slanted line through the reference, so the rotation about it moves nothing."""
     mesh = box("hex8", (1, 1, 1), clamp_root=True)
     mesh = replace(mesh, node_ids=np.arange(1, 10), position=np.vstack([mesh.position, [1.0, 2.0, 2.0]]))
     line = np.flatnonzero((mesh.position[:8, 0] == 1) & (mesh.position[:8, 1] == mesh.position[:8, 2]))

@@ -95,7 +95,6 @@ def test_quads_and_triangles_have_the_mass_of_a_half_cylinder():
 
 @pytest.mark.parametrize("kind", SECOND)
 def test_what_is_folded_is_refused_by_its_id(kind):
-    """A node of a side that stands beyond the other side turns the surface over."""
     good = bent(kind) * [1, 1, 0]
     x = good.copy()
     x[len(x) // 2] = x[: len(x) // 2].mean(axis=0) * 2 - x[len(x) // 2]

@@ -103,7 +103,6 @@ def test_turned_in_space_it_is_the_same(name):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_whichever_corner_comes_first_it_is_the_same(name):
-    """Of an isotropic section; from the other side, which turns the normal, with the offset turned too."""
     x, section = SHAPES[name], isotropic(1.0, 0.3, 0.1, 1)
     K, sides = stiff(x, section, 0.02), MIDDLES.get(len(x), ())
     c = len(x) - len(sides)
@@ -115,7 +114,6 @@ def test_whichever_corner_comes_first_it_is_the_same(name):
 
 
 def test_a_membrane_and_a_plate_alone_leave_the_rest_free():
-    """Without D and S a quad holds two translations and the drilling rotation, without A the other three motions."""
     A, B, D, S = isotropic(1.0, 0.3, 0.1, 1)
     for name, kept in (("skewed", 12), ("sliver", 9)):
         x = SHAPES[name]
@@ -178,7 +176,6 @@ def test_a_pull_beside_the_middle_surface_bends(kind):
 
 
 def test_axes_follow_the_nodes():
-    """z along the cross product of the diagonals, x along the first side as seen along z."""
     x = SHAPES["warped"]
     axes = shell_axes(x[None], ONE)[0]
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-15)

@@ -76,7 +76,6 @@ def test_springs_at_four_corners_share_the_stiffness():
 
 
 def test_a_spring_may_act_on_a_node_that_turns_with_a_reference_node():
-    """The box on a node that a rigid element turns, which springs and torsion springs hold."""
     mesh, turn = rigid(), np.array([4.0e5, 6.0e5, 5.0e5])
     n, bottom = len(mesh.position), np.flatnonzero(mesh.position[:, 2] == 0)
     mesh = replace(
@@ -90,7 +89,6 @@ def test_a_spring_may_act_on_a_node_that_turns_with_a_reference_node():
 
 
 def test_a_part_between_springs_is_free_without_one_of_them():
-    """Two boxes that share no node: the first is held, and springs to it hold the second along x, y, z and against turning."""
     first = rigid()
     n = len(first.position)
     (block,) = first.blocks
@@ -172,7 +170,6 @@ def test_units_and_size_leave_the_frequencies_of_a_body_what_they_are():
 
 
 def test_the_error_of_a_free_body_says_which_soft_springs_would_do():
-    """With k as said on a face rigid motions lie at a tenth of the first elastic mode, which hardly changes."""
     mesh = named(rigid(stiffer=1.0), bottom=(0, 0, 0))
     with pytest.raises(UserError, match="can move freely") as caught:
         build_model(mesh)

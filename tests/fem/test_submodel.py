@@ -40,7 +40,6 @@ def block(kind):
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10", "wedge6"])
 def test_layers_hold_the_elements_that_touch(kind):
-    """One layer around a node: the elements that have it; two: those that have a node of these. What others share is cut."""
     mesh, _ = block(kind)
     cells = mesh.blocks[0].nodes
     node = int(np.argmin(np.linalg.norm(mesh.position - [3, 2, 3], axis=1)))
@@ -83,7 +82,6 @@ def cases(kind):
 
 @pytest.mark.parametrize("kind", ["hex8", *slowly("hex20", "tet10")])
 def test_every_part_of_a_model_at_rest_moves_as_it_does_there(kind):
-    """Wherever it is cut: at supports, ties and loads too, so that what is held and what is forced is known."""
     for name, mesh, force, forced in cases(kind):
         field = moved(mesh, force)
         solid = np.unique(mesh.blocks[0].nodes)
@@ -94,7 +92,6 @@ def test_every_part_of_a_model_at_rest_moves_as_it_does_there(kind):
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
 def test_a_force_that_is_spread_has_its_resultant_and_moment(kind):
-    """At a corner, at an edge and in the middle of a side."""
     _, mesh = block(kind)
     force = np.zeros((len(mesh.position), 3))
     for place in ([6, 4, 3], [6, 2, 3], [4, 2, 3]):
@@ -113,7 +110,6 @@ def test_a_force_that_is_spread_has_its_resultant_and_moment(kind):
 
 
 def test_a_refined_part_holds_what_the_part_holds():
-    """New nodes between held ones are held, components by components; forces stay at their nodes."""
     plain, _ = block("hex20")
     mesh = held(held(plain, plain.position[:, 2] == 0, (2,)), plain.position[:, 0] == 0, (0, 1, 2))
     node = int(np.argmin(np.linalg.norm(mesh.position - [1, 2, 0], axis=1)))

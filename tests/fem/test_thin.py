@@ -131,7 +131,6 @@ def test_stiffness_and_mass_are_affine_in_modulus_and_density(mesh):
 
 
 def test_beams_that_do_not_bend_are_rods():
-    """A tetrahedron on three pins, of bars that only stretch: rotations that nothing resists leave no mechanism."""
     x = [[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.4, 0.3, 0.8]]
     ends = np.array([(0, 3), (1, 3), (2, 3)])
 
@@ -234,7 +233,6 @@ def test_a_shaft_twists_with_its_own_inertia():
 
 
 def test_rods_in_a_line_do_not_turn_about_it():
-    """A turn about the line moves nothing, and is no free motion."""
     fixed = [(0, 0), *((i, c) for i in range(4) for c in (1, 2))]
     mesh = straight(3, kind="rod", section=BeamSection(area=1e-4), fixed=fixed)
     np.testing.assert_allclose(frequencies(mesh, 1), np.sqrt(E / RHO) / (4 * L), rtol=0.02)

@@ -21,7 +21,6 @@ from .test_beam_frequencies import SHEAR, E
 
 
 def test_only_the_six_rigid_motions_are_free_and_have_the_mass_of_the_body():
-    """Curved in space, with offsets and a section whose axes are not principal. Its mass is m L, L by many chords."""
     position = np.array([[[0.0, 0, 0], [1, 0.3, 0.2], [0.5, 0.25, 0.05]]])
     offset = np.random.default_rng(0).uniform(-0.1, 0.1, (1, 3, 3))
     second = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])

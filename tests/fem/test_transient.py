@@ -100,7 +100,6 @@ def test_damping_by_modes_is_the_stated_ratio_in_each_and_grows_above():
 
 
 def test_unknowns_without_mass_move_but_have_no_acceleration():
-    """A massless node between two springs: its motion is the mean of its neighbours' all the time."""
     K = np.array([[3e4, -1e4, 0], [-1e4, 2e4, -1e4], [0, -1e4, 1e4]])
     M = np.diag([1.0, 0.0, 1.0])
     held, h = hold_coefficients([Sine(5.0, 10.0)], 0.0, 1e-3, 50), 1e-3

@@ -62,7 +62,6 @@ def test_mid_side_nodes_lie_between_the_corners_that_vtk_says(kind):
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
 def test_the_mirrored_element_is_the_mirror_image_and_mirrored_twice_the_same(kind):
-    """Some reflection of the reference element takes every node to that of the mirrored order."""
     order = np.array(kind.mirrored)
     np.testing.assert_array_equal(order[order], np.arange(len(kind.nodes)))
     linear = np.linalg.lstsq(np.column_stack([kind.nodes, np.ones(len(order))]), kind.nodes[order], rcond=None)[0]

@@ -116,7 +116,6 @@ def test_area_and_moments_are_those_of_the_outline(kind, dimensions):
 
 @pytest.mark.parametrize(("kind", "dimensions"), OUTLINES)
 def test_points_lie_on_the_outline_at_its_ends(kind, dimensions):
-    """Each is on an edge; between them they reach the top, the bottom, and what is outermost on either side."""
     own, outline = section_of_shape(kind, dimensions), np.array(OUTLINES[kind, dimensions][0], float)
     A, z, y, *_ = whole(OUTLINES[kind, dimensions])
     edge = outline[:, ::-1] - [y / A, z / A]
@@ -285,7 +284,6 @@ def coefficients(mesh):
 
 
 def test_what_multiplies_a_rotation_in_a_relation_is_a_length(metres, tmp_path):
-    """Of an MPC, whose coefficients a deck states, and of an RBAR, whose coefficients are those of its arm."""
     (tmp_path / "mm.bdf").write_text(IN_MILLIMETRES)
     other = read_mesh(tmp_path / "mm.bdf", "mm", "t")
     assert metres.relations[-1].value.tolist() == [2.0, 0.5, 0.25]

@@ -120,7 +120,6 @@ def test_faces_of_another_thickness_part():
 
 
 def test_faces_lie_a_half_thickness_from_a_cylinder():
-    """On nodes of a cylinder the mean normal is the radius, so that faces lie on cylinders."""
     n, R = 36, 0.5
     angle = 2 * np.pi * np.arange(n) / n
     ring = np.column_stack([R * np.cos(angle), R * np.sin(angle), np.zeros(n)])
@@ -334,7 +333,6 @@ def test_a_side_goes_on_over_the_beams_that_carry_it_up_to_a_knee():
     ],
 )
 def test_a_section_has_the_sides_that_it_is_drawn_with(shape, dimensions, sides):
-    """By the figures of the PBARL, y up and z to the right."""
     section = section_of_shape(shape, dimensions)
     found = [name for name, there in zip(("+y", "+z", "-y", "-z"), section.sides, strict=True) if there]
     assert found == sides.split()

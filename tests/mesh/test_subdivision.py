@@ -38,7 +38,6 @@ def block(kind, chart=lambda u, v, w: (u, v, w)):
 
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_the_parts_fill_the_body_and_share_their_nodes(kind):
-    """As many as the kind has, of the same volume and centre; no facet inside is left open: the surface has its area."""
     mesh = block(kind)
     fine = refined(mesh).mesh
     assert sum(len(own.ids) for own in fine.blocks) == PARTS[kind] * len(mesh.blocks[0].ids)
@@ -66,8 +65,6 @@ def test_a_field_of_the_coarse_mesh_has_its_energy_on_the_fine_one(kind):
 
 @pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
 def test_a_curved_surface_keeps_its_shape(kind):
-    """Nodes of the fine mesh lie on the quadratic surface of the coarse one: on the cylinder to a tenth of the sag of chords."""
-
     def bend(u, v, w):
         angle, radius = 0.5 * u, 1 + v
         return radius * np.sin(angle), radius * np.cos(angle), w
@@ -84,7 +81,6 @@ def test_a_curved_surface_keeps_its_shape(kind):
 
 @pytest.mark.parametrize("kind", SOLIDS)
 def test_nodes_of_parts_of_facets_are_found(kind):
-    """At every node of every part of every exterior facet: the node of the fine mesh that lies there."""
     mesh = block(kind)
     own = refined(mesh)
     facets = exterior_facets(mesh)
@@ -98,7 +94,6 @@ def test_nodes_of_parts_of_facets_are_found(kind):
 
 
 def test_bodies_that_only_touch_stay_apart():
-    """Two copies in one place, with nodes of their own, are two bodies after it."""
     mesh = block("hex8")
     assert len(refined(both(mesh, mesh)).mesh.position) == 2 * len(refined(mesh).mesh.position)
 
@@ -259,7 +254,6 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
 
 
 def test_points_of_a_surface_may_have_numbers_of_their_own():
-    """Two triangles that meet in an edge but have points of their own there, as where two materials meet."""
     nodes = np.full((2, 8), -1)
     nodes[:, :3] = [[0, 1, 2], [1, 3, 2]]
     corner = np.full((2, 8), -1)

@@ -62,7 +62,6 @@ def test_frequencies_are_too_high_by_at_most_half_the_square_of_their_share_of_t
 
 @pytest.mark.parametrize("kept", [1, 12, 13, 30])
 def test_a_cut_off_keeps_every_mode_up_to_it(clamped, kept):
-    """However many there are beside the first guess."""
     by_count = craig_bampton(clamped, [TIP], modes=kept)
     body = craig_bampton(clamped, [TIP], cutoff=0.5 * (by_count.frequency[-1] + by_count.cut))
     assert np.allclose(body.frequency, by_count.frequency, rtol=1e-9)
@@ -116,7 +115,6 @@ def test_a_free_body_has_six_modes_without_frequency_and_then_those_of_the_full_
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_hinge_leaves_one_rigid_motion(turned):
-    """ROOT held but for its rotation about y, or about an axis of its own."""
     axes = Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix() if turned else np.eye(3)
     mesh = bar()
     root = mesh.node_index(ROOT)
@@ -154,7 +152,6 @@ def test_rows_of_an_interface_are_the_motions_of_the_node(free):
 
 
 def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
-    """Same stiffness and mass as of the bar with ROOT in its supports, which has no responses to turning."""
     seen = floating_basis(craig_bampton(free, [ROOT, TIP, SIDE], modes=5), ROOT)
     held = craig_bampton(clamped, [TIP, SIDE], modes=5)
     assert (seen.size, held.size) == (17 + 6, 17 + 3)

@@ -89,7 +89,6 @@ def quadrature_points(mesh: Mesh, field: np.ndarray):
 
 @pytest.mark.parametrize("sheared", [False, True])
 def test_they_are_the_integrals_over_hexahedra(sheared):
-    """Where the Jacobian is constant, as the mass rule of the elements asks."""
     turn = np.array([[1.0, 0.3, -0.2], [0.1, 0.9, 0.4], [-0.3, 0.2, 1.2]]) if sheared else None
     model = build_model(box(turn=turn), supported=False)
     basis = shapes(model, 4)
@@ -123,7 +122,6 @@ PARTS = (
 @pytest.mark.parametrize("clamped", [False, True])
 @pytest.mark.parametrize("points", [(), PARTS])
 def test_the_modal_mass_is_that_of_the_model(clamped, points):
-    """With supports, ties and point masses, as the mass matrix on the free motions has them."""
     model = build_model(replace(tied(clamped), point_masses=points), supported=False)
     basis = shapes(model, 5)
     body = inertia_invariants(model, basis)

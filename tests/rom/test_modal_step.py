@@ -94,7 +94,6 @@ def assert_slopes_are_frechet(model: ReducedModel, theta, h: float, tolerance: f
 @pytest.mark.parametrize("damping", DAMPINGS[:2], ids=IDS[:2])
 @pytest.mark.parametrize("split", [0.0, 1e-13, 1e-9, 1e-6, 3e-5, 1e-3])
 def test_repeated_and_nearly_repeated_frequencies(damping, split):
-    """A pair of equal frequencies that the parameters couple: the divided difference must pass to the slope."""
     rng = np.random.default_rng(7)
     lam = 1e4 * np.array([1.0, 1.0 + split, 1.0 + 2 * split, 6.0])
     stiffness = AffineOperator(np.diag(lam), {"E": 1e4 * positive(rng, 4)})

@@ -101,7 +101,6 @@ def test_factors_damp_every_mode_by_its_own_and_the_slope_is_that_of_differences
 
 @pytest.mark.parametrize("apart", [0.0, 1e-12])
 def test_factors_of_the_modes_of_one_frequency_do_not_depend_on_which_pair_of_modes_is_taken(apart):
-    """C of two equal oscillators and a third turns as its coordinates do, though each of the three has a factor."""
     damping = MODAL.scaled((2.0, 3.0, 5.0))
     lam = np.array([4.0, 4.0 * (1 + apart), 9.0])
     Q = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
@@ -155,7 +154,6 @@ def test_within_its_reach_statics_are_right_to_one_per_cent(modes):
 
 
 def test_rigid_motions_of_a_free_body_take_no_work():
-    """With one interface nothing but its own inertia bends it; at the reference nothing is off."""
     model = build_model(bar(), MODULI, supported=False)
     body = craig_bampton(model, [TIP], modes=2, reference=REFERENCE)
     assert excess(model, body, [TIP], REFERENCE) < 1e-9

@@ -211,7 +211,6 @@ def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
 
 
 def test_modes_of_the_reference_serve_any_value_of_one_material(one):
-    """K and M times a number have the same shapes: the truth at another modulus needs no new modes."""
     full, S = one
     at = {"E": 2.1e11}
     known = snapshots(full, S, at, 12)

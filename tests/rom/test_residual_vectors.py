@@ -35,7 +35,6 @@ def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, c
 
 @pytest.mark.parametrize("count", [0, 40])
 def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its_frame(free, clamped, count):
-    """Three of its origin, three of its axes; the full one is held where the frame is."""
     body = floating_basis(craig_bampton(free, [ROOT, TIP], modes=count), ROOT)
     motion = rigid(free.mesh.position)
     exact = factorise(clamped.stiffness.constant).solve(inertia_of(clamped, motion))
@@ -95,7 +94,6 @@ def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
 
 
 def test_rounding_does_not_flip_an_antisymmetric_vector():
-    """A symmetric chain under antisymmetric loads: of two components equally large the first is positive."""
     n, rng = 41, np.random.default_rng(0)
     K = sparse.csr_array(sparse.diags_array([np.full(n, 2.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]))
     M = sparse.csr_array(sparse.eye_array(n))

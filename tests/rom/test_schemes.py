@@ -70,7 +70,6 @@ def test_slopes_agree_with_central_differences(damping, kind):
 
 @pytest.mark.parametrize("scheme", ["trapezoidal", "implicit_euler"])
 def test_bias_is_seen_in_a_free_motion(scheme):
-    """Counted on the free decay itself: zero crossings for the period, the envelope for the damping."""
     damping, h, lam = Damping(ratio=0.01), 1e-2, np.array([30.0**2])
     block = scheme_step(lam, damping, h, scheme)[0][:, :2, 0]
     state, z = np.array([0.0, 1.0]), []
