@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.fem.assembly import assemble_stiffness
-from strainsight.fem.factorisation import factorise
-from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic
 from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
 from strainsight.mesh.coordinates import BASIC
@@ -83,8 +81,3 @@ def energies(mesh):
     fields = [(mesh.position @ own.T).ravel() for own in strains()]
     return np.array([0.5 * u @ (K @ u) for u in fields])
 
-
-def moved(mesh, force):
-    model = build_model(mesh)
-    T = model.constraint.transform[: force.size]
-    return nodal(model, factorise(model.stiffness.constant).solve(T.T @ force.reshape(-1, 1))).reshape(-1, 3)

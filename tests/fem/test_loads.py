@@ -1,4 +1,4 @@
-"""Weight, rotation and point masses."""
+"""The model on its free motions, and loads on it: weight, rotation and point masses, forces and moments of decks."""
 
 from __future__ import annotations
 
@@ -232,3 +232,94 @@ def test_bodies_that_cannot_be_are_refused(bar):
     skew = np.eye(3) + np.eye(3, k=1)
     with pytest.raises(DeckError, match="the inertia of point mass 4 is not symmetric"):
         build_model(replace(bar, point_masses=(PointMass(4, n, 1.0, inertia=skew),)))
+
+
+@pytest.fixture(scope="module")
+def beam(box):
+    """A beam with a rigid tip whose reference node 100 carries 3 kg."""
+    mesh = box("hex20", (4, 1, 1), size=(4.0, 1.0, 1.0), clamp_root=True)
+    tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 4.0))
+    n = len(mesh.position)
+    return replace(
+        mesh,
+        node_ids=np.append(mesh.node_ids, 1000),
+        position=np.vstack([mesh.position, [4.0, 0.5, 0.5]]),
+        rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
+        point_masses=(PointMass(2, n, 3.0),),
+        node_sets={"tip": mesh.node_ids[tip], "nothing": np.array([], dtype=np.int64)},
+        loads={
+            "FORCE-1": NodalForces(np.array([n, tip[0]]), np.array([[0.0, 3.0, 0.0], [0.0, 0.0, -4.0]])),
+            "FORCE-2": NodalForces(tip[:2], np.array([[0.0, 3.0, 0.1], [0.0, -3.0, -0.1]])),
+            "FORCE-3": NodalForces(np.flatnonzero(mesh.position[:, 0] == 0), np.ones((8, 3))),
+        },
+    )
+
+
+def test_a_tip_force_does_the_work_of_its_displacement(beam):
+    model = build_model(beam)
+    loads = [
+        PointLoad("x", (2.0, 0.0, 0.0), node_id=1000),
+        PointLoad("set", (0.0, 0.0, 1.0), node_set="tip"),
+        PointLoad("oblique", (1.0, 1.0, 0.0), node_id=1000),
+    ]
+    S = input_shape(model, loads)
+    field = np.random.default_rng(0).normal(size=(model.size, 1))
+    z = nodal(model, field).reshape(-1, 3)
+    tip = np.isin(beam.node_ids, beam.node_sets["tip"])
+    assert np.allclose((S.T @ field)[:, 0], [z[-1, 0], z[tip, 2].mean(), (z[-1, 0] + z[-1, 1]) / np.sqrt(2)])
+
+
+def test_a_load_of_the_deck_has_a_unit_resultant_and_its_distribution(beam):
+    model = build_model(beam)
+    reference, node = beam.node_ids[beam.loads["FORCE-1"].nodes]
+    parts = [PointLoad("a", (0, 1, 0), node_id=int(reference)), PointLoad("b", (0, 0, -1), node_id=int(node))]
+    S = input_shape(model, [PointLoad("F", deck_load="FORCE-1"), *parts])
+    assert np.allclose(S[:, 0], 0.6 * S[:, 1] + 0.8 * S[:, 2], rtol=0, atol=1e-15)
+
+
+def test_constrained_mass_keeps_the_point_mass_and_the_body(beam):
+    model = build_model(replace(beam, fixed=np.zeros((0, 2), dtype=np.int64)), supported=False)
+    e = np.zeros(model.size)
+    e[(model.constraint.free_rows < 3 * len(beam.position)) & (model.constraint.free_rows % 3 == 1)] = 1.0
+    assert e @ model.mass.constant @ e == pytest.approx(4.0 * 7850.0 + 3.0, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="nothing"), "empty node set"),
+        (PointLoad("F", (0, 0, 0), node_id=1000), "direction"),
+        (PointLoad("F", (0, np.nan, 0), node_id=1000), "direction"),
+        (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
+        (PointLoad("F", (0, 0, 1)), "needs a node or a node set"),
+        (PointLoad("F", (0, 0, 1), node_id=1, node_set="tip"), "needs a node or a node set"),
+        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node or a node set, or a load of the deck"),
+        (PointLoad("F", node_id=1000), "direction"),
+        (PointLoad("F", (0, 0, 1), deck_load="FORCE-1"), "direction"),
+        (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which is not there"),
+        (PointLoad("F", deck_load="FORCE-2"), "add up to nothing"),
+        (PointLoad("F", deck_load="FORCE-3"), "cannot move"),
+    ],
+)
+def test_loads_that_cannot_act_are_refused(beam, load, message):
+    with pytest.raises(UserError, match=message):
+        input_shape(build_model(beam), [load])
+
+
+def test_a_mesh_with_nothing_to_move_is_refused(box):
+    mesh = box("tet4", (1, 1, 1))
+    with pytest.raises(DeckError, match="no elements"):
+        build_model(replace(mesh, blocks=()))
+    with pytest.raises(DeckError, match="every node is clamped"):
+        build_model(replace(mesh, fixed=np.array([(i, c) for i in range(8) for c in range(3)])))
+
+
+def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_support(beam):
+    root, tip = int(np.flatnonzero(beam.position[:, 0] == 0)[0]), len(beam.position) - 1
+    both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
+    model = build_model(replace(beam, loads={"FORCE-4": both}))
+    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of its resultant"):
+        S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
+    np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)
