@@ -15,11 +15,13 @@ from strainsight.fem.model import build_model
 from strainsight.fem.support import rigid_body_motions
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 
+from ..bodies import with_nodes
+
 
 def with_reference(mesh, at):
     """The mesh with one more node; returns it and the node's index."""
     n = len(mesh.position)
-    return replace(mesh, node_ids=np.append(mesh.node_ids, 900 + n), position=np.vstack([mesh.position, at])), n
+    return with_nodes(mesh, at, ids=[900 + n]), n
 
 
 def tip_of(mesh):
@@ -255,9 +257,7 @@ def supported_part(box):
     corner = int(np.argmin(np.abs(x).sum(axis=1)))
     fixed = [(int(i), 0) for i in root] + [(corner, 1), (corner, 2), (int(root[-1]), 2)]
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, [900, 901]),
-        position=np.vstack([x, [1.3, 0.6, 0.2], [1.5, 0.1, 0.7]]),
+        with_nodes(mesh, [1.3, 0.6, 0.2], [1.5, 0.1, 0.7], ids=[900, 901]),
         fixed=np.array(fixed, dtype=np.int64),
         rigid=(RigidElement(1, n, tip[::2], (0, 2)), RigidElement(2, n + 1, np.array([n]), (1, 2, 3, 4, 5))),
     )
@@ -374,9 +374,7 @@ def test_an_averaging_reference_moves_along_its_own_axes(box):
     n = len(mesh.position)
     tip = np.flatnonzero(mesh.position[:, 0] == 1)
     mesh = replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 900),
-        position=np.vstack([mesh.position, [1.0, 0.5, 0.5]]),
+        with_nodes(mesh, [1.0, 0.5, 0.5], ids=[900]),
         averaging=(AveragingElement(3, n, tip, np.ones(len(tip)), (1,)),),
         axes={n: TURN},
     )

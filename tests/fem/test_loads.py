@@ -17,7 +17,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.forces import BodyForce, NodalForces
 from strainsight.mesh.joins import PointMass, RigidElement
 
-from ..bodies import RHO, E, body, held
+from ..bodies import RHO, E, body, held, with_nodes
 from ..solids import SOLIDS
 
 G = np.array([1.0, -2.0, 9.81])
@@ -64,9 +64,7 @@ def test_a_point_mass_pulls_where_it_is_and_turns_its_node():
     J = sum(d * (q @ q * np.eye(3) - np.outer(q, q)) for d, q in zip(dm, r - centre, strict=True))
     node = 8
     mesh = replace(
-        mesh,
-        node_ids=np.arange(1, 10),
-        position=np.vstack([mesh.position, [0.5, 0.5, 2.0]]),
+        with_nodes(mesh, [0.5, 0.5, 2.0]),
         rigid=(RigidElement(1, node, np.array([4, 5, 6, 7]), (0, 1, 2)),),
         point_masses=(PointMass(7, node, m, centre, J),),
     )
@@ -111,9 +109,7 @@ def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamp
 def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
     rim = np.flatnonzero(clamped.position[:, 0] == 3)
     mesh = replace(
-        clamped,
-        node_ids=np.append(clamped.node_ids, 99),
-        position=np.vstack([clamped.position, [3, 0.5, 0.5]]),
+        with_nodes(clamped, [3, 0.5, 0.5], ids=[99]),
         rigid=(RigidElement(1, 16, rim, (0, 1, 2)),),
         loads={"LOAD-1": NodalForces(np.array([16]), np.zeros((1, 3)), np.array([[0, 0, 5.0]]))},
     )
@@ -128,9 +124,7 @@ def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
     mesh = held(mesh, mesh.position[:, 0] == 0)
     end = np.flatnonzero(mesh.position[:, 0] == 3)
     mesh = replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, [98, 99, 100]),
-        position=np.vstack([mesh.position, [3, 0.5, 0.5], [4, 0.7, 0.5], [9, 9, 9]]),
+        with_nodes(mesh, [3, 0.5, 0.5], [4, 0.7, 0.5], [9, 9, 9], ids=[98, 99, 100]),
         rigid=(
             RigidElement(1, 16, end[1:], (0, 1, 2)),
             RigidElement(2, 16, np.array([end[0], 17]), (0, 1, 2, 3, 4, 5)),
@@ -175,9 +169,7 @@ def bar(box):
     tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 3.0))
     reference = np.array([3.2, 0.6, 0.4])
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, [900, 901]),
-        position=np.vstack([mesh.position, reference, reference + OFFSET]),
+        with_nodes(mesh, reference, reference + OFFSET, ids=[900, 901]),
         rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
     )
 
@@ -241,9 +233,7 @@ def beam(box):
     tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 4.0))
     n = len(mesh.position)
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 1000),
-        position=np.vstack([mesh.position, [4.0, 0.5, 0.5]]),
+        with_nodes(mesh, [4.0, 0.5, 0.5], ids=[1000]),
         rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
         point_masses=(PointMass(2, n, 3.0),),
         node_sets={"tip": mesh.node_ids[tip], "nothing": np.array([], dtype=np.int64)},

@@ -16,6 +16,8 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.forces import NodalForces
 from strainsight.mesh.joins import AveragingElement, RigidElement
 
+from ..bodies import with_nodes
+
 L, B, H = 2.0, 0.25, 0.19
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 G = E / (2 * (1 + NU))
@@ -52,9 +54,7 @@ def ended(box):
     line = end[np.isclose(plain.position[end, 1], 0.0)]
     sets = {"END": plain.node_ids[end], "LINE": plain.node_ids[line], "ROOT": plain.node_ids[plain.position[:, 0] == 0]}
     plain = replace(plain, node_sets=sets)
-    led = replace(
-        plain, node_ids=np.append(plain.node_ids, TIP), position=np.vstack([plain.position, [L, B / 2, H / 2]])
-    )
+    led = with_nodes(plain, [L, B / 2, H / 2], ids=[TIP])
     rigid = replace(led, rigid=(RigidElement(1, len(plain.position), end, (0, 1, 2)),))
     mean = AveragingElement(1, len(plain.position), end, np.ones(len(end)), tuple(range(6)))
     return {LOOSE: build_model(plain), STIFF: build_model(rigid), MEAN: build_model(replace(led, averaging=(mean,)))}
@@ -114,10 +114,7 @@ def test_a_set_takes_the_couple_with_the_least_forces(box):
     np.testing.assert_allclose(found[end].ravel(), least, atol=1e-12)
     assert not np.delete(found, end, axis=0).any()
     e = AveragingElement(1, len(mesh.position), end, np.ones(len(end)), tuple(range(6)))
-    with_reference = replace(
-        mesh, node_ids=np.append(mesh.node_ids, TIP), position=np.vstack([mesh.position, mesh.position[end].mean(axis=0)]),
-        averaging=(e,),
-    )  # fmt: skip
+    with_reference = replace(with_nodes(mesh, mesh.position[end].mean(axis=0), ids=[TIP]), averaging=(e,))
     by_reference = build_model(with_reference, supported=False)
     at_reference = misaligned_shape(by_reference, PointLoad("F", (0.3, -1.0, 0.4), TIP), np.zeros(2), shift)
     np.testing.assert_allclose(at_reference.reshape(-1, 3), found + plain.reshape(-1, 3), atol=1e-12)

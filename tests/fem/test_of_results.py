@@ -18,6 +18,7 @@ from strainsight.fem.results_checks import check_rows
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.shell_faces import with_faces
 
+from ..bodies import with_nodes
 from .conftest import make_box
 
 E, RHO, L, SIDE, MODES = 2.1e11, 7850.0, 2.0, 0.1, 3
@@ -190,7 +191,7 @@ def test_results_have_to_cover_the_surface_and_the_loads(bar):
     motion[:, 7] = np.nan
     with pytest.raises(UserError, match=f"lack node {bar.node_ids[7]}, translation x.*of 1 of the {len(bar.node_ids)}"):
         built(bar, replace(own, motion=motion))
-    apart = replace(bar, node_ids=np.r_[bar.node_ids, 99999], position=np.vstack([bar.position, [3.0, 0.0, 0.0]]))
+    apart = with_nodes(bar, [3.0, 0.0, 0.0], ids=[99999])
     motion = np.concatenate([own.motion, np.full((len(own.motion), 1, 3), np.nan)], axis=1)
     loose = PointLoad("end", (1.0, 0.0, 0.0), node_id=99999)
     with pytest.raises(UserError, match="node 99999, translation x, on which a load acts"):
@@ -203,9 +204,7 @@ def test_reference_nodes_follow_what_they_lead(box):
     n, end = len(mesh.position), np.flatnonzero(mesh.position[:, 0] == 1.0)
     at = np.array([[1.4, 0.1, 0.2], [1.2, -0.3, 0.1]])
     mesh = replace(
-        mesh,
-        node_ids=np.r_[mesh.node_ids, 900, 901],
-        position=np.vstack([mesh.position, at]),
+        with_nodes(mesh, at, ids=[900, 901]),
         rigid=(RigidElement(1, n, end, tuple(range(3))),),
     )
     mesh = replace(mesh, averaging=(averaging(n + 1, np.flatnonzero(mesh.position[:n, 0] == 0.0)),))
@@ -229,9 +228,7 @@ def test_what_no_result_determines_is_not_known(box):
     mesh = box("hex8", (1, 1, 1), (1.0, 1.0, 1.0))
     edge = np.flatnonzero((mesh.position[:, 0] == 1.0) & (mesh.position[:, 1] == 1.0))
     mesh = replace(
-        mesh,
-        node_ids=np.r_[mesh.node_ids, 900],
-        position=np.vstack([mesh.position, [2.0, 1.0, 0.5]]),
+        with_nodes(mesh, [2.0, 1.0, 0.5], ids=[900]),
         rigid=(RigidElement(1, 8, edge, (0, 1, 2)),),
     )
     motion = np.zeros((1, 9, 3))

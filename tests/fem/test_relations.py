@@ -20,6 +20,7 @@ from strainsight.fem.support import require_support, rigid_body_motions
 from strainsight.fem.ties import rotation_rows
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 
+from ..bodies import with_nodes
 from .test_thin import BAR, E, line
 
 SIX = tuple(range(6))
@@ -29,13 +30,6 @@ def relation(*terms, number=1):
     """Terms (node, component, value)."""
     node, component, value = zip(*terms, strict=True)
     return Relation(number, np.array(node), np.array(component), np.array(value, dtype=float), f"MPC {number}")
-
-
-def with_node(mesh, at):
-    """The mesh with one node more, the last."""
-    return replace(
-        mesh, node_ids=np.append(mesh.node_ids, 900), position=np.vstack([mesh.position, np.asarray(at, dtype=float)])
-    )
 
 
 def turned(seed):
@@ -134,7 +128,7 @@ def test_a_relation_that_no_rigid_motion_keeps_holds_the_motion(box):
 
 
 def test_motions_of_a_relation_that_move_nothing_are_named(box):
-    mesh = with_node(box("hex8", (1, 1, 1), clamp_root=True), [2.0, 0.0, 0.0])
+    mesh = with_nodes(box("hex8", (1, 1, 1), clamp_root=True), [2.0, 0.0, 0.0], ids=[900])
     mesh = replace(mesh, relations=(relation((7, 0, 1.0), (8, 0, -1.0), (8, 4, -0.3)),))
     with pytest.raises(UserError, match="node 900, translation x of a relation, node 900, rotation y of a relation"):
         require_support(mesh, constraint_transform(mesh))
@@ -277,11 +271,7 @@ def test_a_um_set_leaves_the_same_motions_free(box, unit):
     """T spans all z with u_r = mean: the same motions as with the reference dependent, other coordinates."""
     mesh = box("hex8", (1, 1, 1), size=(unit, unit, unit))
     tip = np.flatnonzero(mesh.position[:, 0] > unit / 2)
-    mesh = replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 900),
-        position=np.vstack([mesh.position, unit * np.array([1.2, 0.4, 0.7])]),
-    )
+    mesh = with_nodes(mesh, unit * np.array([1.2, 0.4, 0.7]), ids=[900])
     e = AveragingElement(3, 8, tip, np.array([1.0, 2.0, 0.5, 1.5]), tuple(range(6)))
     um = np.array([(tip[0], 0), (tip[0], 1), (tip[0], 2), (tip[1], 0), (tip[1], 1), (tip[2], 0)])
     lengths = np.ones(27 + 3)
@@ -304,7 +294,7 @@ def refused(mesh, what, **change):
 
 def test_um_sets_that_do_not_determine_the_equations_are_refused(box):
     mesh = box("hex8", (1, 1, 1))
-    mesh = replace(mesh, node_ids=np.append(mesh.node_ids, 900), position=np.vstack([mesh.position, [0.5, 0.5, 0.5]]))
+    mesh = with_nodes(mesh, [0.5, 0.5, 0.5], ids=[900])
     named = "averaging element 3 cannot be solved for the motions that it states as dependent"
     refused(mesh, f"{named} .node 1 component 2, 2 component 2, 3 component 2", dependent=[(0, 1), (1, 1), (2, 1)])
     refused(mesh, named, dependent=[(0, 0), (0, 0), (0, 1)])

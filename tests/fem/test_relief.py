@@ -23,6 +23,8 @@ from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.thin import ShellBlock, ShellSection
 
+from ..bodies import with_nodes
+
 E, RHO, L, A = 2.1e11, 7850.0, 1.0, 0.02 * 0.03
 FREE = np.array([4.730040745, 7.853204624, 10.995607838])
 """βL of a free-free beam (Blevins, table 8-1)."""
@@ -132,9 +134,8 @@ def test_what_a_roller_leaves_is_free_and_what_ties_and_masses_carry_moves_along
     bottom = np.array([(i, 2) for i in np.flatnonzero(mesh.position[:, 2] == 0)])
     assert build_model(replace(mesh, fixed=bottom), free=True).rigid.shape[1] == 3
     top = np.flatnonzero(mesh.position[:, 2] == 1)
-    mesh = replace(mesh, node_ids=np.arange(1, 29), position=np.vstack([mesh.position, [0.5, 0.5, 2.0]]))
     mesh = replace(
-        mesh,
+        with_nodes(mesh, [0.5, 0.5, 2.0]),
         rigid=(RigidElement(1, 27, top, (0, 1, 2)),),
         point_masses=(PointMass(1, 27, 5.0, np.zeros(3), np.zeros((3, 3))),),
     )
@@ -193,9 +194,7 @@ def two_boxes(box, gap):
     block = mesh.blocks[0]
     both = CellBlock("hex8", np.array([1, 2]), np.vstack([block.nodes, block.nodes + 8]), np.array([1, 1]))
     return replace(
-        mesh,
-        node_ids=np.arange(1, 17),
-        position=np.vstack([mesh.position, mesh.position + np.array([1 + gap, 0, 0])]),
+        with_nodes(mesh, mesh.position + np.array([1 + gap, 0, 0])),
         blocks=(both,),
     )
 
@@ -256,7 +255,7 @@ def test_motions_about_a_pin_are_the_three_along_the_axes_and_no_mixture(box):
 
 def test_parts_joined_by_rigid_elements_are_held(box):
     mesh = two_boxes(box, 0.5)
-    mesh = replace(mesh, node_ids=np.arange(1, 18), position=np.vstack([mesh.position, [1.25, 0.5, 0.5]]))
+    mesh = with_nodes(mesh, [1.25, 0.5, 0.5])
     root = [(i, c) for i in np.flatnonzero(mesh.position[:, 0] == 0) for c in range(3)]
     faces = np.flatnonzero(np.isin(mesh.position[:, 0], [1.0, 1.5]))
     assert motions(mesh, root, rigid=(RigidElement(1, 16, faces, (0, 1, 2)),)) == ()
@@ -267,7 +266,7 @@ def test_parts_joined_by_rigid_elements_are_held(box):
 
 def test_a_reference_that_can_spin_about_its_nodes_is_found(box):
     mesh = box("hex8", (1, 1, 1), clamp_root=True)
-    mesh = replace(mesh, node_ids=np.arange(1, 10), position=np.vstack([mesh.position, [1.0, 2.0, 2.0]]))
+    mesh = with_nodes(mesh, [1.0, 2.0, 2.0])
     line = np.flatnonzero((mesh.position[:8, 0] == 1) & (mesh.position[:8, 1] == mesh.position[:8, 2]))
     found = motions(mesh, mesh.fixed, rigid=(RigidElement(1, 8, line, (0, 1, 2)),))
     assert found == ("node 9, rotation y of a rigid element", "node 9, rotation z of a rigid element")
@@ -333,9 +332,7 @@ def stand(box, **more):
     n = len(mesh.position)
     above = mesh.position[line] + np.array([0.0, 0.0, 0.3])
     mesh = replace(
-        mesh,
-        node_ids=np.arange(1, n + len(line) + 1),
-        position=np.vstack([mesh.position, above]),
+        with_nodes(mesh, above),
         fixed=np.array([(i, c) for i in below for c in range(3)]),
     )
     quads = np.array([[line[i], line[i + 1], n + i + 1, n + i] for i in range(len(line) - 1)])
@@ -362,11 +359,7 @@ def test_a_corner_of_two_plates_holds_itself(box):
     mesh, line = stand(box)
     n = len(mesh.position)
     side = int(np.flatnonzero(np.all(np.isclose(mesh.position, [1.0, 0.5, 0.5]), axis=1))[0])
-    mesh = replace(
-        mesh,
-        node_ids=np.arange(1, n + 2),
-        position=np.vstack([mesh.position, mesh.position[side] + np.array([0.0, 0.0, 0.3])]),
-    )
+    mesh = with_nodes(mesh, mesh.position[side] + np.array([0.0, 0.0, 0.3]))
     top = int(np.flatnonzero(np.all(np.isclose(mesh.position, [0.5, 0.5, 0.8]), axis=1))[0])
     corner = with_plates(mesh, np.vstack([mesh.shells[0].nodes, [[line[1], side, n, top]]]))
     assert stiff_pieces(corner).count == 1

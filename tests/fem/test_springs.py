@@ -21,7 +21,7 @@ from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.units import to_si
 from strainsight.rom.snapshots import only_scales
 
-from ..bodies import RHO, body
+from ..bodies import RHO, body, with_nodes
 from ..fem.test_traction import named
 from ..solids import SOLIDS
 
@@ -79,9 +79,7 @@ def test_a_spring_may_act_on_a_node_that_turns_with_a_reference_node():
     mesh, turn = rigid(), np.array([4.0e5, 6.0e5, 5.0e5])
     n, bottom = len(mesh.position), np.flatnonzero(mesh.position[:, 2] == 0)
     mesh = replace(
-        mesh,
-        node_ids=np.arange(1, n + 3),
-        position=np.vstack([mesh.position, [0.3, 0.1, -1.0], [0, 0, 0]]),
+        with_nodes(mesh, [0.3, 0.1, -1.0], [0, 0, 0]),
         rigid=(RigidElement(1, n, bottom, (0, 1, 2)), RigidElement(2, n, np.array([n + 1]), (0, 1, 2, 3, 4, 5))),
         springs=(node_springs("mount", np.array([n + 1]), [*K, *turn]),),
     )

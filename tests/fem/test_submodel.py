@@ -13,7 +13,7 @@ from strainsight.fem.submodel import refined_submodel, submodel, with_spread_for
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 
-from ..bodies import body, held, moved
+from ..bodies import body, held, moved, with_nodes
 from ..shared import slowly
 
 N = (6, 4, 3)
@@ -26,11 +26,6 @@ def part(mesh, field, nodes, forced=(), layers=2):
     own = field.reshape(len(mesh.position), 3, -1)[patch.nodes].reshape(3 * len(patch.nodes), -1)
     none = tractions(patch, own, exterior_facets(mesh), *np.zeros((2, len(mesh.position)), dtype=bool))
     return patch, own, submodel(patch, own, held_components(mesh)[patch.nodes], everywhere[patch.nodes], none)
-
-
-def with_extra_node(mesh, position):
-    ids = np.append(mesh.node_ids, mesh.node_ids.max() + 1)
-    return replace(mesh, node_ids=ids, position=np.vstack([mesh.position, position])), len(mesh.position)
 
 
 def block(kind):
@@ -64,7 +59,7 @@ def cases(kind):
     yield "a force at a node", clamped, force, [top]
     end = np.flatnonzero(x == N[0])
     for name in ("rigid", "averaging"):
-        tied, reference = with_extra_node(clamped, [N[0] + 1.0, 2.0, 1.5])
+        tied, reference = with_nodes(clamped, [N[0] + 1.0, 2.0, 1.5]), len(x)
         element = RigidElement(9, reference, end, (0, 1, 2))
         if name == "averaging":
             element = AveragingElement(9, reference, end, np.ones(len(end)), (0, 1, 2, 3, 4, 5))

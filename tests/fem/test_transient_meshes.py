@@ -27,6 +27,7 @@ from strainsight.rom.model import Damping
 from strainsight.rom.reduction import modal_model
 from strainsight.signals.histories import Sine, hold_coefficients, instant_values
 
+from ..bodies import with_nodes
 from ..shared import slowly
 from .transients import NONE, chain, dense_damping, model_of
 
@@ -44,9 +45,7 @@ def tied(box):
     tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 1.0))
     n = len(mesh.position)
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 900),
-        position=np.vstack([mesh.position, [1.1, 0.1, 0.075]]),
+        with_nodes(mesh, [1.1, 0.1, 0.075], ids=[900]),
         rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
     )
 

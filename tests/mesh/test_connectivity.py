@@ -17,7 +17,7 @@ from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh, Region
 from strainsight.mesh.thin import BeamBlock, ShellBlock, ShellSection
 
-from ..bodies import body, held, moved
+from ..bodies import body, held, moved, with_nodes
 from .boxes import FACE, TWO, both, box
 
 
@@ -128,7 +128,7 @@ def joined_by(way):
     if way == "rigid elements":
         return replace(TWO, rigid=tuple(RigidElement(i, p, np.array([q]), (0, 1, 2)) for i, (p, q) in enumerate(pairs)))
     if way == "a rigid element of both sides":
-        mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
+        mesh = with_nodes(TWO, [5, 0, 0])
         return replace(mesh, rigid=(RigidElement(1, 54, np.concatenate([a, b]), (0, 1, 2)),))
     if way == "averaging elements":
         return replace(
@@ -168,7 +168,7 @@ def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way
 
 
 def test_an_average_over_both_sides_does_not_join_them():
-    mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
+    mesh = with_nodes(TWO, [5, 0, 0])
     mesh = replace(mesh, averaging=(AveragingElement(1, 54, FACE.ravel(), np.ones(18), (0, 1, 2)),))
     assert connectivity_warnings(mesh)[0].startswith("18 nodes")
     joined = merged(mesh, 1e-6).averaging[0]

@@ -19,6 +19,7 @@ from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_s
 from strainsight.rom.model import Damping, damping_derivative, damping_matrix
 from strainsight.rom.steady import steady_start
 
+from ..bodies import with_nodes
 from ..fem.conftest import make_box
 from ..solids import HEX
 from .models import system, two_materials
@@ -105,9 +106,7 @@ def tied(clamped: bool) -> Mesh:
     n = len(mesh.position)
     fixed = [(node, c) for node in near for c in range(3)] if clamped else []
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 901),
-        position=np.vstack([mesh.position, [1.5, -0.4, 0.9]]),
+        with_nodes(mesh, [1.5, -0.4, 0.9], ids=[901]),
         fixed=np.array(fixed, dtype=np.int64).reshape(-1, 2),
         rigid=(RigidElement(1, n, far, (0, 1, 2)),),
     )
