@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy import sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
+from strainsight.mesh.model import Mesh, Region
+from strainsight.mesh.thin import ShellBlock
 
 KINDS = ("quad4", "tri3")
 SECOND = ("quad8", "tri6")
@@ -34,6 +38,20 @@ def unit_square(n: int, m: int, kind: str) -> tuple[np.ndarray, np.ndarray, np.n
     cells = nine[:, :8] if kind == "quad8" else np.concatenate([nine[:, [0, 1, 2, 4, 5, 8]], nine[:, [0, 2, 3, 8, 6, 7]]])
     used, where = np.unique(cells, return_inverse=True)
     return i.ravel()[used] / (2 * n), j.ravel()[used] / (2 * m), where.reshape(cells.shape)
+
+
+def sheet(kind, n, m, place, section, material, clamped=True, offset=0.0, axis=(np.nan,) * 3, turned=0, **more) -> Mesh:
+    """Shells of one section over 0 … 1 squared; place: a, b → x (n, 3); clamped at a = 0; turned: by how many corners the first
+    node of an element is moved on."""
+    a, b, cells = unit_square(n, m, kind)
+    e = len(cells)
+    axes = np.tile(np.array(axis, float), (e, 1))
+    cells = np.roll(cells, -turned, axis=1)
+    block = ShellBlock(kind, np.arange(1, e + 1), cells, np.ones(e, int), np.full(e, offset), axes)
+    fixed = np.array([(node, c) for node in np.flatnonzero(a == 0) for c in range(6)][: None if clamped else 0], int)
+    ids, region = np.arange(1, len(a) + 1), Region(1, "PSHELL 1", 1)
+    mesh = Mesh(ids, place(a, b), (), {1: region}, {1: material}, fixed.reshape(-1, 2), shells=(block,), sections={1: section})
+    return replace(mesh, **more)
 
 
 def halved(quads: np.ndarray) -> np.ndarray:

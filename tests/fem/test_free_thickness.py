@@ -21,12 +21,12 @@ from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
-from strainsight.mesh.model import Material, Mesh, Region
+from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
 
-from .shell_models import unit_square
+from .shell_models import sheet
 
 E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
 FREE = Parameter("t", "thickness", (1,), T, range=(0.6 * T, 1.5 * T))
@@ -44,23 +44,11 @@ SECTIONS = {
 
 def shell(kind="quad4", section=SECTIONS["homogeneous"], height=0.0, offset=0.0, count=(3, 2), size=(0.3, 0.1)):
     """On a rectangle, curved both ways and warped by `height` [m], with the faces of its thickness."""
-    a, b, cells = unit_square(*count, kind)
-    x = np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
-    e = len(cells)
-    block = ShellBlock(kind, 1 + np.arange(e), cells, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan))
-    return with_faces(
-        Mesh(
-            1 + np.arange(len(x)),
-            x,
-            (),
-            {1: Region(1, "PSHELL 1", 1)},
-            {1: Material(1, E, NU, RHO)},
-            np.array([[node, c] for node in np.flatnonzero(a == 0) for c in range(6)]),
-            shells=(block,),
-            sections={1: section},
-            laminae={7: PLY},
-        )
-    )
+
+    def place(a, b):
+        return np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
+
+    return with_faces(sheet(kind, *count, place, section, Material(1, E, NU, RHO), offset=offset, laminae={7: PLY}))
 
 
 def anew(mesh, t):

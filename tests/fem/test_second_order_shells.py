@@ -19,11 +19,11 @@ from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
-from strainsight.mesh.model import Material, Mesh, Region
+from strainsight.mesh.model import Material
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.thin import ShellBlock, ShellSection
+from strainsight.mesh.thin import ShellSection
 
-from .shell_models import SECOND, isotropic, on_line, rigid_motions, rows, stiffness, summed, unit_square
+from .shell_models import SECOND, isotropic, on_line, rigid_motions, rows, sheet, stiffness, summed, unit_square
 from .test_shell_elements import bent, motions
 
 
@@ -108,24 +108,10 @@ L, B = 1.0, 0.1
 OFF_CENTRE = {"quad8": 0.03, "tri6": 0.03}
 
 
-def panel(kind, n, m, place, section=None, offset=0.0, **more):
-    """Shells over 0 … 1 squared, clamped at a = 0; place: a, b → x (n, 3). The mesh, a and b of its own nodes."""
-    a, b, cells = unit_square(n, m, kind)
-    e = len(cells)
-    block = ShellBlock(kind, np.arange(1, e + 1), cells, np.ones(e, int), np.full(e, offset), np.tile([1.0, 0, 0], (e, 1)))
-    fixed = np.array([(i, c) for i in np.flatnonzero(a == 0) for c in range(6)])
-    mesh = Mesh(
-        np.arange(1, len(a) + 1),
-        place(a, b),
-        (),
-        {1: Region(1, "PSHELL 1", 1)},
-        {1: Material(1, E, NU, RHO)},
-        fixed,
-        shells=(block,),
-        sections={1: section or ShellSection(T)},
-        **more,
-    )
-    return with_faces(mesh), a, b
+def panel(kind, n, m, place, section=ShellSection(T), nu=0.0, **more):  # noqa: B008
+    """Clamped at a = 0: the mesh, a and b of its own nodes."""
+    mesh = sheet(kind, n, m, place, section, Material(1, E, nu, RHO), axis=(1.0, 0.0, 0.0), **more)
+    return with_faces(mesh), *unit_square(n, m, kind)[:2]
 
 
 def flat(a, b):
@@ -147,7 +133,6 @@ def ends(mesh, a, b, force, moment=None):
 def test_gauges_of_any_angle_read_membrane_and_bending_on_both_faces(kind):
     """Pulled by F and bent by M about y with ν = 0: ε_xx = F/(E A) ± M t/(2 E I), and ε cos² α along α, everywhere."""
     mesh, a, b = panel(kind, 4, 1, flat)
-    mesh = replace(mesh, materials={1: Material(1, E, 0.0, RHO)})
     F, M = 2e3, 5.0
     z = ends(mesh, a, b, (F, 0, 0), (0, M, 0))
     facets = exterior_facets(mesh)
@@ -167,7 +152,6 @@ def test_a_bent_arc_has_the_same_strain_everywhere_on_its_faces(kind):
         return np.column_stack([R * np.sin(np.pi / 3 * a), 0.1 * b, R * np.cos(np.pi / 3 * a)])
 
     mesh, a, b = panel(kind, 4, 1, arc)
-    mesh = replace(mesh, materials={1: Material(1, E, 0.0, RHO)})
     z = ends(mesh, a, b, (0, 0, 0), (0, 1.0, 0))
     expected = T / 2 / (E * 0.1 * T**3 / 12)
     facets = exterior_facets(mesh)

@@ -25,15 +25,14 @@ from strainsight.mesh.joins import PointMass, RigidElement
 from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs
-from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
+
+from ..beams import axes_of
+from .shell_models import sheet
 
 E, NU, RHO = 2.0e11, 0.3, 7800.0
 L, B, T = 1.0, 0.1, 0.01
 BAR = BeamSection(area=1e-4, second=np.diag([8e-10, 6e-10]), torsion=1e-9)
-
-
-def steel(nu=NU):
-    return {"regions": {1: Region(1, "PSHELL 1", 1)}, "materials": {1: Material(1, E, nu, RHO)}}
 
 
 def line(x, section=BAR, kind="beam", fixed=((0, 0), (0, 1), (0, 2), (0, 3), (0, 4), (0, 5)), offset=(0.0, 0.0, 0.0)):
@@ -41,43 +40,27 @@ def line(x, section=BAR, kind="beam", fixed=((0, 0), (0, 1), (0, 2), (0, 3), (0,
     x = np.array(x, dtype=float)
     nodes = np.column_stack([np.arange(len(x) - 1), np.arange(1, len(x))])
     e = len(nodes)
-    along = x[1:] - x[:-1]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    across = np.cross([0.0, 0.0, 1.0], along)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    axes = np.stack([along, across, np.cross(along, across)], axis=2)
+    axes = axes_of(x[nodes], np.cross([0.0, 0.0, 1.0], x[1:] - x[:-1]))
     block = BeamBlock(
         kind, np.arange(1, e + 1), nodes, np.ones(e, int), axes, np.tile(offset, (e, 2, 1)), np.zeros((e, 2, 6), bool)
     )
-    fixed = np.array(fixed, dtype=int).reshape(-1, 2)
-    return Mesh(np.arange(1, len(x) + 1), x, (), fixed=fixed, beams=(block,), sections={1: section}, **steel())
+    fixed, region = np.array(fixed, dtype=int).reshape(-1, 2), {1: Region(1, "PSHELL 1", 1)}
+    materials, ids = {1: Material(1, E, NU, RHO)}, np.arange(1, len(x) + 1)
+    return Mesh(ids, x, (), region, materials, fixed, beams=(block,), sections={1: section})
 
 
 def straight(count=10, **kwargs):
     return line(np.column_stack([np.linspace(0, L, count + 1), np.zeros((count + 1, 2))]), **kwargs)
 
 
-def strip(along=10, across=2, nu=NU, clamped=True, offset=0.0, section=None):
+def strip(along=10, across=2, nu=NU, clamped=True, offset=0.0, section=ShellSection(T)):  # noqa: B008
     """A plate L × B on z = 0, clamped at x = 0."""
-    grid = np.arange((along + 1) * (across + 1)).reshape(along + 1, across + 1)
-    x, y = np.meshgrid(np.linspace(0, L, along + 1), np.linspace(0, B, across + 1), indexing="ij")
-    nodes = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
-    e = len(nodes)
-    block = ShellBlock(
-        "quad4", np.arange(1, e + 1), nodes, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan)
-    )
-    fixed = np.array([(i, c) for i in grid[0] for c in range(6)] if clamped else [], dtype=int).reshape(-1, 2)
-    return with_faces(
-        Mesh(
-            np.arange(1, grid.size + 1),
-            np.column_stack([x.ravel(), y.ravel(), np.zeros(grid.size)]),
-            (),
-            fixed=fixed,
-            shells=(block,),
-            sections={1: section or ShellSection(T)},
-            **steel(nu),
-        )
-    )
+    material = Material(1, E, nu, RHO)
+    return with_faces(sheet("quad4", along, across, rectangle, section, material, clamped, offset))
+
+
+def rectangle(a, b):
+    return np.column_stack([L * a, B * b, 0 * a])
 
 
 def frequencies(mesh, count, **kwargs):
@@ -136,11 +119,7 @@ def test_beams_that_do_not_bend_are_rods():
 
     def tripod(kind):
         mesh = line(x, BeamSection(area=1e-4), kind, [(i, c) for i in range(3) for c in range(3)])
-        along = (np.array(x)[ends[:, 1]] - np.array(x)[ends[:, 0]]).astype(float)
-        along /= np.linalg.norm(along, axis=1)[:, None]
-        across = np.cross([0.0, 1.0, 0.0], along)
-        across /= np.linalg.norm(across, axis=1)[:, None]
-        axes = np.stack([along, across, np.cross(along, across)], axis=2)
+        axes = axes_of(np.array(x, float)[ends], (0.0, 1.0, 0.0))
         return replace(mesh, beams=(replace(mesh.beams[0], nodes=ends, axes=axes),))
 
     beams, rods = build_model(tripod("beam")), build_model(tripod("rod"))
