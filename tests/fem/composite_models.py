@@ -51,33 +51,8 @@ def alone(mesh, own):
     return replace(mesh, materials={}, anisotropic=dict.fromkeys(mesh.regions, own))
 
 
-def bricks(mesh, layers):
-    """A box of as many elements upwards as there are layers, each of them a layer, of the same height."""
-    height, t = np.ptp(mesh.position[:, 2]), np.array([own[0] for own in layers], float)
-    levels = np.concatenate([[0.0], np.cumsum(t) / t.sum()])
-    equal = np.linspace(0, 1, len(levels))
-    position = mesh.position.copy()
-    position[:, 2] = height * np.interp(position[:, 2] / height, equal, levels)
-    block = mesh.blocks[0]
-    number = 1 + np.floor(mesh.position[block.nodes].mean(axis=1)[:, 2] / height * len(layers)).astype(int)
-    isotropic, anisotropic, orientations = {}, {}, {}
-    for i, (_, own, angle) in enumerate(layers, start=1):
-        (anisotropic if isinstance(own, Anisotropic) else isotropic)[i] = replace(own, id=i)
-        orientations[i] = Orientation(BASIC, about(2, angle))
-    return replace(
-        mesh,
-        position=position,
-        blocks=(replace(block, region=number),),
-        regions={i: replace(mesh.regions[1], id=i, material=i) for i in range(1, len(layers) + 1)},
-        materials=isotropic,
-        anisotropic=anisotropic,
-        orientations=orientations,
-    )
-
-
 def energies(mesh):
     """½ uᵀKu of the unit strains, imposed at all nodes."""
     K = assemble_stiffness(mesh)
     fields = [(mesh.position @ own.T).ravel() for own in strains()]
     return np.array([0.5 * u @ (K @ u) for u in fields])
-

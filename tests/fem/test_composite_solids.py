@@ -43,7 +43,6 @@ from .composite_models import (
     TIN,
     about,
     alone,
-    bricks,
     energies,
     layered,
 )
@@ -253,19 +252,16 @@ def test_layers_side_by_side_resist_a_pull_with_their_sum(box, kind):
     assert np.abs(state.stress[:, 1:]).max() < 1e-9 * 2.1e8
 
 
-@pytest.mark.parametrize(("kind", "theory", "explicit"), [("hex8", 0.005, 0.005), ("hex20", 0.01, 0.011)])
-def test_a_long_cantilever_bends_as_layered_beam_theory_has_it(box, kind, theory, explicit):
-    """3EI/L³ with EI = Σ E_l I_l, skins ten times as stiff as the core; and as the model with an element a layer."""
+@pytest.mark.parametrize(("kind", "theory"), [("hex8", 0.005), ("hex20", 0.01)])
+def test_a_long_cantilever_bends_as_layered_beam_theory_has_it(box, kind, theory):
+    """3EI/L³ with EI = Σ E_l I_l, skins ten times as stiff as the core."""
     layers = [(1.0, STEEL, 0), (8.0, replace(STEEL, youngs_modulus=2.1e10), 0), (1.0, STEEL, 0)]
-    tip = []
-    for count, make in ((1, layered), (3, bricks)):
-        mesh = make(box(kind, (20, 1, count), size=(1.0, 0.05, 0.05), clamp_root=True), layers)
-        end = mesh.position[:, :1] > 1 - 1e-9
-        force = np.where(end, [0.0, 0.0, 1 / end.sum()], 0.0)
-        tip.append(moved(mesh, force).reshape(-1, 3)[end[:, 0], 2].mean())
+    mesh = layered(box(kind, (20, 1, 1), size=(1.0, 0.05, 0.05), clamp_root=True), layers)
+    end = mesh.position[:, 0] > 1 - 1e-9
+    force = np.where(end[:, None], [0.0, 0.0, 1 / end.sum()], 0.0)
+    tip = moved(mesh, force).reshape(-1, 3)[end, 2].mean()
     EI = 0.05 * (2.1e11 * (0.05**3 - 0.04**3) + 2.1e10 * 0.04**3) / 12
-    assert tip[0] * 3 * EI == pytest.approx(1.0, rel=theory)
-    assert tip[0] == pytest.approx(tip[1], rel=explicit)
+    assert tip * 3 * EI == pytest.approx(1.0, rel=theory)
 
 
 def test_a_soft_core_is_too_stiff_in_shear_across_and_import_says_so(box):

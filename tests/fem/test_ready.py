@@ -100,13 +100,6 @@ def test_rows_without_any_stiffness_are_no_motions(box):
     assert np.allclose(responses(built.model)[0], responses(build_model(mesh))[0], rtol=1e-10)
 
 
-def test_the_motion_of_the_rows_is_that_of_the_nodes(box):
-    mesh = tied(box)
-    built = build_ready_model(mesh, ready_of(mesh))
-    z = np.random.default_rng(0).standard_normal((built.model.size, 2))
-    assert np.allclose(built.motion @ z, nodal(built.model, z), rtol=1e-14)
-
-
 def test_terms_of_two_regions_are_those_of_the_assembly(box):
     mesh = box("hex8", (4, 2, 2), clamp_root=True, region=np.repeat([1, 2], 8))
     own = [Parameter("E1", "youngs_modulus", (1,), E), Parameter("rho2", "density", (2,), RHO)]

@@ -103,7 +103,7 @@ def test_what_is_folded_is_refused_by_its_id(kind):
     assert error.value.entity == ("element", 12)
 
 
-E, NU, RHO, T = 2.0e11, 0.3, 7800.0, 0.01
+E, RHO, T = 2.0e11, 7800.0, 0.01
 L, B = 1.0, 0.1
 OFF_CENTRE = {"quad8": 0.03, "tri6": 0.03}
 

@@ -192,21 +192,6 @@ def test_facets_of_a_distorted_element_enclose_its_volume(kind):
     np.testing.assert_allclose(closed, 0, atol=1e-12)
 
 
-def test_two_elements_hide_the_facet_between_them():
-    x = np.array([(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1, 2)], dtype=float)
-    hexes = np.array([[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]])
-    mesh = Mesh(
-        np.arange(12), x, (CellBlock("hex8", np.array([9, 4]), hexes, np.array([1, 2])),), {}, {}, np.zeros((0, 2), int)
-    )
-    facets = exterior_facets(mesh)
-    assert list(facets.element_id) == [4] * 5 + [9] * 5
-    assert list(facets.region) == [2] * 5 + [1] * 5
-    assert list(facets.facet) == [1, 2, 3, 4, 5, 1, 2, 3, 5, 6]
-    areas = [surface(QUAD4, x[nodes[:4]])[1] for nodes in facets.nodes]
-    assert np.sum(np.linalg.norm(areas, axis=1)) == pytest.approx(10.0)
-    assert np.all(facets.nodes[:, 4:] == -1)
-
-
 def test_a_wedge_meets_tetrahedron_and_hexahedron_on_common_corners():
     x = np.array([*HEX, (3, 0, 0), (3, 1, 0), (0, -3, 0)], dtype=float)
     blocks = (
