@@ -19,10 +19,13 @@ from strainsight.fem.patch import Incidence, patch_around
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
 from strainsight.mesh.additions import with_material, with_properties
-from strainsight.mesh.composite_solids import STACKED
+from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic
+from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
+from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.laminates import Lamina
+from strainsight.mesh.model import Material
 from strainsight.mesh.properties import value_of
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.scaling import scaled
@@ -31,23 +34,53 @@ from strainsight.mesh.units import to_si
 from strainsight.records.mesh import MeshColumns
 from strainsight.rom.inertia import scalar_mass
 
-from ..anisotropy import CONSTANTS, TURN, strains, tensor, turned, work
+from ..anisotropy import CONSTANTS, TURN, strains, tensor, triclinic, turned, work
 from ..bodies import moved
 from ..shared import slowly
-from .composite_models import (
-    CARBON,
-    DIRECTIONS,
-    SHEARED,
-    SKEW,
-    STEEL,
-    TIN,
-    about,
-    alone,
-    energies,
-    layered,
-)
 from .laminate_models import plate
 from .laminate_models import stack as laminate
+
+CARBON = Anisotropic(0, orthotropic(*CONSTANTS), 1600.0)
+SKEW = Anisotropic(0, triclinic(), 1300.0)
+STEEL = Material(0, 2.1e11, 0.3, 7850.0)
+TIN = Material(0, 4.2e10, 0.3, 7300.0)
+DIRECTIONS = [(kind, along) for kind, each in STACKED.items() for along in each]
+SHEARED = np.array([[1, 0.2, 0.1], [0, 1, 0.3], [0.1, 0, 1.0]])
+
+
+def about(axis, degrees):
+    """Axes (3, 3) turned about one of them, 0, 1 or 2."""
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    R, a, b = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+    R[[a, a, b, b], [a, b, a, b]] = c, -s, s, c
+    return R
+
+
+def layered(mesh, layers, along=2, axes=np.eye(3)):  # noqa: B008
+    """All of a mesh of layers (thickness, material, angle), turned about their direction from axes."""
+    isotropic, anisotropic, found = {}, {}, []
+    for i, (t, own, angle) in enumerate(layers, start=1):
+        (anisotropic if isinstance(own, Anisotropic) else isotropic)[i] = replace(own, id=i)
+        found.append(Layer(i, t, Orientation(replace(BASIC, axes=np.asarray(axes)), about(along, angle))))
+    return replace(
+        mesh,
+        materials=isotropic,
+        anisotropic=anisotropic,
+        regions={number: replace(own, material=0) for number, own in mesh.regions.items()},
+        composites=dict.fromkeys(mesh.regions, CompositeSolid(tuple(found), along)),
+    )
+
+
+def alone(mesh, own):
+    """All of a mesh of one anisotropic material along the basic axes."""
+    return replace(mesh, materials={}, anisotropic=dict.fromkeys(mesh.regions, own))
+
+
+def energies(mesh):
+    """½ uᵀKu of the unit strains, imposed at all nodes."""
+    K = assemble_stiffness(mesh)
+    fields = [(mesh.position @ own.T).ravel() for own in strains()]
+    return np.array([0.5 * u @ (K @ u) for u in fields])
 
 
 @pytest.mark.parametrize(("kind", "along"), DIRECTIONS)
