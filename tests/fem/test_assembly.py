@@ -123,16 +123,8 @@ def test_one_layer_of_bricks_bends_exactly(box, kind):
 
 
 def two_regions(box, kind):
-    mesh = box(kind, (4, 2, 2), distort=0.2)
-    block = mesh.blocks[0]
-    region = np.where(mesh.position[block.nodes].mean(axis=1)[:, 0] > 0.5, 2, 1)
-    mesh = replace(mesh, blocks=(replace(block, region=region),))
-    regions = {i: replace(mesh.regions[1], id=i, material=i) for i in (1, 2)}
-    return replace(
-        mesh,
-        regions=regions,
-        materials={1: mesh.materials[1], 2: replace(mesh.materials[1], id=2, poisson_ratio=0.2, density=2700.0)},
-    )
+    region = np.tile(np.repeat([1, 2], 8), 6 if kind.startswith("tet") else 1)
+    return box(kind, (4, 2, 2), distort=0.2, region=region, materials={1: (E, NU, RHO), 2: (E, 0.2, 2700.0)})
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex8"])

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.shells import shell_stiffnesses
+from strainsight.mesh.model import Material, Region
+from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
 
+from ..beams import axes_of
 from ..shared import slowly
-from .shell_models import isotropic, summed, unit_square
+from .shell_models import isotropic, sheet, summed, unit_square
 
 L, B, T = 432.0, 108.0, 3.0
 """Of the plate [mm]."""
@@ -65,52 +69,37 @@ def by_ritz(highest=4, terms=60):
     return np.sort(np.concatenate(found))
 
 
-def deck(kind, along, across):
-    """So many elements of a kind; those of the second order have bars along the halves of their sides."""
-    middle = kind in ("quad8", "tri6")
-    nx, ny = (2 * along, 2 * across) if middle else (along, across)
-
-    def node(i, j):
-        return 1 + i * (ny + 1) + j
-
-    lines, step = ["BEGIN BULK"], 2 if middle else 1
-    lines += [
-        f"GRID,{node(i, j)},,{L * i / nx:.9g},{B * (j / ny - 0.5):.9g},0." for i in range(nx + 1) for j in range(ny + 1)
-    ]
-    ids = iter(range(1, 1_000_000))
-    for i in range(0, nx, step):
-        for j in range(0, ny, step):
-            ring = [(i, j), (i + step, j), (i + step, j + step), (i, j + step)]
-            for own in (
-                (ring,) if kind.startswith("quad") else ([ring[k] for k in (0, 1, 2)], [ring[k] for k in (0, 2, 3)])
-            ):
-                if middle:
-                    pairs = zip(own, own[1:] + own[:1], strict=True)
-                    own = own + [((a + c) // 2, (b + d) // 2) for (a, b), (c, d) in pairs]
-                card = {"quad4": "CQUAD4", "tri3": "CTRIA3", "quad8": "CQUAD8", "tri6": "CTRIA6"}[kind]
-                fields = [card, next(ids), 1, *(node(*at) for at in own)]
-                lines += [",".join(map(str, fields[:9]))] + (
-                    [",".join(map(str, ["", *fields[9:]]))] if fields[9:] else []
-                )
-    for i in range(nx):
-        lines += [
-            f"CBAR,{next(ids)},2,{node(i, ny // 2)},{node(i + 1, ny // 2)},0.,0.,1.",
-            f",,,0.,0.,{BELOW},0.,0.,{BELOW}",
-        ]
-    for i in range(nx + 1):
-        for j in range(ny + 1):
-            held = ("234" if i in (0, nx) else "") + ("135" if j in (0, ny) else "")
-            if held:
-                lines.append(f"SPC1,1,{''.join(sorted(set(held)))},{node(i, j)}")
-    lines += [f"PSHELL,1,1,{T},1,,1", f"PBAR,2,1,{AREA},{I1},{I2},{J}", f"MAT1,1,{E},,{NU},{RHO}", "ENDDATA"]
-    return "\n".join(["SOL 103", "CEND", "SPC = 1", *lines, ""])
+def plate(kind, across):
+    """So many elements across, and bars along the sides of those in the middle, of the second order along their halves."""
+    mesh = sheet(
+        kind,
+        4 * across,
+        across,
+        lambda a, b: np.column_stack([L * a, B * (b - 0.5), 0 * a]),
+        ShellSection(T),
+        Material(1, E, NU, RHO),
+    )
+    x, y, _ = mesh.position.T
+    middle = np.flatnonzero(y == 0)
+    ends = np.column_stack([middle[:-1], middle[1:]])
+    e = len(ends)
+    axes = axes_of(mesh.position[ends], (0.0, 0.0, 1.0))
+    offset, released = np.tile([0.0, 0.0, BELOW], (e, 2, 1)), np.zeros((e, 2, 6), bool)
+    held = [(node, c) for node in np.flatnonzero((x == 0) | (x == L)) for c in (1, 2, 3)]
+    held += [(node, c) for node in np.flatnonzero(np.abs(y) == B / 2) for c in (0, 2, 4)]
+    return replace(
+        mesh,
+        fixed=np.array(sorted(set(held))),
+        beams=(BeamBlock("beam", 10**6 + np.arange(e), ends, np.full(e, 2), axes, offset, released),),
+        sections={**mesh.sections, 2: BeamSection(AREA, np.diag([I1, I2]), J)},
+        regions={**mesh.regions, 2: Region(2, "PBAR 2", 1)},
+    )
 
 
 @pytest.mark.parametrize(("kind", "across"), [("quad4", 18), *slowly(("tri3", 18), ("quad8", 6)), ("tri6", 6)])
-def test_a_plate_tilts_with_its_bar_as_by_ritz(kind, across, tmp_path):
-    path = tmp_path / "plate.bdf"
-    path.write_text(deck(kind, 4 * across, across))
-    model = build_model(read_mesh(path, "mm", "t"))
+def test_a_plate_tilts_with_its_bar_as_by_ritz(kind, across):
+    """In mm and t."""
+    model = build_model(plate(kind, across))
     found = modes(model.stiffness.constant, model.mass.constant, 6)[0]
     np.testing.assert_allclose(found, by_ritz()[:6], rtol=0.0065)
 

@@ -26,6 +26,7 @@ from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
 
 from ..fem.test_thin import NU, E, L, line, straight
+from ..structures import hexahedra
 
 # Faces of shells: where their nodes lie, which elements share them, and that their motion is that of a plate's surface.
 T = 0.01
@@ -170,29 +171,17 @@ def test_zones_take_one_face_of_the_shells_or_what_is_no_shell():
 
 def cube_with(shells):
     """Eight bricks of 1 m on a grid of 3 × 3 × 4 nodes, the last layer of which they lack, and shells on nodes (x, y, z)."""
-    x = np.stack(np.meshgrid(*(np.arange(n) for n in (3, 3, 4)), indexing="ij"), axis=-1).reshape(-1, 3)
-    number = {tuple(own): i for i, own in enumerate(x.tolist())}
-    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
-    start = x[(x < 2).all(axis=1)]
-    bricks = [[number[tuple((own + np.array(c)).tolist())] for c in corners] for own in start]
-    block = CellBlock("hex8", 1 + np.arange(8), np.array(bricks), np.full(8, 2))
-    kinds = {"quad4": [own for own in shells if len(own) == 4], "tri3": [own for own in shells if len(own) == 3]}
-    blocks = []
-    for kind, own in kinds.items():
-        first = 50 + sum(len(each.ids) for each in blocks)
-        nodes = np.array([[number[node] for node in each] for each in own], dtype=int)
-        e = len(own)
-        blocks += [
-            ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
-        ] * (e > 0)
+    x, number, cells = hexahedra((2, 2, 3))
+    block = CellBlock("hex8", 1 + np.arange(8), cells[:, :, :2].reshape(-1, 8), np.full(8, 2))
+    blocks, first = [], 50
+    for kind, corners in (("quad4", 4), ("tri3", 3)):
+        nodes = np.array([[number[node] for node in own] for own in shells if len(own) == corners], dtype=int)
+        if e := len(nodes):
+            blocks.append(ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan)))
+            first += e
     regions = {1: Region(1, "PSHELL 1", 1), 2: Region(2, "PSOLID 2", 1)}
-    material = {1: Material(1, 2e11, 0.3, 7850.0)}
-    return with_faces(
-        Mesh(
-            1 + np.arange(len(x)), x.astype(float), (block,), regions, material, np.zeros((0, 2), int),
-            shells=tuple(blocks), sections={1: ShellSection(T)},
-        )
-    )  # fmt: skip
+    own = 1 + np.arange(len(x)), x.astype(float), (block,), regions, {1: Material(1, 2e11, 0.3, 7850.0)}, np.zeros((0, 2), int)
+    return with_faces(Mesh(*own, shells=tuple(blocks), sections={1: ShellSection(T)}))
 
 
 def outside_of(mesh):
