@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.fem.given_motion import given_motion
 from strainsight.fem.loads import PointLoad, input_shape
@@ -16,10 +15,13 @@ from strainsight.fem.model import nodal
 from strainsight.fem.of_results import Results, results_model
 from strainsight.fem.results_checks import check_rows
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
+from strainsight.mesh.model import Material
 from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin import ShellSection
 
 from ..bodies import with_nodes
 from .conftest import make_box
+from .shell_models import sheet
 
 E, RHO, L, SIDE, MODES = 2.1e11, 7850.0, 2.0, 0.1, 3
 AREA = SIDE**2
@@ -144,8 +146,7 @@ def test_modes_of_any_mass_are_normalised(bar):
 def test_a_response_to_another_load_is_refused(bar, weighs, factor, said):
     mesh = bar if weighs else without_density(bar)
     own = results_of(bar)
-    motion = own.motion.copy()
-    motion[MODES:] *= factor
+    motion = np.concatenate([own.motion[:MODES], factor * own.motion[MODES:]])
     with pytest.raises(UserError, match=said) as caught:
         built(mesh, replace(own, motion=motion))
     assert caught.value.key == "mesh.results.loads.end"
@@ -254,22 +255,11 @@ def test_mass_times_a_motion(kind, box):
     assert found[1, 1] == pytest.approx(RHO * a * b * c * (a**2 + b**2) / 3 + 12.0 * (a**2 + b**2), rel=1e-12)
 
 
-SHELL = """GRID,1,,0.,0.,0.
-GRID,2,,1.,0.,0.
-GRID,3,,1.,1.,0.2
-GRID,4,,0.,1.,0.2
-CQUAD4,1,1,1,2,3,4
-PSHELL,1,1,0.05,1,,1
-MAT1,1,2.1+11,,0.3,7850.
-"""
-
-
 @pytest.fixture(scope="module")
-def plate(tmp_path_factory):
+def plate():
     """One shell with the nodes on its faces behind its own, and a rigid motion of all."""
-    path = tmp_path_factory.mktemp("plate") / "plate.bdf"
-    path.write_text(SHELL)
-    mesh = with_faces(read_mesh(path))
+    place, steel = lambda a, b: np.column_stack([a, b, 0.2 * b]), Material(1, E, 0.3, RHO)
+    mesh = with_faces(sheet("quad4", 1, 1, place, ShellSection(0.05), steel, False))
     u, turn = np.array([0.3, -0.1, 0.7]), np.array([0.2, 0.5, -0.4])
     motion = np.hstack([u + np.cross(turn, mesh.position), np.tile(turn, (len(mesh.position), 1))])
     return mesh, motion
