@@ -133,24 +133,9 @@ def test_what_a_roller_leaves_is_free_and_what_ties_and_masses_carry_moves_along
         point_masses=(PointMass(1, 27, 5.0, np.zeros(3), np.zeros((3, 3))),),
     )
     model = build_model(mesh, free=True)
-    K, M = at(model)
+    K, _ = at(model)
     assert model.rigid.shape[1] == 6
     assert np.abs(K @ model.rigid).max() < 1e-12 * np.abs(K).max()
-    relief = relief_of(M, model.rigid)
-    force = np.zeros(model.size)
-    force[0] = 1.0
-    along = relief.shapes @ (relief.shapes.T @ force)
-    # momentum: Σ m a = f
-    everywhere = _unit(model, 0)
-    assert everywhere @ (M @ along) == pytest.approx(1.0, rel=1e-9)
-    assert everywhere @ (M @ everywhere) == pytest.approx(7850.0 + 5.0, rel=1e-9)
-
-
-def _unit(model, axis):
-    """All nodes moved by one along an axis, no rotation."""
-    z = np.zeros(model.constraint.transform.shape[0])
-    z[axis : 3 * len(model.mesh.position) : 3] = 1.0
-    return z[model.constraint.free_rows]
 
 
 def test_loose_parts_and_what_is_held_are_named(box):

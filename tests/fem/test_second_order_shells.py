@@ -10,7 +10,6 @@ from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.gauges.candidates import candidates
@@ -18,7 +17,6 @@ from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.kinds import facet_of
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection
@@ -168,24 +166,3 @@ def test_a_bent_arc_has_the_same_strain_everywhere_on_its_faces(kind):
     around /= np.linalg.norm(around, axis=1)[:, None]
     moved = replace(pool, local=np.repeat(corners, len(pool.local), axis=0), direction=around)
     np.testing.assert_allclose(channel_rows(mesh.position, moved, z)[:, 0], expected, rtol=OFF_CENTRE[kind])
-
-
-@pytest.mark.parametrize("kind", SECOND)
-def test_laminates_move_as_those_of_many_linear_shells(kind):
-    """[0/30] bends when it is pulled: its tip under a force along x, and its first frequencies, are within 1.2 % of 48 × 6
-    quads of four nodes."""
-    lamina = Lamina(5, 1.3e11, 9e9, 0.3, 5e9, 5e9, 3e9, 1600.0)
-    section = Laminate((Ply(5, 0.004, 0.0), Ply(5, 0.006, 30.0)), 0.0)
-    found = {}
-    for own, n, m in ((kind, 8, 1), ("quad4", 48, 6)):
-        mesh, a, b = panel(own, n, m, flat, section, laminae={5: lamina})
-        model = build_model(mesh)
-        frequency, _ = modes(model.stiffness.constant, model.mass.constant, 3)
-        middle = np.flatnonzero((a == 1) & (b == 0.5))[0]
-        share = np.zeros(len(a))
-        share[(a == 1) & (b % 1 == 0)] = 0.5
-        f = np.zeros(model.constraint.transform.shape[0])
-        f[3 * np.flatnonzero(share)] = 0.5
-        z = nodal(model, spsolve(model.stiffness.constant.tocsc(), model.constraint.transform.T @ f)[:, None])
-        found[own] = np.array([z[3 * middle + 2, 0], *frequency])
-    np.testing.assert_allclose(found[kind], found["quad4"], rtol=1.2e-2)
