@@ -18,7 +18,6 @@ from strainsight.fem.modes import modes
 from strainsight.fem.mpi import session
 from strainsight.fem.mpi.programs import LAUNCHER, PYTHON
 from strainsight.fem.mpi.session import OverMpi
-from strainsight.fem.relief import factorise_free, relief_of
 
 from ..mpi import needs_slepc, over
 from ..shared import slowly
@@ -77,22 +76,6 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
     assert factor.solve(B[:, :0]).shape == (SIDE**3, 0)
     del factor
     assert list(tmp_path.iterdir()) == []
-
-
-@needs_slepc
-@pytest.mark.slow
-def test_a_free_structure(start):
-    K, M, exact = lattice(ends=False)
-    rigid = np.ones((SIDE**3, 1))
-    relief = relief_of(M, rigid)
-    factor = factorise_free(K, relief, start(2))
-    frequency, _ = modes(K, M, 7, factor=factor, rigid=rigid)
-    assert np.allclose(frequency, exact[1:8], rtol=1e-10)
-    force = np.zeros(SIDE**3)
-    force[0] = 1.0
-    found = factor.solve(force)
-    assert np.allclose(K @ found, force - 1 / SIDE**3, atol=1e-11)
-    assert abs(np.sum(found)) < 1e-11 * np.abs(found).sum()
 
 
 @needs_slepc

@@ -231,27 +231,6 @@ def test_the_slope_is_the_frechet_derivative_of_the_exponential(damping, h):
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
-@pytest.mark.parametrize("scheme", ["trapezoidal", "implicit_euler"])
-def test_slopes_of_schemes_and_accelerations_agree_with_central_differences(damping, scheme):
-    free, _ = pair(damping)
-    rng = np.random.default_rng(4)
-    x, u = rng.standard_normal(8), rng.standard_normal((3, 2))
-    # an acceleration is linear in the damping
-    for made, inputs, d in (
-        (lambda at: modal_step(free, at, 7e-3, scheme), u, 1e-5),
-        (lambda at: acceleration_map(free, at), u[:1], 0.5),
-    ):
-
-        def after(zeta, made=made, inputs=inputs):
-            found = made({**THETA, "zeta": zeta})
-            return found.transition @ x + np.einsum("aju,ju->a", found.input, inputs)
-
-        slope = parameter_slopes(free, made(THETA), THETA, x, inputs, ["zeta"])[:, 0]
-        difference = (after(THETA["zeta"] + d) - after(THETA["zeta"] - d)) / (2 * d)
-        np.testing.assert_allclose(slope, difference, atol=1e-8 * np.abs(difference).max())
-
-
-@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
 @pytest.mark.parametrize("name", ["E", "rho", "zeta"])
 def test_slopes_of_the_matrix_agree_with_central_differences(damping, name):
     free, _ = pair(damping)
