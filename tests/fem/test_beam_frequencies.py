@@ -112,10 +112,7 @@ def test_mass_of_a_rigid_motion_is_that_of_the_body():
     cross = lambda r: np.array([[0, r[2], -r[1]], [-r[2], 0, r[0]], [r[1], -r[0], 0]])  # noqa: E731  θ × r
     simpson = {0.0: 1 / 6, 0.5: 4 / 6, 1.0: 1 / 6}  # exact: the integrand is cubic
     for e in range(3):
-        rigid = np.zeros((12, 6))
-        for node in range(2):
-            rigid[6 * node : 6 * node + 3] = np.hstack([np.eye(3), cross(position[e, node])])
-            rigid[6 * node + 3 : 6 * node + 6, 3:] = np.eye(3)
+        rigid = rigid_motions(position[e])
         L, exact = np.linalg.norm(ends[e, 1] - ends[e, 0]), np.zeros((6, 6))
         for t, w in simpson.items():
             G = np.hstack([np.eye(3), cross((1 - t) * ends[e, 0] + t * ends[e, 1])])

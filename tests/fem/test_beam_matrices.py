@@ -20,6 +20,7 @@ from strainsight.fem.beam_matrices import (
 from strainsight.mesh.thin import BeamSection
 
 from ..beams import Frame, axes_of, line, properties, rectangle
+from .shell_models import rigid_motions
 
 CLAMP = {0: range(6)}
 NONE = np.zeros((1, 2, 6), bool)
@@ -106,11 +107,7 @@ def test_rigid_motions_cost_nothing_and_the_rest_does(own):
     position, offset = rng.normal(size=(2, 3)), 0.3 * rng.normal(size=(1, 2, 3))
     K = one(own, position, (0.1, 0.7, 0.4), offset=offset)
     assert np.array_equal(K, K.T)
-    rigid = np.zeros((12, 6))
-    for node in range(2):
-        x, y, z = position[node]
-        rigid[6 * node : 6 * node + 6, :] = np.eye(6)
-        rigid[6 * node : 6 * node + 3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    rigid = rigid_motions(position)
     assert np.abs(K @ rigid).max() < 1e-13 * np.abs(K).max()
     values = np.linalg.eigvalsh(K)
     assert (values > 1e-9 * values[-1]).sum() == (6 if own.torsion.any() else 5)
