@@ -40,18 +40,22 @@ def unit_square(n: int, m: int, kind: str) -> tuple[np.ndarray, np.ndarray, np.n
     return i.ravel()[used] / (2 * n), j.ravel()[used] / (2 * m), where.reshape(cells.shape)
 
 
+def shells(kind, x, cells, section, material, offset=0.0, axis=(np.nan,) * 3, **more) -> Mesh:
+    """Shells of one section on nodes at x (n, 3)."""
+    e, region = len(cells), Region(1, "PSHELL 1", 1)
+    offset, axes = np.broadcast_to(offset, e).astype(float), np.tile(np.array(axis, float), (e, 1))
+    block = ShellBlock(kind, np.arange(1, e + 1), np.asarray(cells), np.ones(e, int), offset, axes)
+    mesh = Mesh(np.arange(1, len(x) + 1), np.array(x, float), (), {1: region}, {1: material}, np.zeros((0, 2), int))
+    return replace(mesh, shells=(block,), sections={1: section}, **more)
+
+
 def sheet(kind, n, m, place, section, material, clamped=True, offset=0.0, axis=(np.nan,) * 3, turned=0, **more) -> Mesh:
-    """Shells of one section over 0 … 1 squared; place: a, b → x (n, 3); clamped at a = 0; turned: by how many corners the first
-    node of an element is moved on."""
+    """Shells over 0 … 1 squared; place: a, b → x (n, 3); clamped at a = 0; turned: by how many corners the first node of an
+    element is moved on."""
     a, b, cells = unit_square(n, m, kind)
-    e = len(cells)
-    axes = np.tile(np.array(axis, float), (e, 1))
-    cells = np.roll(cells, -turned, axis=1)
-    block = ShellBlock(kind, np.arange(1, e + 1), cells, np.ones(e, int), np.full(e, offset), axes)
-    fixed = np.array([(node, c) for node in np.flatnonzero(a == 0) for c in range(6)][: None if clamped else 0], int)
-    ids, region = np.arange(1, len(a) + 1), Region(1, "PSHELL 1", 1)
-    mesh = Mesh(ids, place(a, b), (), {1: region}, {1: material}, fixed.reshape(-1, 2), shells=(block,), sections={1: section})
-    return replace(mesh, **more)
+    fixed = [(node, c) for node in np.flatnonzero(a == 0) for c in range(6)] if clamped else []
+    mesh = shells(kind, place(a, b), np.roll(cells, -turned, axis=1), section, material, offset, axis)
+    return replace(mesh, **{"fixed": np.array(fixed, int).reshape(-1, 2)} | more)
 
 
 def halved(quads: np.ndarray) -> np.ndarray:

@@ -18,6 +18,8 @@ from strainsight.fem.ready import Term, build_ready_model, ready_matrices
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
 
+from ..structures import beam_matrices as hermite
+
 E, NU, RHO = 2.1e11, 0.3, 7850.0
 
 
@@ -139,10 +141,7 @@ def beam_matrices(elements, length=LENGTH, modulus=E, density=RHO, area=AREA, iy
     K, M = np.zeros((size, size)), np.zeros((size, size))
     G, J = modulus / (2 * (1 + NU)), iy + iz
     bar, barm = np.array([[1, -1], [-1, 1]]) / h, np.array([[2, 1], [1, 2]]) * h / 6
-    bend = np.array([[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-                     [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]) / h**3  # fmt: skip
-    inert = np.array([[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-                      [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]) * h / 420  # fmt: skip
+    bend, inert = (own[0] for own in hermite(1, h, 1.0, 1.0))
     turn = np.diag([1.0, -1.0, 1.0, -1.0])
     for e in range(elements):
         a, b = 6 * e, 6 * e + 6

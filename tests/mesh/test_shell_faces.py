@@ -25,6 +25,7 @@ from strainsight.mesh.section_shapes import section_of_shape
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
 
+from ..fem.shell_models import shells
 from ..fem.test_thin import NU, E, L, line, straight
 from ..structures import hexahedra
 
@@ -32,30 +33,13 @@ from ..structures import hexahedra
 T = 0.01
 
 
-def plate(nodes, x, offset=0.0, sections=None, region=None):
-    """Quadrilaterals of one thickness on nodes (e, 4) at x."""
-    e = len(nodes)
-    block = ShellBlock(
-        "quad4",
-        10 + np.arange(e),
-        np.array(nodes),
-        np.ones(e, dtype=int) if region is None else np.array(region),
-        np.broadcast_to(offset, e).astype(float),
-        np.full((e, 3), np.nan),
-    )
-    sections = sections or {1: ShellSection(T)}
-    return with_faces(
-        Mesh(
-            100 + np.arange(len(x)),
-            np.array(x, dtype=float),
-            (),
-            {i: Region(i, f"PSHELL {i}", 1) for i in sections},
-            {1: Material(1, 2e11, 0.3, 7850.0)},
-            np.zeros((0, 2), dtype=int),
-            shells=(block,),
-            sections=sections,
-        )
-    )
+def plate(nodes, x, offset=0.0, sections=None, region=(1,)):
+    """Quadrilaterals on nodes (e, 4) at x."""
+    mesh = shells("quad4", x, nodes, ShellSection(T), Material(1, 2e11, 0.3, 7850.0), offset)
+    block = replace(mesh.shells[0], ids=9 + mesh.shells[0].ids, region=np.resize(region, len(nodes)))
+    sections = sections or mesh.sections
+    regions = {i: Region(i, f"PSHELL {i}", 1) for i in sections}
+    return with_faces(replace(mesh, node_ids=99 + mesh.node_ids, shells=(block,), sections=sections, regions=regions))
 
 
 def strip(fold=0.0):
@@ -70,26 +54,15 @@ def heights(mesh):
     return mesh.position[mesh.shells[0].on_faces][..., 2]
 
 
-def test_a_plate_has_a_face_at_half_its_thickness_on_either_side_and_its_nodes_once():
+def test_a_plate_has_faces_at_half_its_thickness_that_look_away_and_its_nodes_once():
     mesh = plate(*strip())
-    np.testing.assert_allclose(heights(mesh)[:, 0], T / 2)
-    np.testing.assert_allclose(heights(mesh)[:, 1], -T / 2)
-    assert len(mesh.arms) == 2 * 6
+    assert (len(mesh.arms), mesh.own_nodes) == (2 * 6, 6)
     np.testing.assert_array_equal(mesh.node_ids[mesh.arms[:, 0]], mesh.node_ids[mesh.arms[:, 1]])
-    assert mesh.own_nodes == 6
-
-
-def test_its_facets_look_away_from_the_shell():
-    facets = exterior_facets(plate(*strip()))
-    centre, normal = candidates_of(plate(*strip()))
-    np.testing.assert_allclose(normal[facets.facet == UPPER], [[0, 0, 1]] * 2, atol=1e-15)
-    np.testing.assert_allclose(normal[facets.facet == LOWER], [[0, 0, -1]] * 2, atol=1e-15)
-    np.testing.assert_allclose(centre[:, 2], np.where(facets.facet == UPPER, T / 2, -T / 2))
-
-
-def candidates_of(mesh):
-    found = candidates(mesh, exterior_facets(mesh), axis=(1.0, 0.2, 0.1))
-    return found.position, found.normal
+    facets = exterior_facets(mesh)
+    found = candidates(mesh, facets, axis=(1.0, 0.2, 0.1))
+    side = np.where(facets.facet == UPPER, 1.0, -1.0)
+    np.testing.assert_allclose(found.normal, side[:, None] * [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(found.position[:, 2], side * T / 2)
 
 
 def test_an_element_that_is_turned_over_shares_the_other_face():

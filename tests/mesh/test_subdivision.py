@@ -176,17 +176,6 @@ def write(path, grid):
                 file[f"/VTKHDF/{name}".rstrip("/")].attrs[key] = value
 
 
-def hdf_reader(path):
-    return pyvista.HDFReader(str(path))
-
-
-def time_reader(path):
-    reader = vtkHDFReader()
-    reader.SetFileName(str(path))
-    reader.UpdateInformation()
-    return reader, reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
-
-
 def blocks():
     offset, found = 0, []
     for i, (kind, count) in enumerate(COUNT.items(), start=1):
@@ -220,7 +209,7 @@ def test_all_kinds_come_back_with_their_data(tmp_path, suffix):
     ids = np.concatenate([block.ids for block in cells])
     data = {"node_id": np.arange(n) + 100, "vector": 2 * position}
     write(tmp_path / f"a{suffix}", unstructured_grid(position, cells, data, {"element_id": ids}))
-    mesh = pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else hdf_reader(tmp_path / "a.h5").read()
+    mesh = pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else pyvista.HDFReader(str(tmp_path / "a.h5")).read()
     np.testing.assert_array_equal(mesh.points, position)
     np.testing.assert_array_equal(mesh.celltypes, [VTK_TYPE[block.kind] for block in cells for _ in range(2)])
     for cell, expected in zip(range(mesh.n_cells), (row for block in cells for row in block.nodes), strict=True):
@@ -242,7 +231,10 @@ def test_steps_change_what_changes_and_keep_the_rest(tmp_path):
             rng.random((n, 3)), cells, {"mode": mode, "fixed": fixed}, {"strain": strain}, steps=frequency
         ),
     )
-    reader, times = time_reader(tmp_path / "modes.h5")
+    reader = vtkHDFReader()
+    reader.SetFileName(str(tmp_path / "modes.h5"))
+    reader.UpdateInformation()
+    times = reader.GetOutputInformation(0).Get(vtkStreamingDemandDrivenPipeline.TIME_STEPS())
     np.testing.assert_array_equal(times, frequency)
     for i in (2, 0, 1):
         reader.UpdateTimeStep(frequency[i])
