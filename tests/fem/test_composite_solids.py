@@ -24,6 +24,7 @@ from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
 from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import BodyForce
+from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material
 from strainsight.mesh.properties import value_of
@@ -34,7 +35,7 @@ from strainsight.mesh.units import to_si
 from strainsight.records.mesh import MeshColumns
 from strainsight.rom.inertia import scalar_mass
 
-from ..anisotropy import CONSTANTS, TURN, strains, tensor, triclinic, turned, work
+from ..anisotropy import CONSTANTS, TURN, strains, tensor, triclinic, turned, work, works_of
 from ..bodies import moved
 from ..shared import slowly
 from .laminate_models import plate
@@ -76,13 +77,6 @@ def alone(mesh, own):
     return replace(mesh, materials={}, anisotropic=dict.fromkeys(mesh.regions, own))
 
 
-def energies(mesh):
-    """½ uᵀKu of the unit strains, imposed at all nodes."""
-    K = assemble_stiffness(mesh)
-    fields = [(mesh.position @ own.T).ravel() for own in strains()]
-    return np.array([0.5 * u @ (K @ u) for u in fields])
-
-
 @pytest.mark.parametrize(("kind", "along"), DIRECTIONS)
 def test_layers_of_one_material_are_the_element_of_it(box, kind, along):
     straight = box(kind, (2, 2, 2), size=(1.0, 0.7, 0.4))
@@ -107,7 +101,8 @@ def test_a_strain_that_all_layers_share_has_the_work_of_each(box, kind, along):
     C = 2 / 3.5 * tensor(G * np.diag([2.0, 2, 2, 1, 1, 1]) + G * 1.5 * np.pad(np.ones((3, 3)), (0, 3)))
     for t, own, angle in (layers[0], layers[2]):
         C = C + t / 3.5 * turned(tensor(own.stiffness), TURN @ about(along, angle))
-    np.testing.assert_allclose(energies(mesh), [volume * work(C, own) for own in strains()], rtol=1e-12)
+    works = works_of(assemble_stiffness(mesh), mesh.position)
+    np.testing.assert_allclose(works, [volume * work(C, own) for own in strains()], rtol=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["hex8", "hex20"])
@@ -117,20 +112,14 @@ def test_the_direction_counts_as_the_nodes_are_counted(box, kind):
     layers = [(1.0, CARBON, 0.0), (2.0, SKEW, 0.0), (0.4, TIN, 0.0)]
     block = mesh.blocks[0]
     first = [own.constant for own in assemble(layered(mesh, layers, 2))]
-    nodes = dict(zip(map(tuple, np.round(_reference(kind), 9)), range(block.nodes.shape[1]), strict=True))
+    reference = kind_of(kind).nodes
+    nodes = dict(zip(map(tuple, np.round(reference, 9)), range(len(reference)), strict=True))
     for along in (0, 1):
         turn = np.roll(np.eye(3), along - 2, axis=0)  # new ξ of an old one
-        order = [nodes[tuple(np.round(turn.T @ xi, 9))] for xi in _reference(kind)]
+        order = [nodes[tuple(np.round(turn.T @ xi, 9))] for xi in reference]
         other = replace(mesh, blocks=(replace(block, nodes=block.nodes[:, order]),))
         for own, same in zip(assemble(layered(other, layers, along, np.eye(3))), first, strict=True):
             assert abs(own.constant - same).max() < 1e-13 * abs(same).max()
-
-
-def _reference(kind):
-    """Corners and middles of sides of the reference cube as VTK counts them."""
-    x = np.array([[a, b, c] for c in (-1, 1) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))], float)
-    sides = ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7))
-    return x if kind == "hex8" else np.vstack([x, *([0.5 * (x[a] + x[b])] for a, b in sides)])
 
 
 @pytest.mark.parametrize("kind", list(STACKED))

@@ -69,21 +69,6 @@ def test_the_mirrored_element_is_the_mirror_image_and_mirrored_twice_the_same(ki
     assert np.linalg.det(linear[:3]) == pytest.approx(-1.0)
 
 
-def test_edges_follow_vtk():
-    """Mid-side nodes as VTK documents them for its quadratic cells, read from VTK itself."""
-    import pyvista
-    from vtkmodules.vtkCommonDataModel import vtkQuadraticHexahedron, vtkQuadraticTetra, vtkQuadraticWedge
-
-    del pyvista
-    for kind, cell in ((TET10, vtkQuadraticTetra()), (HEX20, vtkQuadraticHexahedron()), (WEDGE15, vtkQuadraticWedge())):
-        parametric = np.reshape([cell.GetParametricCoords()[i] for i in range(3 * cell.GetNumberOfPoints())], (-1, 3))
-        if kind is HEX20:
-            parametric = 2 * parametric - 1
-        if kind is WEDGE15:
-            parametric = parametric * [1, 1, 2] - [0, 0, 1]
-        assert np.allclose(parametric, kind.nodes)
-
-
 def simplex_moment(power):
     """∫ Π ξᵢ^pᵢ over the unit simplex = Π pᵢ! / (Σ pᵢ + d)!"""
     return np.prod([factorial(p) for p in power]) / factorial(sum(power) + len(power))
