@@ -25,20 +25,11 @@ from ..shared import slowly
 SIDE = 9
 
 
-def line(n, ends):
-    """Springs of 1 N/m in a row of n masses, `ends` of them to the ground: ω² = 4 sin²(kπ/(2n + 2)) with two, 4 sin²(kπ/2n) with
-    none."""
+def lattice(n=SIDE):
+    """K, M of n³ masses of 2 kg in a cube between walls, units far from 1 N/m, and its frequencies: sums of three of a line's,
+    ω² = 4 sin²(kπ/(2n + 2)), most of them three or six times."""
     K = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
-    if not ends:
-        K[0, 0] = K[-1, -1] = 1.0
-    k = np.arange(1, n + 1) if ends else np.arange(n)
-    return K, 4 * np.sin(k * np.pi / (2 * n + 2 if ends else 2 * n)) ** 2
-
-
-def lattice(ends, n=SIDE):
-    """K, M of n³ masses of 2 kg in a cube, units far from 1 N/m, and its frequencies: sums of three of a line's, most of them
-    three or six times."""
-    K, own = line(n, ends)
+    own = 4 * np.sin(np.arange(1, n + 1) * np.pi / (2 * n + 2)) ** 2
     one, stiff = sparse.eye_array(n), 1e9
     whole = sum(sparse.kron(sparse.kron(*pair[:2]), pair[2]) for pair in ((K, one, one), (one, K, one), (one, one, K)))
     exact = np.sort((own[:, None, None] + own[None, :, None] + own[None, None, :]).ravel())
@@ -62,7 +53,7 @@ def start(monkeypatch):
 @pytest.mark.parametrize("processes", [*slowly(1), 2])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    K, M, exact = lattice(ends=True)
+    K, M, exact = lattice()
     said = []
     factor = OverMpi(said.append)(K) if start(processes) else None
     frequency, shapes = modes(K, M, 8, factor=factor)
@@ -80,14 +71,14 @@ def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_
 
 @needs_slepc
 def test_an_indefinite_matrix_is_refused(start):
-    K, _, _ = lattice(ends=True)
+    K, _, _ = lattice()
     with pytest.raises(NumericalError, match="a pivot is not positive"):
         start(2)(sparse.csr_array(K - 1e9 * sparse.eye_array(SIDE**3)))
 
 
 @needs_slepc
 def test_too_little_memory_is_refused_before_it_is_taken(start, monkeypatch):
-    K, _, _ = lattice(ends=True, n=12)
+    K, _, _ = lattice(12)
     monkeypatch.setattr(session, "available_memory", lambda: 1e6)
     with pytest.raises(UserError, match=r"not enough memory for the factor.*asks for") as caught:
         start(2)(K)
@@ -97,7 +88,7 @@ def test_too_little_memory_is_refused_before_it_is_taken(start, monkeypatch):
 @needs_slepc
 def test_a_process_that_dies_ends_the_others_and_is_named(start, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    factor = start(2)(lattice(ends=True)[0])
+    factor = start(2)(lattice()[0])
     os.kill(workers(tmp_path)[0], signal.SIGKILL)
     with pytest.raises(
         NumericalError, match=r"a process of MPI died: `mpiexec -n 2` ended with exit code 137"
@@ -110,7 +101,7 @@ def test_a_process_that_dies_ends_the_others_and_is_named(start, tmp_path, monke
 
 @needs_slepc
 def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
-    K, _, _ = lattice(ends=True)
+    K, _, _ = lattice()
     far = np.arange(SIDE**3 + 1) * (3 * 10**9 // SIDE**3)
     monkeypatch.setattr(
         session, "scaled_upper", lambda A, scale: type("Upper", (), {"indptr": far, "indices": far, "data": far})
@@ -187,7 +178,7 @@ def pretend(folder, monkeypatch, scalar="np.float64", mumps=True, slepc=True, la
     monkeypatch.setenv(PYTHON, sys.executable)
     monkeypatch.setenv(LAUNCHER, launcher)
     monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
-    return lattice(ends=True)[0]
+    return lattice()[0]
 
 
 def test_no_answer_in_time(tmp_path, monkeypatch):
