@@ -122,3 +122,15 @@ def navier(A, B, D, S, moments, a, b, m, n, angle_ply):
         M[i, j] += inertia * (area * value[i] * value[j]).sum()
     load = np.array([0.0, 0.0, (area * (sx * sy) * value[2]).sum(), 0.0, 0.0])
     return K, M, load
+
+
+def assert_made_anew(operators, anew, theta, value=5e-8, slope=1e-6, step=1e-4):
+    """Affine operators at θ, and their slopes by central differences, are those that are made anew, over √(X_ii X_jj)."""
+    for which, X in enumerate(operators):
+        at = X.at(theta).toarray()
+        d = np.sqrt(np.diag(at))
+        scale = np.outer(d, d) + (np.outer(d, d) == 0)
+        assert np.abs((at - anew(theta)[which].toarray()) / scale).max() < value
+        for name, own in theta.items():
+            up, down = (anew({**theta, name: own * (1 + k * step)})[which] for k in (1, -1))
+            assert np.abs((own * X.derivative(name, theta) - (up - down) / (2 * step)).toarray() / scale).max() < slope
