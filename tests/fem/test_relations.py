@@ -171,37 +171,16 @@ GRID,9,,.2,.3,.7{2}
 """
 ELEMENTS = "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,4,5\nPSOLID,1,1\nMAT1,1,2.1+11,,.3,7850.\n"
 SYSTEMS = [("", "", ""), (",6", ",7", ""), (",7", ",6", ",6"), ("", "", ",7")]
-# RBE3 fields from REFC on, and the same for pyyeti: components, groups, UM set
-CASES = {
-    "equal weights": ("123456 1. 123 1 2 3 4", 123456, [[123, 1.0], [1, 2, 3, 4]], None),
-    "weights": ("12346 1. 123 1 2 .3 123 3 5", 12346, [[123, 1.0], [1, 2], [123, 0.3], [3, 5]], None),
-    "single directions": (
-        "135 1. 12 1 2 3 4 .3 3 1 3 5 4",
-        135,
-        [[12, 1.0], [1, 2, 3, 4], [3, 0.3], [1, 3, 5, 4]],
-        None,
-    ),
-    "UM among the nodes": (
-        "123456 1. 123 1 2 3 4 5 UM 1 123 2 23 3 3",
-        123456,
-        [[123, 1.0], [1, 2, 3, 4, 5]],
-        [1, 123, 2, 23, 3, 3],
-    ),
-    "UM of both": ("123456 1. 123 1 2 3 4 UM 9 456 4 123", 123456, [[123, 1.0], [1, 2, 3, 4]], [9, 456, 4, 123]),
-    "UM of the reference": ("246 1. 123 1 2 3 4 UM 9 246", 246, [[123, 1.0], [1, 2, 3, 4]], [9, 246]),
-    "rotations": ("123456 1. 123456 1 2 .3 123 3 5", 123456, [[123456, 1.0], [1, 2], [123, 0.3], [3, 5]], None),
-    "rotations of their own weight": (
-        "123456 1. 123 1 2 3 5 .3 45 1 4",
-        123456,
-        [[123, 1.0], [1, 2, 3, 5], [45, 0.3], [1, 4]],
-        None,
-    ),
-    "UM among rotations": (
-        "12346 1. 123456 1 2 .3 1234 3 5 UM 1 123 2 2 3 4",
-        12346,
-        [[123456, 1.0], [1, 2], [1234, 0.3], [3, 5]],
-        [1, 123, 2, 2, 3, 4],
-    ),
+CASES = {  # RBE3 fields from REFC on
+    "equal weights": "123456 1. 123 1 2 3 4",
+    "weights": "12346 1. 123 1 2 .3 123 3 5",
+    "single directions": "135 1. 12 1 2 3 4 .3 3 1 3 5 4",
+    "UM among the nodes": "123456 1. 123 1 2 3 4 5 UM 1 123 2 23 3 3",
+    "UM of both": "123456 1. 123 1 2 3 4 UM 9 456 4 123",
+    "UM of the reference": "246 1. 123 1 2 3 4 UM 9 246",
+    "rotations": "123456 1. 123456 1 2 .3 123 3 5",
+    "rotations of their own weight": "123456 1. 123 1 2 3 5 .3 45 1 4",
+    "UM among rotations": "12346 1. 123456 1 2 .3 1234 3 5 UM 1 123 2 2 3 4",
 }
 BEAMS = "CBAR,20,2,1,2,.3,.4,.5\nCBAR,21,2,3,4,.3,.4,.5\nCBAR,22,2,5,4,.3,.4,.5\nPBAR,2,1,.1,.2,.2,.1\n"
 """What turns the nodes of the solids."""
@@ -218,10 +197,21 @@ def digits(number):
     return [int(digit) - 1 for digit in str(number)]
 
 
+def as_of_pyyeti(fields):
+    """Components, groups of [components, weight], nodes, and UM set."""
+    words, _, um = fields.partition(" UM ")
+    components, *words = words.split()
+    starts = [i for i, word in enumerate(words) if "." in word]
+    parts = [words[i:j] for i, j in zip(starts, [*starts[1:], None], strict=True)]
+    groups = [own for weight, c, *nodes in parts for own in ([int(c), float(weight)], [int(node) for node in nodes])]
+    return int(components), groups, [int(word) for word in um.split()] or None
+
+
 @pytest.mark.parametrize("systems", SYSTEMS)
 @pytest.mark.parametrize("case", CASES)
 def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
-    fields, components, groups, um = CASES[case]
+    fields = CASES[case]
+    components, groups, um = as_of_pyyeti(fields)
     grids = SOLID.format(*systems)
     (tmp_path / "deck.bdf").write_text(grids + ELEMENTS + BEAMS + lines_of(["90", "", "9", *fields.split()]) + "ENDDATA\n")
     mesh = read_nastran(tmp_path / "deck.bdf")
