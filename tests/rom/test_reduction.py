@@ -78,21 +78,12 @@ def frequencies(full: FiniteElementModel, theta, count: int) -> np.ndarray:
     return np.sqrt(lam[:count]) / (2 * np.pi)
 
 
-def test_the_coordinates_are_modal_at_the_reference(reduced):
-    model = reduced.model
-    n = model.size
-    K = model.stiffness.at(TWO_REFERENCE)
+def test_the_coordinates_are_the_modes_of_the_full_model_at_the_reference(two, reduced):
+    K, exact = reduced.model.stiffness.at(TWO_REFERENCE), frequencies(two[0], TWO_REFERENCE, 8)
     lam = np.diag(K)
-    np.testing.assert_allclose(model.mass.at(TWO_REFERENCE), np.eye(n), atol=1e-11)
-    root = np.sqrt(lam)
-    np.testing.assert_allclose(K / np.outer(root, root), np.eye(n), atol=1e-9)
+    np.testing.assert_allclose(reduced.model.mass.at(TWO_REFERENCE), np.eye(len(lam)), atol=1e-11)
+    np.testing.assert_allclose(K / np.sqrt(np.outer(lam, lam)), np.eye(len(lam)), atol=1e-9)
     assert np.all(np.diff(lam) > 0)
-
-
-def test_the_reduced_frequencies_are_the_full_ones_at_the_reference(two, reduced):
-    full, _ = two
-    lam, _ = modal_basis(reduced.model, TWO_REFERENCE)
-    exact = frequencies(full, TWO_REFERENCE, 8)
     np.testing.assert_allclose(np.sqrt(lam[:8]) / (2 * np.pi), exact, rtol=1e-9)
     np.testing.assert_allclose(reduced.frequency, exact, rtol=1e-9)
 
@@ -176,45 +167,32 @@ def test_a_load_given_twice_adds_nothing(one):
     np.testing.assert_array_equal(reduced.model.input_shape[:, 0], reduced.model.input_shape[:, 2])
 
 
-def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
-    full, S = two
-    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
-    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 30, DAMPING.scaled(1.5))
-    assert model.size == 32
-    assert model.parameters == ()
-    assert model.damping.ratio == pytest.approx(0.015)
+def checked_modal_model(full, S, theta, count, *more):
+    """A modal model that has the frequencies and static responses of the full one."""
+    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, count, *more)
+    assert (model.size, model.parameters) == (count + 2, ())
     lam, _ = modal_basis(model, {})
-    np.testing.assert_allclose(np.sqrt(lam[:30]) / (2 * np.pi), frequencies(full, theta, 30), rtol=1e-8)
+    np.testing.assert_allclose(np.sqrt(lam[:count]) / (2 * np.pi), frequencies(full, theta, count), rtol=1e-8)
     z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
     q = np.linalg.solve(model.stiffness.at({}), model.input_shape)
     np.testing.assert_allclose(basis @ q, z, atol=1e-9 * np.abs(z).max())
+    return model
+
+
+def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
+    """Also where modes of another point are known, which do not serve two materials."""
+    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
+    assert checked_modal_model(*two, theta, 30, DAMPING.scaled(1.5)).damping.ratio == pytest.approx(0.015)
+    checked_modal_model(*two, theta, 10, DAMPING, snapshots(*two, TWO_REFERENCE, 12))
 
 
 def test_modes_of_the_reference_serve_any_value_of_one_material(one):
-    full, S = one
-    at = {"E": 2.1e11}
+    (full, S), at, theta = one, {"E": 2.1e11}, {"E": 2.6e11}
     known = snapshots(full, S, at, 12)
-    theta = {"E": 2.6e11}
-    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
-    assert model.size == 12
-    lam, _ = modal_basis(model, {})
-    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
-    z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
-    np.testing.assert_allclose(
-        basis @ np.linalg.solve(model.stiffness.at({}), model.input_shape), z, atol=1e-9 * np.abs(z).max()
-    )
-    there = scaled(full, known, at, theta)
+    checked_modal_model(full, S, theta, 10, DAMPING, known)
+    there, z = scaled(full, known, at, theta), np.linalg.solve(full.stiffness.at(theta).toarray(), S)
     np.testing.assert_allclose(there.frequency, frequencies(full, theta, 12), rtol=1e-8)
     np.testing.assert_allclose(there.static, z, rtol=0, atol=1e-9 * np.abs(z).max())
-
-
-def test_modes_of_another_point_do_not_serve_two_materials(two):
-    full, S = two
-    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
-    known = snapshots(full, S, TWO_REFERENCE, 12)
-    with_them, _ = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
-    lam, _ = modal_basis(with_them, {})
-    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
 
 
 def test_known_modes_save_the_iterations_and_change_nothing(two, reduced):
