@@ -173,9 +173,6 @@ def test_plies_in_kg_mm_and_n_are_named_and_an_isotropic_material_of_these_numbe
     assert mixed_units(E, rho, *MM_KG) == ""
 
 
-# A structure of another size has the mass properties of one that is.
-
-
 def test_masses_grow_with_the_cube_and_inertias_with_the_fifth_power_of_the_size():
     own = PointMass(1, 3, 2.0, np.array([0.1, -0.3, 0.2]), np.diag([0.1, 0.2, 0.25]))
     mesh = replace(tetrahedron(), point_masses=(own,))

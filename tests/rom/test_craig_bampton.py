@@ -28,6 +28,7 @@ from strainsight.rom.craig_bampton import (
 )
 from strainsight.rom.inertia import inertia_invariants
 
+from ..bodies import with_nodes
 from .bars import (
     MESHES,
     RHO,
@@ -217,10 +218,7 @@ def test_a_node_that_follows_an_interface_is_refused(free):
     n = len(free.mesh.position)
     arm = RigidElement(9, free.mesh.node_index(TIP), np.array([n]), (0, 1, 2, 3, 4, 5))
     lug = RigidElement(10, n, np.array([40]), (0, 1, 2))
-    position = np.vstack([free.mesh.position, [2.0, 0.0, 0.0]])
-    mesh = replace(
-        free.mesh, node_ids=np.append(free.mesh.node_ids, 950), position=position, rigid=(*free.mesh.rigid, arm, lug)
-    )
+    mesh = replace(with_nodes(free.mesh, [2.0, 0.0, 0.0], ids=[950]), rigid=(*free.mesh.rigid, arm, lug))
     model = build_model(mesh, supported=False)
     with pytest.raises(UserError, match="950 are not its own"):
         craig_bampton(model, [TIP, 950], modes=1)
