@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
+from strainsight.fem.beam_curved import curved_beam_masses, curved_beam_stiffnesses
 from strainsight.fem.beam_matrices import BeamProperties, beam_masses, beam_stiffnesses
 
 
@@ -36,24 +37,14 @@ def rectangle(count, along_y, along_z, shear=(0.0, 0.0), nu=0.3, torsion=None):
     return properties(count, along_y * along_z, second, J, shear, nu)
 
 
-class Frame:
-    """Beams between nodes (n, 3): dense K and M of all motions."""
+class Beams:
+    """Elements with K and M (e, 6k, 6k) on cells (e, k) of nodes (n, 3): dense K and M of all motions."""
 
-    def __init__(self, nodes, pairs, towards, own, E, density=0.0, rotary=False, offset=None, released=None):
-        self.nodes, self.pairs = np.asarray(nodes, float), np.asarray(pairs)
-        e = len(self.pairs)
-        self.own, self.E = own, E
-        self.position = self.nodes[self.pairs]
-        self.offset = np.zeros((e, 2, 3)) if offset is None else offset
-        self.released = np.zeros((e, 2, 6), bool) if released is None else released
-        self.axes = axes_of(self.position + self.offset, towards)
-        ids = np.arange(1, e + 1)
-        K = E * beam_stiffnesses(self.position, self.axes, own, self.offset, self.released, ids)
-        turning = density * own.second if rotary else None
-        M = beam_masses(self.position, self.axes, density * own.area, self.offset, ids, turning)
-        self.rows = (6 * self.pairs[:, :, None] + np.arange(6)).reshape(e, 12)
-        self.K, self.M = np.zeros((6 * len(self.nodes),) * 2), np.zeros((6 * len(self.nodes),) * 2)
-        for rows, k, m in zip(self.rows, K, M, strict=True):
+    def __init__(self, nodes, cells, stiffness, mass):
+        self.nodes, self.cells = nodes, cells
+        self.rows = (6 * cells[:, :, None] + np.arange(6)).reshape(len(cells), -1)
+        self.K, self.M = np.zeros((2, 6 * len(nodes), 6 * len(nodes)))
+        for rows, k, m in zip(self.rows, stiffness, mass, strict=True):
             self.K[np.ix_(rows, rows)] += k
             self.M[np.ix_(rows, rows)] += m
 
@@ -78,7 +69,44 @@ class Frame:
         return 1 / np.sqrt(inverse[::-1][:count]) / (2 * np.pi)
 
 
+class Frame(Beams):
+    """Beams of two nodes."""
+
+    def __init__(self, nodes, pairs, towards, own, E, density=0.0, rotary=False, offset=None, released=None):
+        nodes, pairs = np.asarray(nodes, float), np.asarray(pairs)
+        e = len(pairs)
+        self.own, self.E = own, E
+        self.position = nodes[pairs]
+        self.offset = np.zeros((e, 2, 3)) if offset is None else offset
+        self.released = np.zeros((e, 2, 6), bool) if released is None else released
+        self.axes = axes_of(self.position + self.offset, towards)
+        ids = np.arange(1, e + 1)
+        K = E * beam_stiffnesses(self.position, self.axes, own, self.offset, self.released, ids)
+        turning = density * own.second if rotary else None
+        M = beam_masses(self.position, self.axes, density * own.area, self.offset, ids, turning)
+        super().__init__(nodes, pairs, K, M)
+
+
+class Arch(Beams):
+    """Beams of three nodes, the middle one last."""
+
+    def __init__(self, nodes, cells, towards, own, E, density=0.0):
+        nodes, cells = np.asarray(nodes, float), np.asarray(cells)
+        position, e = nodes[cells], len(cells)
+        axes = axes_of(position[:, :2], towards)
+        offset, ids = np.zeros((e, 3, 3)), np.arange(1, e + 1)
+        K = E * curved_beam_stiffnesses(position, axes, own, offset, ids)
+        M = curved_beam_masses(position, axes, density * own.area, offset, ids, density * own.second)
+        super().__init__(nodes, cells, K, M)
+
+
 def line(count, length, direction=(1.0, 0.0, 0.0)):
     """Nodes and pairs of a straight line of beams."""
     nodes = np.linspace(0, length, count + 1)[:, None] * np.asarray(direction)
     return nodes, np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
+
+
+def threes(nodes):
+    """Beams of three nodes one after the other along nodes (2e + 1,)."""
+    nodes = np.asarray(nodes)
+    return np.stack([nodes[:-2:2], nodes[2::2], nodes[1::2]], axis=1)

@@ -34,6 +34,13 @@ def body(kind, counts, chart, keep=lambda *cell: True):
     return Mesh(np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64))
 
 
+def with_nodes(mesh, *points, ids=()):
+    """With further nodes at points; ids: theirs, or those after the last."""
+    position = np.vstack([mesh.position, *points])
+    ids = ids or int(mesh.node_ids.max()) + 1 + np.arange(len(position) - len(mesh.position))
+    return replace(mesh, node_ids=np.append(mesh.node_ids, ids), position=position)
+
+
 def held(mesh, where, components=(0, 1, 2)):
     pairs = [(node, c) for node in np.flatnonzero(where) for c in components]
     return replace(mesh, fixed=np.vstack([mesh.fixed, pairs]).astype(np.int64))

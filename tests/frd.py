@@ -100,8 +100,8 @@ def _rows(file, ids, values, form) -> None:
 
 
 def calculix(folder: Path, mesh, forces, modes, output="NODE FILE") -> Path:
-    """The .frd of CalculiX for a mesh of one kind, its nodes held one by one, its rigid elements as equations u = U + θ × r."""
-    (block,), material = mesh.blocks, mesh.materials[1]
+    """The .frd of CalculiX for a mesh of one material, nodes held one by one, rigid elements as equations u = U + θ × r."""
+    material = mesh.materials[1]
     held = {(int(mesh.node_ids[n]), c + 1) for n, c in mesh.fixed if c < 3}
     turn = int(mesh.node_ids.max())
     lines = ["*NODE"]
@@ -119,13 +119,11 @@ def calculix(folder: Path, mesh, forces, modes, output="NODE FILE") -> Path:
                 terms = [(mesh.node_ids[n], c, 1.0), (centre, c, -1.0)]
                 terms += [(turn + k, i, -a) for i, a in enumerate(arm, start=1) if a]
                 equations += [str(len(terms)), ",".join(f"{node},{i},{value:.12g}" for node, i, value in terms)]
-    lines += [f"*ELEMENT,TYPE={ABAQUS[block.kind]},ELSET=ALL"]
-    for e, n in zip(block.ids, mesh.node_ids[block.nodes], strict=True):
-        named = [str(e), *map(str, n)]
-        lines += [
-            ",".join(named[:11]) + ("," if len(named) > 11 else ""),
-            *([",".join(named[11:])] * (len(named) > 11)),
-        ]
+    for block in mesh.blocks:
+        lines.append(f"*ELEMENT,TYPE={ABAQUS[block.kind]},ELSET=ALL")
+        for e, n in zip(block.ids, mesh.node_ids[block.nodes], strict=True):
+            named = [str(e), *map(str, n)]
+            lines += [",".join(named[:11]) + "," * (len(named) > 11), *([",".join(named[11:])] * (len(named) > 11))]
     lines += ["*MATERIAL,NAME=STEEL", "*ELASTIC", f"{material.youngs_modulus},{material.poisson_ratio}"]
     lines += ["*DENSITY", f"{material.density}", "*SOLID SECTION,ELSET=ALL,MATERIAL=STEEL"]
     lines += ["*BOUNDARY", *(f"{node},{c}" for node, c in sorted(held))]

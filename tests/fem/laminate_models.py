@@ -5,12 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
-from strainsight.mesh.model import Material, Mesh, Region
-from strainsight.mesh.thin import ShellBlock
+from strainsight.mesh.model import Material, Region
 
-from .second_order import KINDS as SECOND_ORDER
-from .second_order import square
-from .shell_models import unit_square
+from .shell_models import sheet
 
 CARBON = Lamina(1, e1=1.4e11, e2=1.0e10, nu12=0.3, g12=5.0e9, g1z=4.5e9, g2z=3.0e9, density=1600.0)
 STEEL = Material(2, 2.0e11, 0.3, 7800.0)
@@ -24,29 +21,15 @@ def stack(angles, thickness, material=1):
     return Laminate(tuple(Ply(int(m), own, float(a)) for m, own, a in zip(of, t, angles, strict=True)))
 
 
-def plate(laminate, n, m, a, b, kind="quad4", fixed=(), axis=(np.nan,) * 3, offset=0.0, turned=0):
-    """A plate a × b of one laminate; turned: by how many corners the first node of an element is moved on."""
-    x, y, cells = (square if kind in SECOND_ORDER else unit_square)(n, m, kind)
-    e = len(cells)
-    block = ShellBlock(
-        kind,
-        np.arange(1, e + 1),
-        np.roll(cells, -turned, axis=1),
-        np.ones(e, int),
-        np.full(e, offset),
-        np.tile(np.array(axis, float), (e, 1)),
-    )
-    position = np.column_stack([a * x, b * y, 0 * x])
-    return Mesh(
-        np.arange(1, len(x) + 1),
-        position,
-        (),
+def plate(laminate, n, m, a, b, kind="quad4", fixed=(), **more):
+    """A plate a × b of one laminate."""
+    return sheet(
+        *(kind, n, m, lambda x, y: np.column_stack([a * x, b * y, 0 * x]), laminate, STEEL),
         regions={1: Region(1, "PCOMP 1", 0)},
         materials={2: STEEL, 3: FOAM},
         laminae={1: CARBON},
         fixed=np.array(fixed, dtype=int).reshape(-1, 2),
-        shells=(block,),
-        sections={1: laminate},
+        **more,
     )
 
 
@@ -139,3 +122,15 @@ def navier(A, B, D, S, moments, a, b, m, n, angle_ply):
         M[i, j] += inertia * (area * value[i] * value[j]).sum()
     load = np.array([0.0, 0.0, (area * (sx * sy) * value[2]).sum(), 0.0, 0.0])
     return K, M, load
+
+
+def assert_made_anew(operators, anew, theta, value=5e-8, slope=1e-6, step=1e-4):
+    """Affine operators at θ, and their slopes by central differences, are those that are made anew, over √(X_ii X_jj)."""
+    for which, X in enumerate(operators):
+        at = X.at(theta).toarray()
+        d = np.sqrt(np.diag(at))
+        scale = np.outer(d, d) + (np.outer(d, d) == 0)
+        assert np.abs((at - anew(theta)[which].toarray()) / scale).max() < value
+        for name, own in theta.items():
+            up, down = (anew({**theta, name: own * (1 + k * step)})[which] for k in (1, -1))
+            assert np.abs((own * X.derivative(name, theta) - (up - down) / (2 * step)).toarray() / scale).max() < slope

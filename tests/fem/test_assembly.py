@@ -1,4 +1,4 @@
-"""Stiffness and mass: exact where they must be, equal to another library's, affine in the parameters."""
+"""Stiffness and mass: exact where they must be, equal to another library's; affine operators and their sums."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from strainsight import memory
 from strainsight.errors import DeckError, UserError
-from strainsight.fem.affine import Parameter
-from strainsight.fem.assembly import assemble, assemble_stiffness
+from strainsight.fem.affine import AffineOperator, Coefficient, Newton, Parameter, sum_of
+from strainsight.fem.assembly import assemble
 from strainsight.fem.mass import mass_properties
 from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import ELEMENTS
@@ -54,7 +55,6 @@ def test_rigid_motions_have_no_energy_and_nothing_else_has_none(box, kind, unit)
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_mass_of_rigid_motions_is_that_of_the_body(box, kind):
-    """Mass, first and second moments of a box: the mass is exact because N N is integrated exactly."""
     mesh = box(kind, (2, 3, 2), size=(1.0, 2.0, 0.5), distort=0.0)
     M = assemble(mesh)[1].constant
     spin = np.cross([0, 0, 1.0], mesh.position).ravel()
@@ -123,25 +123,9 @@ def test_one_layer_of_bricks_bends_exactly(box, kind):
     assert energy == pytest.approx(0.5 * E * b * h**3 / 12 * curvature**2 * L, rel=1e-11)
 
 
-def test_a_wedge_numbered_from_its_other_end_is_named(box):
-    """Its facets would point inwards."""
-    mesh = box("wedge6", (1, 1, 1))
-    block = mesh.blocks[0]
-    with pytest.raises(DeckError, match="2 wedge6 elements are flat or inverted: 1, 2 "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=block.nodes[:, [3, 4, 5, 0, 1, 2]]),)))
-
-
 def two_regions(box, kind):
-    mesh = box(kind, (4, 2, 2), distort=0.2)
-    block = mesh.blocks[0]
-    region = np.where(mesh.position[block.nodes].mean(axis=1)[:, 0] > 0.5, 2, 1)
-    mesh = replace(mesh, blocks=(replace(block, region=region),))
-    regions = {i: replace(mesh.regions[1], id=i, material=i) for i in (1, 2)}
-    return replace(
-        mesh,
-        regions=regions,
-        materials={1: mesh.materials[1], 2: replace(mesh.materials[1], id=2, poisson_ratio=0.2, density=2700.0)},
-    )
+    region = np.tile(np.repeat([1, 2], 8), 6 if kind.startswith("tet") else 1)
+    return box(kind, (4, 2, 2), distort=0.2, region=region, materials={1: (E, NU, RHO), 2: (E, 0.2, 2700.0)})
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex8"])
@@ -162,13 +146,6 @@ def test_affine_operators_equal_direct_assembly_at_any_parameter(box, kind):
     assert set(M.terms) == {"rho2"}
 
 
-def test_the_stiffness_alone_is_that_beside_the_mass_to_the_bit(box):
-    mesh = two_regions(box, "hex8")
-    alone, beside = assemble_stiffness(mesh), assemble(mesh)[0].constant
-    for own, other in ((alone.indptr, beside.indptr), (alone.indices, beside.indices), (alone.data, beside.data)):
-        np.testing.assert_array_equal(own, other)
-
-
 def test_one_parameter_over_two_regions_keeps_each_poisson_ratio(box):
     mesh = two_regions(box, "tet4")
     K = assemble(mesh, [Parameter("E", "youngs_modulus", (1, 2), 2e11)])[0]
@@ -176,96 +153,59 @@ def test_one_parameter_over_two_regions_keeps_each_poisson_ratio(box):
     assert np.abs((K.at({"E": E}) - assemble(mesh)[0].constant).toarray()).max() < 1e-13 * E
 
 
-def test_kinds_mix_in_one_mesh(box):
-    """Wedges and bricks side by side still pass the patch test."""
-    left, right = box("hex20", (1, 1, 1)), box("wedge15", (1, 1, 1))
-    shifted = right.position + np.array([1.0, 0, 0])
-    position = np.vstack([left.position, shifted])
-    unique, index = np.unique(np.round(position, 9), axis=0, return_inverse=True)
-    blocks = (
-        replace(left.blocks[0], nodes=index[left.blocks[0].nodes]),
-        replace(right.blocks[0], ids=np.array([7, 8]), nodes=index[len(left.position) + right.blocks[0].nodes]),
-    )
-    mesh = replace(left, node_ids=np.arange(1, len(unique) + 1), position=unique, blocks=blocks)
-    gradient = np.random.default_rng(3).normal(size=(3, 3))
-    u = (unique @ gradient.T).ravel()
-    stress, strain = constant_stress(gradient)
-    assert u @ assemble(mesh)[0].constant @ u == pytest.approx(2 * np.sum(stress * strain), rel=1e-12)
-    assert mass_properties(mesh)[0] == pytest.approx(2 * RHO, rel=1e-13)
-
-
-@pytest.mark.parametrize("kind", ["tet4", "hex8"])
-def test_inverted_elements_are_named(box, kind):
-    mesh = box(kind, (2, 1, 1))
-    block = mesh.blocks[0]
+def reordered(mesh, element, order):
+    """One element with its nodes in another order."""
+    (block,) = mesh.blocks
     nodes = block.nodes.copy()
-    nodes[1] = nodes[1][[1, 0, *range(2, nodes.shape[1])]]
-    with pytest.raises(DeckError, match=f"inverted: {block.ids[1]} "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+    nodes[element] = nodes[element][[*order, *range(len(order), nodes.shape[1])]]
+    return replace(mesh, blocks=(replace(block, nodes=nodes),))
 
 
-@pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
-def test_midside_nodes_in_another_order_are_named(box, kind):
-    """Among them orders in which the Jacobian stays positive at every quadrature point."""
-    mesh = box(kind, (2, 1, 1))
-    block = mesh.blocks[0]
-    nodes = block.nodes.copy()
-    nodes[1, -2:] = nodes[1, [-1, -2]]
-    with pytest.raises(DeckError, match=f"{kind} element {block.ids[1]} "):
-        assemble(replace(mesh, blocks=(replace(block, nodes=nodes),)))
+def with_swapped_middles(mesh):
+    """The last two nodes of the second element swapped: its Jacobian may stay positive at every quadrature point."""
+    size = mesh.blocks[0].nodes.shape[1]
+    return reordered(mesh, 1, [*range(size - 2), size - 1, size - 2])
 
 
-def test_strongly_curved_sides_are_accepted(box):
-    """An eighth of a hollow cylinder, one tet10-cut brick thick: volume from the assembled mass to 1e-3."""
-    mesh = box("tet10", (2, 3, 2), size=(1.0, np.pi / 4, 1.0))
-    r, angle, z = 1.0 + mesh.position[:, 0], mesh.position[:, 1], mesh.position[:, 2]
-    curved = replace(mesh, position=np.column_stack([r * np.cos(angle), r * np.sin(angle), z]))
-    assert mass_properties(curved)[0] == pytest.approx(RHO * np.pi / 8 * 3, rel=1e-3)
-
-
-def test_flat_wedges_are_named(box):
-    mesh = box("wedge6", (1, 1, 1))
-    with pytest.raises(DeckError, match="2 wedge6 elements"):
-        assemble(replace(mesh, position=mesh.position * [1, 1, 0]))
+def with_material(mesh, **change):
+    return replace(mesh, materials={1: replace(mesh.materials[1], **change)})
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("kind", "change", "message"),
     [
-        ({"youngs_modulus": 0.0}, "Young's modulus"),
-        ({"poisson_ratio": 0.5}, "Poisson"),
-        ({"density": -1.0}, "density"),
-        ({"youngs_modulus": float("nan")}, "Young's modulus"),
+        ("wedge6", lambda mesh: reordered(mesh, 0, [3, 4, 5, 0, 1, 2]), "inverted: 1 "),
+        ("wedge6", lambda mesh: replace(mesh, position=mesh.position * [1, 1, 0]), "4 wedge6 elements"),
+        ("tet4", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
+        ("hex8", lambda mesh: reordered(mesh, 1, [1, 0]), "inverted: 2 "),
+        *((kind, with_swapped_middles, f"{kind} element 2 ") for kind in ("tet10", "hex20", "wedge15")),
+        ("tet4", lambda mesh: with_material(mesh, youngs_modulus=0.0), "Young's modulus"),
+        ("tet4", lambda mesh: with_material(mesh, youngs_modulus=np.nan), "Young's modulus"),
+        ("tet4", lambda mesh: with_material(mesh, poisson_ratio=0.5), "Poisson"),
+        ("tet4", lambda mesh: with_material(mesh, density=-1.0), "density"),
+        ("tet4", lambda mesh: replace(mesh, regions={}), "region 1"),
+        ("tet4", lambda mesh: replace(mesh, materials={}), "material 1"),
     ],
 )
-def test_materials_that_cannot_be_are_refused(box, change, message):
-    mesh = box("tet4", (1, 1, 1))
+def test_meshes_that_cannot_be_are_refused(box, kind, change, message):
     with pytest.raises(DeckError, match=message):
-        assemble(replace(mesh, materials={1: replace(mesh.materials[1], **change)}))
+        assemble(change(box(kind, (2, 1, 1))))
 
 
-def test_missing_region_material_or_mass_is_refused(box):
-    mesh = box("tet4", (1, 1, 1))
-    with pytest.raises(DeckError, match="region 1"):
-        assemble(replace(mesh, regions={}))
-    with pytest.raises(DeckError, match="material 1"):
-        assemble(replace(mesh, materials={}))
+def test_a_mesh_without_mass_is_refused(box):
     with pytest.raises(DeckError, match="total mass is 0 kg"):
-        mass_properties(replace(mesh, materials={1: replace(mesh.materials[1], density=0.0)}))
+        mass_properties(with_material(box("tet4", (1, 1, 1)), density=0.0))
+
+
+E_OF, RHO_OF = (Parameter("E", name, (1,), 1.0) for name in ("youngs_modulus", "density"))
 
 
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
-        ([Parameter("E", "youngs_modulus", (9,), 1.0)], "region 9"),
-        (
-            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("E", "density", (1,), 1.0)],
-            "2 parameters are called 'E'",
-        ),
-        (
-            [Parameter("E", "youngs_modulus", (1,), 1.0), Parameter("F", "youngs_modulus", (1,), 1.0)],
-            "both the youngs_modulus",
-        ),
+        ([replace(E_OF, regions=(9,))], "region 9"),
+        ([E_OF, RHO_OF], "2 parameters are called 'E'"),
+        ([E_OF, replace(E_OF, name="F")], "both the youngs_modulus"),
     ],
 )
 def test_parameters_that_contradict_are_refused(box, parameters, message):
@@ -275,7 +215,6 @@ def test_parameters_that_contradict_are_refused(box, parameters, message):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, monkeypatch):
-    """What an assembly takes at its peak is enough for it; a twentieth of that is refused before it is taken."""
     mesh = box(kind, (4, 4, 4))
     assemble(mesh)  # what the first call leaves behind is not the assembly's
     tracemalloc.start()
@@ -288,3 +227,115 @@ def test_too_little_memory_for_the_sum_is_refused_and_enough_is_not(box, kind, m
     words = rf"the stiffness of {len(mesh.position)} nodes, at the very least: .* GiB of memory are needed"
     with pytest.raises(UserError, match=words):
         assemble(mesh)
+
+
+rng = np.random.default_rng(0)
+X0, X1, X3, XE = rng.standard_normal((4, 3, 3))
+PLATE = AffineOperator(
+    X0,
+    {"E": XE, "E t": X1, "E t^3": X3},
+    {
+        "E t": Coefficient((Newton("t", (0.0,), 2.0),), np.array([0.0, 1.0])).times("E"),
+        "E t^3": Coefficient(
+            (Newton("E"), Newton("t", (1.0, 0.0, -0.5), 2.0)), np.array([[0.0, 0, 0, 0], [0, 3.0, 0, 8.0]])
+        ),
+    },
+)
+
+
+def written_out(E, t):
+    return X0 + E * XE + E * t / 2 * X1 + E * (3 * (t - 1) / 2 + (t - 1) * t * (t + 0.5)) * X3
+
+
+def test_value_is_the_polynomial():
+    assert PLATE.parameters == ("E", "t")
+    np.testing.assert_allclose(PLATE.at({"E": 3.0, "t": 0.7}), written_out(3.0, 0.7), rtol=1e-13, atol=1e-14)
+
+
+@pytest.mark.parametrize("t", [0.7, 1.0, 0.0, -0.5])
+def test_derivatives_are_those_of_a_complex_step(t):
+    np.testing.assert_allclose(
+        PLATE.derivative("t", {"E": 3.0, "t": t}), written_out(3.0, t + 1e-30j).imag / 1e-30, rtol=1e-13, atol=1e-14
+    )
+    np.testing.assert_allclose(
+        PLATE.derivative("E", {"E": 3.0, "t": t}), written_out(3.0 + 1e-30j, t).imag / 1e-30, rtol=1e-13, atol=1e-14
+    )
+    assert not PLATE.derivative("rho", {"E": 3.0, "t": t}).any()
+
+
+def test_many_values_are_one_after_the_other():
+    E, t = rng.uniform(1, 2, (2, 4)), rng.uniform(0.5, 1.5, (2, 4))
+    X, slope = PLATE.at({"E": E, "t": t}), PLATE.derivative("t", {"E": E, "t": t})
+    assert X.shape == slope.shape == (2, 4, 3, 3)
+    for i in np.ndindex(2, 4):
+        np.testing.assert_allclose(X[i], PLATE.at({"E": E[i], "t": t[i]}), rtol=1e-14)
+        np.testing.assert_allclose(slope[i], PLATE.derivative("t", {"E": E[i], "t": t[i]}), rtol=1e-14)
+    for some in (2.0, E[0]):  # one for all, and one for all of an axis
+        values = {"E": np.broadcast_to(some, (2, 4)), "t": t}
+        np.testing.assert_allclose(PLATE.at({"E": some, "t": t}), PLATE.at(values), rtol=1e-14)
+
+
+@pytest.mark.parametrize("logarithm", [False, True])
+def test_beyond_its_range_a_polynomial_levels_off(logarithm):
+    own = Newton("t", (0.0, 0.0, 0.0), 1.0, (0.5, 2.0), 0.1, logarithm)
+    t = np.array([1e-5, 0.45, 0.5, 1.0, 2.0, 2.1, 90.0])
+    seen = np.array([0.45, 0.5 - 0.05 * np.tanh(1), 0.5, 1.0, 2.0, 2 + 0.2 * np.tanh(0.5), 2.2])
+    x, by_x = (np.log(seen), 1 / t) if logarithm else (seen, np.ones(7))
+    N, slope = own.at({"t": t})
+    np.testing.assert_allclose(N, [x**k for k in range(4)], rtol=1e-7, atol=1e-12)
+    d = 1e-6
+    differences = (own.at({"t": t + d})[0] - own.at({"t": t - d})[0]) / (2 * d)
+    np.testing.assert_allclose(slope, differences, rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(slope[3, 2:5], (3 * x**2 * by_x)[2:5], rtol=1e-14)
+
+
+def test_sums_and_maps_go_term_by_term():
+    theta = {"E": 3.0, "t": 0.7}
+    both = sum_of(PLATE, AffineOperator(X1, {"E": X3, "t": X0}))
+    np.testing.assert_allclose(both.at(theta), PLATE.at(theta) + X1 + 3 * X3 + 0.7 * X0, rtol=1e-13, atol=1e-14)
+    Psi = rng.standard_normal((3, 2))
+    symmetric = PLATE.of_all(lambda X: X + X.T)
+    np.testing.assert_allclose(
+        symmetric.project(Psi).at(theta), Psi.T @ symmetric.at(theta) @ Psi, rtol=1e-12, atol=1e-13
+    )
+
+
+def test_a_constant_of_zero_stands_beside_sparse_terms():
+    term = sparse.csr_array(np.diag([1.0, 2.0]))
+    np.testing.assert_array_equal(AffineOperator(0.0, {"a": term}).at({"a": 2.0}).toarray(), np.diag([2.0, 4.0]))
+
+
+N = 12
+
+
+def some(seed: int, density: float) -> sparse.csr_array:
+    own = sparse.random_array((N, N), density=density, rng=np.random.default_rng(seed), format="csr")
+    own.sort_indices()
+    return sparse.csr_array(own)
+
+
+def test_an_operator_on_one_pattern_has_the_values_it_had():
+    first = some(0, 0.4)
+    X = AffineOperator(first, {"a": some(1, 0.5), "b": -1.0 * first, "c": some(2, 0.02)})
+    wide = X.on_one_pattern()
+    assert np.shares_memory(wide.terms["a"].indices, wide.constant.indices)
+    assert wide.terms["c"].nnz == X.terms["c"].nnz
+    for theta in ({"a": 0.0, "b": 1.0, "c": 0.0}, {"a": 2.5, "b": -0.3, "c": 7.0}):
+        dense = X.constant.toarray() + sum(value * X.terms[name].toarray() for name, value in theta.items())
+        for own in (X, wide):
+            assert np.allclose(own.at(theta).toarray(), dense, rtol=1e-13, atol=1e-15)
+    assert np.array_equal(wide.constant.toarray(), first.toarray())
+
+
+def test_a_value_is_no_part_of_the_operator():
+    X = AffineOperator(some(0, 0.4), {"a": some(1, 0.5)}).on_one_pattern()
+    before = X.constant.toarray()
+    X.at({"a": 2.0}).data[:] = 0.0
+    assert np.array_equal(X.constant.toarray(), before)
+
+
+@pytest.mark.parametrize("empty", [0, 1])
+def test_a_sum_with_an_empty_operator_is_the_other_one(empty):
+    nothing, own = AffineOperator(sparse.csr_array((N, N)), {}), AffineOperator(some(0, 0.4), {"a": some(1, 0.5)})
+    both = sum_of(own, nothing) if empty else sum_of(nothing, own)
+    assert np.array_equal(both.at({"a": 2.0}).toarray(), own.at({"a": 2.0}).toarray())

@@ -1,4 +1,4 @@
-"""Elimination gives what Lagrange multipliers give, and refuses what contradicts itself."""
+"""Elimination gives what Lagrange multipliers give, along axes of the nodes' own too, and refuses what contradicts itself."""
 
 from __future__ import annotations
 
@@ -6,150 +6,63 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
 from strainsight.fem.assembly import assemble
-from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.constraints import constraint_transform, describe_row
+from strainsight.fem.model import build_model
+from strainsight.fem.support import rigid_body_motions
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
+
+from ..bodies import with_nodes
 
 
 def with_reference(mesh, at):
     """The mesh with one more node; returns it and the node's index."""
     n = len(mesh.position)
-    return replace(mesh, node_ids=np.append(mesh.node_ids, 900 + n), position=np.vstack([mesh.position, at])), n
+    return with_nodes(mesh, at, ids=[900 + n]), n
 
 
 def tip_of(mesh):
     return np.flatnonzero(np.isclose(mesh.position[:, 0], mesh.position[:, 0].max()))
 
 
-def by_elimination(mesh, force):
-    """z for the force on all rows of z, with the transformation under test."""
-    constraint = constraint_transform(mesh)
-    T = constraint.transform.toarray()
-    K = np.zeros((len(T), len(T)))
-    n = 3 * len(mesh.position)
-    K[:n, :n] = assemble(mesh)[0].constant.toarray()
-    return T @ np.linalg.solve(T.T @ K @ T, T.T @ force(constraint, len(T)))
-
-
-def by_multipliers(mesh, C, force):
-    """z = (u, θ) of one reference node with C z = 0 and the clamped components zero, from the saddle-point system."""
-    n = 3 * len(mesh.position)
-    K = np.zeros((n + 3, n + 3))
-    K[:n, :n] = assemble(mesh)[0].constant.toarray()
+def by_multipliers(K, C, f):
+    """z of K z + Cᵀλ = f, C z = 0, with the least motions of what K does not hold."""
     scale = np.abs(K).max()
-    K, f = K / scale, force / scale
-    clamped = np.zeros((len(mesh.fixed), n + 3))
-    clamped[np.arange(len(mesh.fixed)), 3 * mesh.fixed[:, 0] + mesh.fixed[:, 1]] = 1
-    C = np.vstack([C, clamped])
-    saddle = np.block([[K, C.T], [C, np.zeros((len(C), len(C)))]])
-    return np.linalg.lstsq(saddle, np.append(f, np.zeros(len(C))), rcond=1e-14)[0][: n + 3]
-
-
-def reference_force(node):
-    """A force and a moment on the reference node."""
-
-    def force(constraint, size):
-        f = np.zeros(size)
-        f[3 * node : 3 * node + 3] = [1e3, -2e3, 5e2]
-        f[constraint.reference_rows[node] :][:3] = [300.0, 100.0, -200.0]
-        return f
-
-    return force
-
-
-@pytest.mark.parametrize("components", [(0, 1, 2), (0, 2), (0, 1)])
-@pytest.mark.parametrize("kind", ["tet10", "hex8"])
-def test_rigid_element_equals_lagrange_multipliers(box, kind, components):
-    mesh, r = with_reference(box(kind, (2, 1, 1), distort=0.0, clamp_root=True), [1.3, 0.6, 0.2])
-    tip = tip_of(replace(mesh, position=mesh.position[:-1]))
-    mesh = replace(mesh, rigid=(RigidElement(5, r, tip, components),))
-    n = 3 * len(mesh.position)
-    rows = []
-    for node in tip:
-        arm = mesh.position[node] - mesh.position[r]
-        for c in components:
-            row = np.zeros(n + 3)
-            row[3 * node + c] = 1
-            row[3 * r + c] = -1
-            row[n:] = [-np.cross(axis, arm)[c] for axis in np.eye(3)]
-            rows.append(row)
-    force = reference_force(r)
-    found = by_elimination(mesh, force)
-    expected = by_multipliers(mesh, np.array(rows), force(constraint_transform(mesh), n + 3))
-    assert np.allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    saddle = np.block([[K / scale, C.T], [C, np.zeros((len(C), len(C)))]])
+    return np.linalg.lstsq(saddle, np.append(f / scale, np.zeros(len(C))), rcond=1e-13)[0][: len(K)]
 
 
 @pytest.mark.parametrize("components", [(0, 1, 2, 3, 4, 5), (0, 1, 2)])
 def test_averaging_element_equals_lagrange_multipliers(box, components):
-    """The reference follows the weighted least-squares rigid motion of its nodes."""
+    """Under a force on the reference node and, where it turns with the others, a moment."""
     mesh, r = with_reference(box("tet10", (2, 1, 1), clamp_root=True), [1.4, 0.7, 0.1])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     weight = np.random.default_rng(2).uniform(0.2, 2.0, len(tip))
     mesh = replace(mesh, averaging=(AveragingElement(6, r, tip, weight, components),))
     n = 3 * len(mesh.position)
-    design = np.vstack(
-        [
-            np.column_stack(
-                [np.eye(3), *(np.cross(axis, mesh.position[node] - mesh.position[r]) for axis in np.eye(3))]
-            )
-            for node in tip
-        ]
-    )
+    arms = mesh.position[tip] - mesh.position[r]
+    design = np.vstack([np.column_stack([np.eye(3), *(np.cross(axis, arm) for axis in np.eye(3))]) for arm in arms])
     root = np.repeat(np.sqrt(weight), 3)
     fit = np.linalg.pinv(design * root[:, None]) * root
     C = np.zeros((6, n + 3))
     C[:3, 3 * r : 3 * r + 3] = C[3:, n:] = np.eye(3)
     C[:, (3 * tip[:, None] + np.arange(3)).ravel()] = -fit
+    f = np.zeros(n + 3)
+    f[3 * r : 3 * r + 3], f[n:] = [1e3, -2e3, 5e2], [300.0, 100.0, -200.0]
     if len(components) == 3:
-        C[3:] = np.column_stack([np.zeros((3, n)), np.eye(3)])
-
-    def force(constraint, size):
-        f = reference_force(r)(constraint, size)
-        f[n:] *= len(components) == 6
-        return f
-
-    found = by_elimination(mesh, force)
-    expected = by_multipliers(mesh, C, force(constraint_transform(mesh), n + 3))
-    assert np.allclose(found, expected, atol=1e-9 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e4])
-def test_rigid_and_averaging_elements_follow_rigid_motions(box, unit):
-    mesh, a = with_reference(box("hex8", (2, 2, 2), size=(unit, unit, unit)), [1.5 * unit, 0, 0])
-    tip = tip_of(replace(mesh, position=mesh.position[:-1]))
-    mesh, b = with_reference(mesh, [-unit, 0.3 * unit, 2 * unit])
-    root = np.flatnonzero(np.isclose(mesh.position[:, 0], 0))
-    mesh = replace(
-        mesh,
-        rigid=(RigidElement(1, a, tip, (0, 1, 2)),),
-        averaging=(AveragingElement(2, b, root, np.arange(1.0, len(root) + 1), (0, 1, 2, 3, 4, 5)),),
-    )
-    constraint = constraint_transform(mesh)
-    for spin in np.eye(3):
-        z = np.zeros(constraint.transform.shape[0])
-        z[: 3 * len(mesh.position)] = np.cross(spin, mesh.position / unit).ravel()
-        for row in constraint.reference_rows.values():
-            z[row : row + 3] = spin / unit
-        rebuilt = constraint.transform @ z[constraint.free_rows]
-        n = 3 * len(mesh.position)
-        assert np.allclose(rebuilt[:n], z[:n], atol=1e-12)
-        assert np.allclose(rebuilt[n:] * unit, z[n:] * unit, atol=1e-12)
-
-
-def test_clamped_reference_clamps_its_dependents(box):
-    mesh, r = with_reference(box("hex8", (2, 1, 1)), [-0.5, 0.5, 0.5])
-    root = np.flatnonzero(np.isclose(mesh.position[:, 0], 0))
-    clamped = replace(mesh, rigid=(RigidElement(1, r, root, (0, 1, 2)),), fixed=np.array([(r, c) for c in range(6)]))
-    T = constraint_transform(clamped).transform
-    assert abs(T[(3 * root[:, None] + np.arange(3)).ravel()]).sum() == 0
-    assert T.shape[1] == 3 * (len(mesh.position) - 1 - len(root))
+        C[3:], f[n:] = np.column_stack([np.zeros((3, n)), np.eye(3)]), 0.0
+    K, clamped = np.zeros((n + 3, n + 3)), np.eye(n + 3)[3 * mesh.fixed[:, 0] + mesh.fixed[:, 1]]
+    K[:n, :n] = assemble(mesh)[0].constant.toarray()
+    T = constraint_transform(mesh).transform.toarray()
+    expected = by_multipliers(K, np.vstack([C, clamped]), f)
+    assert np.allclose(T @ np.linalg.solve(T.T @ K @ T, T.T @ f), expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_chains_resolve_in_any_order(box, order):
-    """A master turns a reference (all six components), which moves the tip: the same as one rigid element."""
     mesh, a = with_reference(box("tet4", (2, 1, 1), clamp_root=True), [1.2, 0.5, 0.5])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     mesh, b = with_reference(mesh, [2.0, -1.0, 0.3])
@@ -169,7 +82,6 @@ def test_nodes_of_no_element_have_no_motion(box):
 
 
 def test_motions_that_nothing_carries_are_left_out(box):
-    """A rigid element in z, on the plane of its reference, gives that z and the rotation about x."""
     mesh, r = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.0, 0.5, 0.5])
     mesh = replace(mesh, rigid=(RigidElement(1, r, tip_of(replace(mesh, position=mesh.position[:-1])), (2,)),))
     constraint = constraint_transform(mesh)
@@ -186,7 +98,6 @@ def test_clamped_rotation_of_a_solid_node_means_nothing(box):
 
 @pytest.mark.parametrize("clamped", [(0, 1, 2, 3, 4, 5), (0, 3, 5)])
 def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
-    """A reference that follows another one in rotations only, and moves the tip: z of the tip by hand."""
     mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.2, 0.5, 0.5])
     tip = tip_of(replace(mesh, position=mesh.position[:-1]))
     mesh, b = with_reference(mesh, [2.0, -1.0, 0.3])
@@ -209,7 +120,6 @@ def test_dependents_turn_with_a_reference_that_is_partly_clamped(box, clamped):
 
 
 def test_rows_of_other_matrices_have_rotations_and_supports_of_their_own(box):
-    """Stiffness stated row by row: what has none is left out; rotations follow a reference like those of a chain."""
     mesh, r = with_reference(box("hex8", (1, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
     one, other = tip_of(replace(mesh, position=mesh.position[:-1]))[:2]
     rigid = RigidElement(1, r, np.array([other]), (0, 1, 2, 3, 4, 5))
@@ -227,61 +137,187 @@ def test_rows_of_other_matrices_have_rotations_and_supports_of_their_own(box):
     assert np.array_equal(T[first[other] :][:3], T[first[r] :][:3])
 
 
-def refused(mesh, entity, message, **change):
+ALL_SIX, A, B, TIP_NODES = tuple(range(6)), 12, 13, np.arange(8, 12)
+CONTRADICTIONS = [
+    (
+        ("tie", 2),
+        "node 9 is dependent in rigid element 1 and in rigid element 2",
+        {"rigid": (RigidElement(1, A, TIP_NODES, (0, 1, 2)), RigidElement(2, B, TIP_NODES[:1], (0,)))},
+    ),
+    (
+        ("tie", 1),
+        "node 1 is clamped in component 1 and dependent in rigid element 1",
+        {"rigid": (RigidElement(1, A, np.array([0]), (0,)),)},
+    ),
+    (
+        ("tie", 2),
+        "circle through nodes 912, 913",
+        {"rigid": (RigidElement(1, A, np.array([B]), ALL_SIX), RigidElement(2, B, np.array([A]), ALL_SIX))},
+    ),
+    (("tie", 1), "depends on its own reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
+    (("tie", 1), "rigid element 1 has no dependent nodes", {"rigid": (RigidElement(1, A, np.zeros(0, dtype=int), (0,)),)}),
+    (
+        ("tie", 3),
+        "averaging element 3 needs nodes",
+        {"averaging": (AveragingElement(3, A, TIP_NODES, np.zeros(4), (0,)),)},
+    ),
+    (
+        ("tie", 3),
+        "do not hold rotation z of its reference",
+        {"averaging": (AveragingElement(3, A, TIP_NODES[:1], np.ones(1), (5,)),)},
+    ),
+    (
+        ("tie", 3),
+        "averaging element 3 averages node 913, which no element holds",
+        {"averaging": (AveragingElement(3, A, np.append(TIP_NODES, B), np.ones(5), (0, 1, 2)),)},
+    ),
+    (("node", 912), "point mass 4 sits on node 912", {"point_masses": (PointMass(4, A, 1.0),)}),
+]
+
+
+@pytest.mark.parametrize(("entity", "message", "change"), CONTRADICTIONS, ids=[row[1] for row in CONTRADICTIONS])
+def test_contradictions_name_the_nodes(box, entity, message, change):
+    mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
+    mesh, b = with_reference(mesh, [1.8, 0.5, 0.5])
+    assert (a, b) == (A, B)
     with pytest.raises(DeckError, match=message) as caught:
         constraint_transform(replace(mesh, **change))
     assert caught.value.entity == entity
 
 
-def test_contradictions_name_the_nodes(box):
-    mesh, a = with_reference(box("hex8", (2, 1, 1), clamp_root=True), [1.5, 0.5, 0.5])
-    mesh, b = with_reference(mesh, [1.8, 0.5, 0.5])
-    tip = tip_of(replace(mesh, position=mesh.position[:-2]))
-    rigid = RigidElement(1, a, tip, (0, 1, 2))
-    root = int(mesh.fixed[0, 0])
-    refused(
+TURN = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
+
+
+@pytest.fixture
+def supported_part(box):
+    """A box on rollers and one pin; part of its tip follows a node in two components and in their chain another one, whose
+    turning is the mean of the root's."""
+    mesh = box("tet10", (2, 1, 1), distort=0.2)
+    n = len(mesh.position)
+    x = mesh.position
+    tip, root = (np.flatnonzero(np.isclose(x[:, 0], end)) for end in (1.0, 0.0))
+    corner = int(np.argmin(np.abs(x).sum(axis=1)))
+    fixed = [(int(i), 0) for i in root] + [(corner, 1), (corner, 2), (int(root[-1]), 2)]
+    return replace(
+        with_nodes(mesh, [1.3, 0.6, 0.2], [1.5, 0.1, 0.7], ids=[900, 901]),
+        fixed=np.array(fixed, dtype=np.int64),
+        rigid=(RigidElement(1, n, tip[::2], (0, 2)), RigidElement(2, n + 1, np.array([n]), (1, 2, 3, 4, 5))),
+    )
+
+
+def solution(mesh, force):
+    constraint = constraint_transform(mesh)
+    T = constraint.transform.toarray()
+    n = 3 * len(mesh.position)
+    K = T[:n].T @ (assemble(mesh)[0].constant @ T[:n])
+    return T[:n] @ np.linalg.solve(K, T[:n].T @ force.ravel())
+
+
+def test_axes_of_their_own_equal_lagrange_multipliers(supported_part):
+    mesh = supported_part
+    n = len(mesh.position)
+    axes = dict(enumerate(Rotation.random(n, random_state=4).as_matrix()))
+    whole = RigidElement(2, n - 1, np.array([n - 2]), tuple(range(6)))
+    mesh = replace(mesh, axes=axes, rigid=(mesh.rigid[0], whole))
+    size = 3 * n + 6
+    motion = {n - 2: (3 * (n - 2), 3 * n), n - 1: (3 * (n - 1), 3 * n + 3)}
+    rows = []
+    for node, c in mesh.fixed:
+        row = np.zeros(size)
+        row[3 * node : 3 * node + 3] = axes[int(node)][:, c]
+        rows.append(row)
+    for e in mesh.rigid:
+        u, theta = motion[e.reference]
+        for node in e.nodes:
+            arm = mesh.position[node] - mesh.position[e.reference]
+            for c in e.components:
+                axis = axes[int(node)][:, c % 3]
+                row = np.zeros(size)
+                if c < 3:
+                    row[3 * node : 3 * node + 3] = axis
+                    row[u : u + 3] -= axis
+                    row[theta : theta + 3] -= np.cross(arm, axis)
+                else:
+                    row[motion[int(node)][1] :][:3] = axis
+                    row[theta : theta + 3] -= axis
+                rows.append(row)
+    C = np.array(rows)
+    K = np.zeros((size, size))
+    K[: 3 * n, : 3 * n] = assemble(mesh)[0].constant.toarray()
+    force = 1e11 * np.append(np.random.default_rng(1).normal(size=3 * n), np.zeros(6))
+    expected = by_multipliers(K, C, force)[: 3 * n]
+    np.testing.assert_allclose(solution(mesh, force[: 3 * n]), expected, atol=1e-8 * np.abs(expected).max())
+
+
+def test_free_rows_are_motions_along_the_axes_of_the_node(box):
+    mesh = box("hex8", (1, 1, 1), clamp_root=True)
+    held = int(np.flatnonzero(mesh.position[:, 0] == 1)[0])
+    mesh = replace(mesh, fixed=np.vstack([mesh.fixed, [held, 1]]), axes={held: TURN})
+    constraint = constraint_transform(mesh)
+    z = constraint.transform.toarray()
+    own = constraint.along_own_axes(constraint.transform).toarray()
+    np.testing.assert_allclose(own[constraint.free_rows], np.eye(z.shape[1]), atol=1e-15)
+    assert 3 * held + 1 not in constraint.free_rows
+    np.testing.assert_allclose(TURN[:, 1] @ z[3 * held : 3 * held + 3], 0, atol=1e-15)
+    assert (
+        describe_row(mesh, constraint, 3 * held + 2) == f"node {mesh.node_ids[held]}, translation 3 along its own axes"
+    )
+    other = (held + 1) % len(mesh.position)
+    assert describe_row(mesh, constraint, 3 * other).endswith(", translation x")
+
+
+def frame(normal):
+    """Axes whose third is the normal."""
+    normal = np.asarray(normal) / np.linalg.norm(normal)
+    first = np.cross(normal, [0.36, 0.48, 0.8])
+    first /= np.linalg.norm(first)
+    return np.column_stack([first, np.cross(normal, first), normal])
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN])
+def test_rollers_on_inclined_planes_hold_what_their_normals_span(box, turn):
+    mesh = box("hex8", (1, 1, 1))
+    mesh = replace(mesh, position=mesh.position @ turn.T)
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(6, 3))
+    x = mesh.position[:6]
+    assert np.linalg.matrix_rank(np.hstack([normals, np.cross(x, normals)])) == 6
+    held = replace(mesh, fixed=np.array([(i, 2) for i in range(6)]), axes={i: frame(v) for i, v in enumerate(normals)})
+    assert rigid_body_motions(held, constraint_transform(held)) == ()
+    build_model(held)
+    centre = turn @ [0.5, 0.5, 0.5]
+    radial = [x - centre - ((x - centre) @ turn[:, 2]) * turn[:, 2] for x in mesh.position]
+    ring = replace(
         mesh,
-        ("tie", 2),
-        f"node {mesh.node_ids[tip[0]]} is dependent in rigid element 1 and in rigid element 2",
-        rigid=(rigid, RigidElement(2, b, tip[:1], (0,))),
+        fixed=np.array([(i, c) for i in range(8) for c in ((2, 0) if i == 0 else (2,))]),
+        axes={i: np.column_stack([turn[:, 2], np.cross(r, turn[:, 2]) / np.linalg.norm(r), r / np.linalg.norm(r)])
+              for i, r in enumerate(radial)},
+    )  # fmt: skip
+    (word,) = rigid_body_motions(ring, constraint_transform(ring))
+    axis = "z" if turn is not TURN else "(0.5845, 0.4216, -0.6933) through"
+    assert word.startswith(f"rotation about {axis}")
+
+
+def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(supported_part):
+    mesh = supported_part
+    node = int(mesh.rigid[0].nodes[0])
+    turned = replace(mesh, axes={node: TURN})
+    # component 2 is not tied: it may be clamped
+    constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 1]])))
+    with pytest.raises(DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* rigid element 1") as caught:
+        constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 2]])))
+    assert caught.value.entity == ("tie", 1)
+
+
+def test_an_averaging_reference_moves_along_its_own_axes(box):
+    mesh = box("hex8", (2, 1, 1), clamp_root=True)
+    n = len(mesh.position)
+    tip = np.flatnonzero(mesh.position[:, 0] == 1)
+    mesh = replace(
+        with_nodes(mesh, [1.0, 0.5, 0.5], ids=[900]),
+        averaging=(AveragingElement(3, n, tip, np.ones(len(tip)), (1,)),),
+        axes={n: TURN},
     )
-    refused(
-        mesh,
-        ("tie", 1),
-        f"node {mesh.node_ids[root]} is clamped in component 1 and dependent in rigid element 1",
-        rigid=(RigidElement(1, a, np.array([root]), (0,)),),
-    )
-    refused(
-        mesh,
-        ("tie", 2),
-        f"circle through nodes {mesh.node_ids[a]}, {mesh.node_ids[b]}",
-        rigid=(
-            RigidElement(1, a, np.array([b]), (0, 1, 2, 3, 4, 5)),
-            RigidElement(2, b, np.array([a]), (0, 1, 2, 3, 4, 5)),
-        ),
-    )
-    refused(mesh, ("tie", 1), "rigid element 1 depends on its own reference", rigid=(RigidElement(1, a, np.array([a]), (0,)),))
-    refused(
-        mesh, ("tie", 1), "rigid element 1 has no dependent nodes", rigid=(RigidElement(1, a, np.array([], dtype=int), (0,)),)
-    )
-    weightless = AveragingElement(3, a, tip, np.zeros(len(tip)), (0,))
-    refused(mesh, ("tie", 3), "averaging element 3 needs nodes", averaging=(weightless,))
-    line = tip[np.isclose(mesh.position[tip, 1], 0)]
-    refused(
-        mesh,
-        ("tie", 3),
-        "do not hold rotation z of its reference",
-        averaging=(AveragingElement(3, a, line[:1], np.ones(1), (5,)),),
-    )
-    refused(
-        mesh,
-        ("tie", 3),
-        f"averaging element 3 averages node {mesh.node_ids[b]}, which no element holds",
-        averaging=(AveragingElement(3, a, np.append(tip, b), np.ones(len(tip) + 1), (0, 1, 2)),),
-    )
-    refused(
-        mesh,
-        ("node", int(mesh.node_ids[a])),
-        f"point mass 4 sits on node {mesh.node_ids[a]}",
-        point_masses=(PointMass(4, a, 1.0),),
-    )
+    T = constraint_transform(mesh).transform.toarray()
+    mean = sum(T[3 * i : 3 * i + 3] for i in tip) / len(tip)
+    np.testing.assert_allclose(TURN.T @ T[3 * n : 3 * n + 3], np.diag([0, 1, 0]) @ TURN.T @ mean, atol=1e-15)

@@ -1,4 +1,4 @@
-"""Moduli of plies as parameters: against meshes whose plies are made anew, beam theory, and differences."""
+"""Moduli of plies and factors of sections as parameters: against meshes and sections made anew, and beam theory."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from strainsight.cases.structure.damage import surface_places
+from strainsight.cases.structure.settings import load_slopes
+from strainsight.config.loads import Load
 from strainsight.errors import UserError
-from strainsight.fem.affine import Parameter, at_their_references
-from strainsight.fem.model import build_model, nodal
+from strainsight.fem.affine import Parameter
+from strainsight.fem.model import build_model
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.thin import thin_operators
@@ -20,9 +22,10 @@ from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin import BeamSection, ShellSection
 
-from .laminate_models import CARBON, STEEL, plate, stack
+from .laminate_models import CARBON, STEEL, assert_made_anew, plate, stack
+from .test_thin import BAR, NU, RHO, E, L, straight
 
 ANY = stack([10, 55, -70, 0], [1e-3, 2e-4, 5e-4, 7e-4], [1, 2, 1, 1])
 SANDWICH = stack([0, 0, 90], [1e-3, 2e-2, 1e-3], [1, 3, 1])
@@ -61,37 +64,18 @@ def apart(X, Y):
     ],
 )
 def test_stiffness_is_that_of_plies_made_anew(kind, laminate, names):
-    """Anywhere in the ranges; at the reference to the last digit; slopes are those of the plies, too; the mass stays."""
     mesh, free = distorted(laminate, kind), moduli(*names)
     K, M = thin_operators(mesh, free)
     assert not M.terms
     reference = {own.name: own.reference for own in free}
 
     def anew(theta):
-        return thin_operators(replace(mesh, laminae={1: replace(CARBON, **theta)}))[0].at({})
+        return [thin_operators(replace(mesh, laminae={1: replace(CARBON, **theta)}))[0].at({})]
 
-    assert abs(K.at(reference) - anew(reference)).max() <= 1e-15 * abs(K.constant).max() * len(K.terms)
+    assert abs(K.at(reference) - anew(reference)[0]).max() <= 1e-15 * abs(K.constant).max() * len(K.terms)
     rng = np.random.default_rng(1)
     for _ in range(2):
-        theta = {own.name: rng.uniform(*own.range) for own in free}
-        assert apart(K.at(theta), anew(theta)) < 5e-8
-        for name in names:
-            d = 1e-3 * theta[name]
-            near, far = (
-                (anew({**theta, name: theta[name] + k * d}) - anew({**theta, name: theta[name] - k * d})) for k in (1, 2)
-            )
-            slope = K.derivative(name, theta) * theta[name]
-            d_theta = (8 * near - far) / (12 * d) * theta[name]
-            scale = np.sqrt(K.at(theta).diagonal())
-            assert np.abs((slope - d_theta).toarray() / np.outer(scale, scale)).max() < 1e-6
-
-
-def test_matrices_at_the_reference_alone_are_the_same_to_the_bit():
-    """Where no other value is asked for nothing is interpolated."""
-    mesh, free = distorted(ANY), moduli("e1", "g12")
-    for X, alone in zip(thin_operators(mesh, free), thin_operators(mesh, at_their_references(free)), strict=True):
-        assert not alone.terms
-        assert abs(X.constant - alone.constant).max() == 0
+        assert_made_anew([K], anew, {own.name: rng.uniform(*own.range) for own in free})
 
 
 def test_stiffness_stays_positive_definite_however_far_a_filter_tries():
@@ -119,33 +103,7 @@ def test_factor_multiplies_what_moduli_shape():
     np.testing.assert_allclose((0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max())
 
 
-def test_strip_along_its_fibres_bends_by_e1_and_one_across_them_by_e2():
-    """Tip deflection P L³/(3 E I): of 0° plies E = E₁, of 90° ones E₂, to 1 %; and by 1/E along the range to 1e-3."""
-    a, b, n = 0.4, 0.01, 16
-    for angle, name, other in ((0, "e1", "e2"), (90, "e2", "e1")):
-        mesh = plate(stack([angle] * 2, 1e-3), n, 1, a, b, fixed=[(k, c) for k in (0, 1) for c in range(6)])
-        held = np.flatnonzero(mesh.position[:, 0] == 0)
-        mesh = replace(mesh, fixed=np.array([(k, c) for k in held for c in range(6)]))
-        free = moduli(name, other)
-        model = build_model(mesh, free)
-        tip = np.flatnonzero(mesh.position[:, 0] == a)
-        force = np.zeros((len(mesh.position), 3))
-        force[tip, 2] = 0.5
-        T = nodal(model, np.eye(model.size))
-
-        def deflection(theta, model=model, T=T, force=force, tip=tip):
-            return (T @ spsolve(model.stiffness.at(theta).tocsc(), T.T @ force.ravel())).reshape(-1, 3)[tip, 2].mean()
-
-        reference = {own.name: own.reference for own in free}
-        expected = a**3 / (3 * reference[name] * b * 2e-3**3 / 12)
-        assert deflection(reference) == pytest.approx(expected, rel=0.01)
-        stiffer = deflection({**reference, name: 1.25 * reference[name]})
-        assert stiffer * 1.25 == pytest.approx(deflection(reference), rel=1e-3)
-        assert deflection({**reference, other: 1.25 * reference[other]}) == pytest.approx(deflection(reference), rel=3e-3)
-
-
 def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():
-    """Stress of plies made anew, and the rows that damage is of; σ by differences of them."""
     mesh = with_faces(plate(ANY, 2, 2, 0.3, 0.25, axis=(1.0, 0.3, 0.0)))
     free, facets = moduli("e1", "g12"), exterior_facets(mesh)
     field = np.random.default_rng(3).normal(size=(3 * len(mesh.position), 2))
@@ -187,8 +145,6 @@ def test_material_says_which_plies_are_meant():
 
 
 def test_modulus_of_isotropic_plies_is_that_of_a_plate_beside_them_too():
-    """One E of steel: in plies, where K and the stress of the lower ply are those of plies made anew, and in a plate, which is
-    proportional to it."""
     mesh = plate(stack([10, 55, 0], 1e-3, [2, 1, 1]), 4, 2, 0.4, 0.2, axis=(1.0, 0.3, 0.0))
     mesh.shells[0].region[:4] = 2
     mesh = replace(
@@ -210,20 +166,13 @@ def test_modulus_of_isotropic_plies_is_that_of_a_plate_beside_them_too():
 
 @pytest.mark.parametrize("kind", ["quad4", "tri3"])
 def test_bending_of_a_homogeneous_shell_has_a_factor(kind):
-    """That of 12 I/t³: a square plate that is clamped has w₀ ∝ 1/f where it is thin, and K that of a section made anew."""
-    fixed = [(k, c) for k in range(7) for c in range(6)]
-    mesh = plate(ANY, 6, 2, 0.3, 0.05, kind, fixed=fixed)
+    """That of 12 I/t³: K is that of a section made anew."""
+    mesh = plate(ANY, 6, 2, 0.3, 0.05, kind)
     mesh = replace(mesh, sections={1: ShellSection(1e-3)}, regions={1: Region(1, "PSHELL 1", 2)})
     free = [Parameter("f", "bending_factor", (1,), 1.0, range=(0.7, 1.4))]
-    model = build_model(mesh, free)
     for f in (0.7, 1.15):
         other = replace(mesh, sections={1: replace(mesh.sections[1], bending=f)})
         assert apart(thin_operators(mesh, free)[0].at({"f": f}), thin_operators(other)[0].at({})) < 5e-8
-    force = np.zeros((len(mesh.position), 3))
-    force[-1, 2] = 1.0
-    T = nodal(model, np.eye(model.size))
-    w = [(T @ spsolve(model.stiffness.at({"f": f}).tocsc(), T.T @ force.ravel()))[-1] for f in (1.0, 1.3)]
-    assert w[0] / w[1] == pytest.approx(1.3, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -247,3 +196,81 @@ def test_what_a_region_does_not_have_is_refused(property, material, laminate, wh
 def test_two_parameters_of_one_property_are_refused():
     with pytest.raises(UserError, match="a and b are both the e1"):
         thin_operators(distorted(ANY), [replace(moduli("e1")[0], name=name) for name in "ab"])
+
+
+A, I1, I2, J, G = BAR.area, BAR.second[0, 0], BAR.second[1, 1], BAR.torsion, E / (2 * (1 + NU))
+PULL, PUSH, TWIST = (np.eye(6)[k] for k in (0, 1, 3))
+
+
+def free(*properties, low=0.6, high=1.7):
+    return [Parameter(name, name, (1,), 1.0, range=(low, high)) for name in properties]
+
+
+def tip_of(model, theta, load):
+    """Displacement and rotation (6,) of the tip under a unit force or moment there."""
+    rows = model.constraint.reference_rows
+    tip = 10
+    at = np.concatenate([3 * tip + np.arange(3), rows[tip] + np.arange(3)])
+    T = model.constraint.transform[at]
+    return T @ spsolve(model.stiffness.at(theta).tocsc(), T.T @ load)
+
+
+def test_each_factor_acts_on_its_own_motion_and_exactly():
+    """u = PL/(EA), v = PL³/(3EI₁), φ = ML/(GJ), each over its factor; affine, so that one term each is enough."""
+    model = build_model(straight(section=BAR), free("area_factor", "bending_factor", "torsion_factor"))
+    assert len(model.stiffness.terms) <= 3
+    rng = np.random.default_rng(0)
+    for a, b, t in ((1, 1, 1), *rng.uniform(0.6, 1.7, (3, 3))):
+        theta = {"area_factor": a, "bending_factor": b, "torsion_factor": t}
+        assert tip_of(model, theta, PULL)[0] == pytest.approx(L / (E * A * a), rel=1e-9)
+        assert tip_of(model, theta, PUSH)[1] == pytest.approx(L**3 / (3 * E * I1 * b), rel=1e-9)
+        assert tip_of(model, theta, TWIST)[3] == pytest.approx(L / (G * J * t), rel=1e-9)
+
+
+@pytest.mark.parametrize("shear", [(0.0, 0.0), (0.8, 0.7)])
+def test_stiffness_and_mass_are_those_of_a_section_made_anew(shear):
+    section = BeamSection(
+        2e-3, np.array([[8e-7, 1e-7], [1e-7, 6e-7]]), 3e-7, shear, nonstructural=0.4,
+        at_b=BeamSection(1e-3, np.array([[4e-7, 0.0], [0.0, 5e-7]]), 2e-7, shear, nonstructural=0.2),
+    )  # fmt: skip
+    mesh = straight(count=3, section=section, offset=(0.0, 0.01, 0.02))
+    own = [*free("area_factor", "bending_factor", "torsion_factor"), Parameter("E", "youngs_modulus", (1,), E)]
+    K, M = thin_operators(mesh, [*own, Parameter("rho", "density", (1,), RHO)])
+    theta = {"area_factor": 1.4, "bending_factor": 0.7, "torsion_factor": 1.2, "E": 1.1e11, "rho": 7000.0}
+
+    def anew(theta):
+        def times(end):
+            return replace(
+                end,
+                area=theta["area_factor"] * end.area,
+                second=theta["bending_factor"] * end.second,
+                torsion=theta["torsion_factor"] * end.torsion,
+            )
+
+        changed = replace(times(section), at_b=times(section.at_b))
+        material = replace(mesh.materials[1], youngs_modulus=theta["E"], density=theta["rho"])
+        return [X.at({}) for X in thin_operators(replace(mesh, sections={1: changed}, materials={1: material}))]
+
+    assert_made_anew((K, M), anew, theta)
+
+
+def test_load_on_mass_follows_the_area():
+    """Under its own weight the tip moves by ρ A f_A L⁴/(8 E I): the slope in f_A; the density beside it is refused."""
+    own = replace(free("area_factor")[0], reference=1.2)
+    model = build_model(with_value(straight(section=BAR), "area_factor", (1,), 1.2))
+    load = {"gravity": (0, 0, -1), "known": True, "signal": {"type": "sine", "frequency": 1.0, "amplitude": 9.81}}
+    config = {"weight": Load.model_validate(load)}
+    slope = load_slopes(model, config, [own])["area_factor"]
+    tip = model.constraint.transform[3 * 10 + 2] @ spsolve(model.stiffness.at({}).tocsc(), slope[:, 0])
+    assert tip == pytest.approx(-RHO * A * L**4 / (8 * E * I2), rel=2e-3)
+    with pytest.raises(UserError, match="multiply each other"):
+        load_slopes(model, config, [own, Parameter("rho", "density", (1,), RHO)])
+
+
+def test_factor_of_what_a_section_lacks_is_refused():
+    rod = straight(section=BeamSection(area=1e-4), kind="rod")
+    for name in ("bending_factor", "torsion_factor"):
+        with pytest.raises(UserError, match=f"no stiffness of its own that a {name}"):
+            thin_operators(rod, free(name))
+    K, _ = thin_operators(rod, free("area_factor"))
+    np.testing.assert_allclose(K.at({"area_factor": 1.3}).toarray(), 1.3 * K.constant.toarray(), rtol=1e-12)

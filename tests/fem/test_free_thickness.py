@@ -21,14 +21,13 @@ from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
-from strainsight.mesh.model import Material, Mesh, Region
+from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
 
-from .second_order import KINDS as SECOND_ORDER
-from .second_order import square
-from .shell_models import unit_square
+from .laminate_models import assert_made_anew
+from .shell_models import sheet
 
 E, NU, RHO, T = 7e10, 0.3, 2700.0, 4e-3
 FREE = Parameter("t", "thickness", (1,), T, range=(0.6 * T, 1.5 * T))
@@ -46,23 +45,11 @@ SECTIONS = {
 
 def shell(kind="quad4", section=SECTIONS["homogeneous"], height=0.0, offset=0.0, count=(3, 2), size=(0.3, 0.1)):
     """On a rectangle, curved both ways and warped by `height` [m], with the faces of its thickness."""
-    a, b, cells = (square if kind in SECOND_ORDER else unit_square)(*count, kind)
-    x = np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
-    e = len(cells)
-    block = ShellBlock(kind, 1 + np.arange(e), cells, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan))
-    return with_faces(
-        Mesh(
-            1 + np.arange(len(x)),
-            x,
-            (),
-            {1: Region(1, "PSHELL 1", 1)},
-            {1: Material(1, E, NU, RHO)},
-            np.array([[node, c] for node in np.flatnonzero(a == 0) for c in range(6)]),
-            shells=(block,),
-            sections={1: section},
-            laminae={7: PLY},
-        )
-    )
+
+    def place(a, b):
+        return np.column_stack([size[0] * a, size[1] * (b + 0.1 * a * b), height * (a**2 - a * b + 0.4 * b**2)])
+
+    return with_faces(sheet(kind, *count, place, section, Material(1, E, NU, RHO), offset=offset, laminae={7: PLY}))
 
 
 def anew(mesh, t):
@@ -96,18 +83,14 @@ def anew(mesh, t):
     ],
 )
 def test_stiffness_and_mass_are_those_of_a_mesh_made_anew(kind, section, height, offset, size):
-    """Slopes too, by central differences."""
     mesh = shell(kind, SECTIONS[section], height, offset, size=size)
-    for X, own in zip(thin_operators(mesh, [FREE]), (0, 1), strict=True):
-        d = np.sqrt(X.constant.diagonal())
-        scale = np.outer(d, d) + (np.outer(d, d) == 0)
-        for t in VALUES:
-            other = thin_operators(anew(mesh, t))[own].constant
-            assert np.abs((X.at({"t": t}) - other).toarray() / scale).max() < 1e-8
-        step = 1e-5 * T
-        up, down = (thin_operators(anew(mesh, 1.2 * T + k * step))[own].constant for k in (1, -1))
-        slope = T * (X.derivative("t", {"t": 1.2 * T}) - (up - down) / (2 * step)).toarray()
-        assert np.abs(slope / scale).max() < 1e-7
+    for t, slope in (*((t, np.inf) for t in VALUES), (1.2 * T, 1e-7)):
+        assert_made_anew(
+            thin_operators(mesh, [FREE]),
+            lambda theta: [X.constant for X in thin_operators(anew(mesh, theta["t"]))],
+            {"t": t},
+            *(1e-8, slope, 1e-5),
+        )
 
 
 def displaced(mesh, t=None):
@@ -121,7 +104,6 @@ def displaced(mesh, t=None):
     [("quad4", 0.02, 0.0), ("tri6", 0.02, 0.0), ("tri3", 0.0, 0.03), ("quad8", 0.0, 0.03)],
 )
 def test_gauges_read_what_they_read_on_a_mesh_made_anew(kind, height, length):
-    """On both faces, at a point and over a grid; slopes too; linear in t where the shell is flat."""
     mesh = shell(kind, height=height, offset=0.001, count=(4, 3))
     facets = exterior_facets(mesh)
     pool = candidates(mesh, facets, (1.0, 0.2, 0.1), (0.0, 50.0), on_constraints=True, length=length)
@@ -157,7 +139,6 @@ def test_strain_of_the_faces_is_that_of_a_mesh_made_anew(kind):
 
 
 def test_of_two_regions_side_by_side_each_moves_its_own_faces():
-    """They share the nodes on their faces at the reference, and no longer where one is thicker."""
     mesh = shell(count=(4, 2))
     block = replace(mesh.shells[0], region=np.where(np.arange(8) < 4, 1, 2))
     mesh = replace(

@@ -47,7 +47,6 @@ def test_resistance_is_that_of_slices(name):
 
 
 def test_plies_of_one_material_are_a_homogeneous_shell():
-    """However cut into plies and turned; K of the isotropic path."""
     plies = plate(stack([0, 30, 77], [1e-3, 4e-3, 2e-3], 2), 3, 2, 0.4, 0.3, offset=0.002)
     mesh = replace(
         plies,
@@ -144,7 +143,6 @@ def test_nafems_laminated_strip():
 
 
 def test_stress_on_faces_of_isotropic_plies_is_that_of_a_homogeneous_shell():
-    """Of strain of any kind, on both faces: of steel as plies and as a PSHELL, strain across too."""
     plies = plate(stack([20, 50], 2e-3, 2), 3, 2, 0.3, 0.2, axis=(1.0, 1.0, 0.0))
     alike = replace(plies, sections={1: ShellSection(4e-3)}, regions={1: replace(plies.regions[1], material=2)})
     states = []
@@ -183,7 +181,6 @@ def test_angles_go_from_the_material_axis():
 
 
 def test_mass_is_that_of_the_plies():
-    """Steel below carbon: the sum, and its centre on the side of the steel; of solids as thick as the plies."""
     laminate = replace(stack([0, 0], [1e-3, 3e-3], [2, 1]), nonstructural=2.0)
     mesh = plate(laminate, 2, 2, 0.3, 0.25, offset=0.01)
     mass, centre = mass_properties(mesh)
@@ -224,24 +221,3 @@ def test_factor_and_density_of_a_laminate_are_affine():
     with pytest.raises(UserError, match="without isotropic plies") as error:
         thin_operators(fibres, (Parameter("E", "youngs_modulus", (1,), 1e11),))
     assert "stiffness_factor" in str(error.value.remedy)
-
-
-def test_unsymmetric_strip_bends_when_pulled():
-    """[0/90] pulled along x: [ε; κ] = [A B; B D]⁻¹ [N; 0] in the middle of a strip with free edges, by its own slices."""
-    a, b, n, m = 0.4, 0.02, 20, 2
-    laminate = stack([0, 90], 5e-4)
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(n + 1), np.arange(m + 1), indexing="ij"))
-    held = np.flatnonzero(i == 0)
-    mesh = plate(laminate, n, m, a, b, fixed=[(k, c) for k in held for c in (0, 2, 4)] + [(int(held[1]), 1)])
-    model = build_model(mesh)
-    forces = np.zeros((len(i), 3))
-    end = np.flatnonzero(i == n)
-    forces[end, 0] = b / m * np.where((j[end] == 0) | (j[end] == m), 0.5, 1.0)
-    T = nodal(model, np.eye(model.size))
-    moved = (T @ spsolve(model.stiffness.at({}).tocsc(), T.T @ forces.ravel())).reshape(-1, 3)
-    A, B, D, _ = by_slices(laminate, mesh)
-    strain = np.linalg.solve(np.block([[A, B], [B, D]]), [1.0, 0, 0, 0, 0, 0])
-    middle = np.flatnonzero(j == 1)
-    np.testing.assert_allclose(moved[middle, 0], strain[0] * a * i[middle] / n, rtol=1e-6, atol=1e-15)
-    x = a * i[middle] / n
-    np.testing.assert_allclose(moved[middle, 2] - moved[middle[0], 2], -0.5 * strain[3] * x**2, rtol=1e-6, atol=1e-15)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.fem.given_motion import given_motion
 from strainsight.fem.loads import PointLoad, input_shape
@@ -16,9 +15,13 @@ from strainsight.fem.model import nodal
 from strainsight.fem.of_results import Results, results_model
 from strainsight.fem.results_checks import check_rows
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
+from strainsight.mesh.model import Material
 from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin import ShellSection
 
+from ..bodies import with_nodes
 from .conftest import make_box
+from .shell_models import sheet
 
 E, RHO, L, SIDE, MODES = 2.1e11, 7850.0, 2.0, 0.1, 3
 AREA = SIDE**2
@@ -79,7 +82,6 @@ def without_density(mesh):
 
 
 def test_a_bar_by_its_closed_form(bar):
-    """The static response is exact; the residual has the energy and the mass of all modes that are left out."""
     found, S = built(bar, results_of(bar))
     K, M = (X.at({}).toarray() for X in (found.model.stiffness, found.model.mass))
     assert np.allclose(np.diag(K)[:MODES], (WAVE * np.sqrt(E / RHO)) ** 2, rtol=1e-12)
@@ -119,7 +121,6 @@ def test_without_densities_the_residual_is_quasi_static(bar):
 
 
 def test_modes_of_any_mass_are_normalised(bar):
-    """By what the file states, exactly; by the densities of the mesh, as good as its elements."""
     own, factor = results_of(bar), np.array([3.0, 0.2, 50.0])
     motion = own.motion.copy()
     motion[:MODES] *= factor[:, None, None]
@@ -145,8 +146,7 @@ def test_modes_of_any_mass_are_normalised(bar):
 def test_a_response_to_another_load_is_refused(bar, weighs, factor, said):
     mesh = bar if weighs else without_density(bar)
     own = results_of(bar)
-    motion = own.motion.copy()
-    motion[MODES:] *= factor
+    motion = np.concatenate([own.motion[:MODES], factor * own.motion[MODES:]])
     with pytest.raises(UserError, match=said) as caught:
         built(mesh, replace(own, motion=motion))
     assert caught.value.key == "mesh.results.loads.end"
@@ -192,7 +192,7 @@ def test_results_have_to_cover_the_surface_and_the_loads(bar):
     motion[:, 7] = np.nan
     with pytest.raises(UserError, match=f"lack node {bar.node_ids[7]}, translation x.*of 1 of the {len(bar.node_ids)}"):
         built(bar, replace(own, motion=motion))
-    apart = replace(bar, node_ids=np.r_[bar.node_ids, 99999], position=np.vstack([bar.position, [3.0, 0.0, 0.0]]))
+    apart = with_nodes(bar, [3.0, 0.0, 0.0], ids=[99999])
     motion = np.concatenate([own.motion, np.full((len(own.motion), 1, 3), np.nan)], axis=1)
     loose = PointLoad("end", (1.0, 0.0, 0.0), node_id=99999)
     with pytest.raises(UserError, match="node 99999, translation x, on which a load acts"):
@@ -205,9 +205,7 @@ def test_reference_nodes_follow_what_they_lead(box):
     n, end = len(mesh.position), np.flatnonzero(mesh.position[:, 0] == 1.0)
     at = np.array([[1.4, 0.1, 0.2], [1.2, -0.3, 0.1]])
     mesh = replace(
-        mesh,
-        node_ids=np.r_[mesh.node_ids, 900, 901],
-        position=np.vstack([mesh.position, at]),
+        with_nodes(mesh, at, ids=[900, 901]),
         rigid=(RigidElement(1, n, end, tuple(range(3))),),
     )
     mesh = replace(mesh, averaging=(averaging(n + 1, np.flatnonzero(mesh.position[:n, 0] == 0.0)),))
@@ -228,13 +226,10 @@ def averaging(reference, nodes):
 
 
 def test_what_no_result_determines_is_not_known(box):
-    """Two nodes of a rigid element on a line do not say how it turns about that line."""
     mesh = box("hex8", (1, 1, 1), (1.0, 1.0, 1.0))
     edge = np.flatnonzero((mesh.position[:, 0] == 1.0) & (mesh.position[:, 1] == 1.0))
     mesh = replace(
-        mesh,
-        node_ids=np.r_[mesh.node_ids, 900],
-        position=np.vstack([mesh.position, [2.0, 1.0, 0.5]]),
+        with_nodes(mesh, [2.0, 1.0, 0.5], ids=[900]),
         rigid=(RigidElement(1, 8, edge, (0, 1, 2)),),
     )
     motion = np.zeros((1, 9, 3))
@@ -260,22 +255,11 @@ def test_mass_times_a_motion(kind, box):
     assert found[1, 1] == pytest.approx(RHO * a * b * c * (a**2 + b**2) / 3 + 12.0 * (a**2 + b**2), rel=1e-12)
 
 
-SHELL = """GRID,1,,0.,0.,0.
-GRID,2,,1.,0.,0.
-GRID,3,,1.,1.,0.2
-GRID,4,,0.,1.,0.2
-CQUAD4,1,1,1,2,3,4
-PSHELL,1,1,0.05,1,,1
-MAT1,1,2.1+11,,0.3,7850.
-"""
-
-
 @pytest.fixture(scope="module")
-def plate(tmp_path_factory):
+def plate():
     """One shell with the nodes on its faces behind its own, and a rigid motion of all."""
-    path = tmp_path_factory.mktemp("plate") / "plate.bdf"
-    path.write_text(SHELL)
-    mesh = with_faces(read_mesh(path))
+    place, steel = lambda a, b: np.column_stack([a, b, 0.2 * b]), Material(1, E, 0.3, RHO)
+    mesh = with_faces(sheet("quad4", 1, 1, place, ShellSection(0.05), steel, False))
     u, turn = np.array([0.3, -0.1, 0.7]), np.array([0.2, 0.5, -0.4])
     motion = np.hstack([u + np.cross(turn, mesh.position), np.tile(turn, (len(mesh.position), 1))])
     return mesh, motion

@@ -1,24 +1,30 @@
-"""The strain and stress of the surface, of all solids, against known fields, closed forms, gauges and draws."""
+"""Strain and stress of the surface against known fields, gauges and draws; parts of a mesh that are moved at their cut."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strainsight.errors import DeckError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
-from strainsight.fem.element_matrices import element_stiffnesses
-from strainsight.fem.factorisation import factorise
+from strainsight.fem.patch import Incidence, forced_nodes, held_components, patch_around
+from strainsight.fem.patch_forces import tractions
 from strainsight.fem.recovery import bubble_amplitudes, facet_strain
 from strainsight.fem.stress import principal, surface_model, surface_state, von_mises
+from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_matrix
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.hexahedra import HEX8
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import Mesh
+
+from ..bodies import body, held, moved, with_nodes
+from ..shared import slowly
 
 KINDS = [kind.name for kind in ELEMENTS]
 E, NU, RHO = 2.1e11, 0.3, 7850.0
@@ -61,19 +67,6 @@ def test_a_linear_field_is_recovered_exactly_on_distorted_and_curved_elements(bo
     np.testing.assert_allclose(tensors(rows, mesh.position @ G.T + 0.7), expected, atol=2e-13)
 
 
-@pytest.mark.parametrize("kind", ["tet10", "hex20", "wedge15"])
-def test_a_quadratic_field_is_recovered_exactly_on_straight_elements(box, kind):
-    mesh = box(kind, (2, 2, 2), (1.0, 0.8, 0.6))
-    x, y, z = mesh.position.T
-    field = np.column_stack([x * y + z**2, x**2 - y * z, x * z + y**2])
-    facets = exterior_facets(mesh)
-    x, y, z = centres(mesh, facets).T
-    zero = np.zeros_like(x)
-    G = np.array([[y, x, 2 * z], [2 * x, -z, -y], [z, 2 * y, x + zero]]).transpose(2, 0, 1)
-    strain = tensors(facet_strain(mesh, facets), field)
-    np.testing.assert_allclose(strain, voigt(0.5 * (G + G.transpose(0, 2, 1))), atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_along_the_surface_it_is_what_a_gauge_reads(box, kind):
     """Any field, distorted and curved elements: tᵀεt at a facet's centre is the row of a point gauge there."""
@@ -93,125 +86,31 @@ def test_along_the_surface_it_is_what_a_gauge_reads(box, kind):
 def test_the_incompatible_modes_stand_where_the_assembly_condenses_them(box):
     """zᵀKz of the assembled element is the energy of the strain with these amplitudes, at its own quadrature points."""
     mesh = shaken(box("hex8", (1, 1, 1)), 0.1)
-    position, ids, nu = mesh.position[mesh.blocks[0].nodes], np.array([1]), np.array([NU])
-    a, b = np.triu_indices(8)
-    blocks = element_stiffnesses(HEX8, position, nu, ids)[0].reshape(-1, 3, 3)
-    K = np.zeros((8, 3, 8, 3))
-    K[a, :, b, :] = blocks
-    K[b, :, a, :] = blocks.transpose(0, 2, 1)
-    K = K.reshape(24, 24)
-    z = np.random.default_rng(2).standard_normal(24)
-    alpha = bubble_amplitudes(HEX8, position, nu, ids)[0] @ z
-    gauss = 1 / np.sqrt(3)
-    sign = 2 * (np.array(np.meshgrid(*[[0, 1]] * 3, indexing="ij")).reshape(3, -1).T) - 1
-    corners = np.array(
-        [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]]
-    )
-
-    def jacobian(xi):
-        half = 0.5 * (1 + corners * xi)
-        dN = np.stack([0.5 * corners[:, d] * np.prod(np.delete(half, d, axis=1), axis=1) for d in range(3)], axis=1)
-        return dN, position[0].T @ dN
-
-    _, J0 = jacobian(np.zeros(3))
-    lam, mu = NU / ((1 + NU) * (1 - 2 * NU)), 0.5 / (1 + NU)
-    energy = 0.0
-    for xi in gauss * sign:
-        dN, J = jacobian(xi)
-        G = z.reshape(8, 3).T @ dN @ np.linalg.inv(J)
+    nodes, z = mesh.blocks[0].nodes, np.random.default_rng(2).standard_normal((8, 3))
+    x, u = mesh.position[nodes[0]], z[nodes[0]]
+    alpha = (bubble_amplitudes(HEX8, x[None], np.array([NU]), np.array([1]))[0] @ u.ravel()).reshape(3, 3)
+    lam, mu, energy = E * NU / ((1 + NU) * (1 - 2 * NU)), 0.5 * E / (1 + NU), 0.0
+    J0 = x.T @ HEX8.gradient(np.zeros((1, 3)))[0]
+    for xi, dN in zip(HEX8.stiffness[0], HEX8.gradient(HEX8.stiffness[0]), strict=True):
+        J = x.T @ dN
         own = np.linalg.det(J0) / np.linalg.det(J) * (-2 * np.diag(xi)) @ np.linalg.inv(J0)
-        G = G + alpha.reshape(3, 3).T @ own
+        G = u.T @ dN @ np.linalg.inv(J) + alpha.T @ own
         strain = 0.5 * (G + G.T)
         energy += np.linalg.det(J) * (lam * np.trace(strain) ** 2 + 2 * mu * np.sum(strain**2))
-    assert energy == pytest.approx(z @ K @ z, rel=1e-12)
-
-
-def bar(box, kind, counts, load, components=(0, 1, 2), **more):
-    """A bar 1 × 0.1 × 0.08 m whose ends are moved by `load` (of x and of y, z from the axis) in these components; where x is
-    not one of them it is held on the axis. Returns the mesh and the displacements."""
-    mesh = box(kind, counts, (1.0, 0.1, 0.08), material=(E, NU, RHO), **more)
-    x, y, z = mesh.position.T
-    y, z = y - 0.05, z - 0.04
-    exact = np.column_stack(load(x, y, z))
-    ends = np.isclose(x, 0) | np.isclose(x, 1)
-    K, _ = assemble(mesh)
-    given = np.isin(np.arange(3), components) & ends[:, None]
-    given[ends & np.isclose(y, 0) & np.isclose(z, 0), 0] = True
-    given = given.ravel()
-    K = K.constant
-    free = np.flatnonzero(~given)
-    field = exact.ravel().copy()
-    field[free] = -factorise(K[free][:, free]).solve(K[free][:, np.flatnonzero(given)] @ field[given])
-    return mesh, field
-
-
-def middle_stresses(mesh, field):
-    """Stress at the centres of all facets, these from the axis, and which are at least 0.25 m from the ends."""
-    facets = exterior_facets(mesh)
-    rows, points = facet_strain(mesh, facets), centres(mesh, facets)
-    state = surface_state(surface_model(mesh, rows, column(field)), {}, np.ones(1))
-    inner = np.abs(points[:, 0] - 0.5) < 0.25
-    return state, points - [0.0, 0.05, 0.04], inner
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_tension_of_a_bar(box, kind):
-    """u = [εx, −νεy, −νεz]: σxx = Eε alone, everywhere; von Mises and the first principal stress are σxx."""
-    e = 1e-4
-    mesh, field = bar(box, kind, (6, 2, 2), lambda x, y, z: (e * x, -NU * e * y, -NU * e * z), distort=0.2)
-    state, _, _ = middle_stresses(mesh, field)
-    np.testing.assert_allclose(state.stress, np.tile([E * e, 0, 0, 0, 0, 0], (len(state.stress), 1)), atol=1e-8 * E * e)
-    np.testing.assert_allclose(state.von_mises, E * e, rtol=1e-8)
-    np.testing.assert_allclose(state.principal, np.tile([E * e, 0, 0], (len(state.stress), 1)), atol=1e-8 * E * e)
+    assert energy == pytest.approx(z.ravel() @ (assemble(mesh)[0].constant @ z.ravel()), rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", ["tet10", "hex8", "hex20", "wedge15"])
 def test_pure_bending_of_a_bar(box, kind):
-    """u = κ[−xz, −νyz·(−1), …]: σxx = −Eκz alone. Quadratic elements hold the field, and hex8 by its incompatible modes."""
-    k = 1e-3
-
-    def field_of(x, y, z):
-        return -k * x * z, k * NU * y * z, 0.5 * k * (x**2 + NU * (z**2 - y**2))
-
-    mesh, field = bar(box, kind, (8, 2, 2), field_of)
-    state, points, inner = middle_stresses(mesh, field)
+    """u = κ[−xz, νyz, (x² + ν(z² − y²))/2]: σxx = −Eκz alone; hex8 holds the field by its incompatible modes."""
+    k, mesh = 1e-3, box(kind, (8, 2, 2), (1.0, 0.1, 0.08), material=(E, NU, RHO))
+    x, y, z = mesh.position.T - np.array([[0.0], [0.05], [0.04]])
+    field = k * np.column_stack([-x * z, NU * y * z, 0.5 * (x**2 + NU * (z**2 - y**2))])
+    facets = exterior_facets(mesh)
+    state = surface_state(surface_model(mesh, facet_strain(mesh, facets), column(field)), {}, np.ones(1))
     expected = np.zeros_like(state.stress)
-    expected[:, 0] = -E * k * points[:, 2]
-    peak = E * k * 0.04
-    # hex8's ends hold only the corners of a quadratic motion: the disturbance dies out within a height
-    np.testing.assert_allclose(state.stress[inner], expected[inner], atol=(2e-3 if kind == "hex8" else 1e-8) * peak)
-
-
-def test_torsion_of_a_bar(box):
-    """Saint-Venant's rectangle: the largest shear stress in the middle of the long side."""
-    a, b, twist = 0.1, 0.08, 1e-2
-    mesh, field = bar(
-        box, "hex20", (6, 13, 12), lambda x, y, z: (0 * x, -twist * (x - 0.5) * z, twist * (x - 0.5) * y), (1, 2)
-    )
-    n = np.arange(1, 60, 2)
-    k = 1 - 8 / np.pi**2 * np.sum(1 / (n**2 * np.cosh(n * np.pi * a / (2 * b))))
-    peak = E / (2 * (1 + NU)) * twist * b * k
-    state, points, inner = middle_stresses(mesh, field)
-    at = np.flatnonzero(
-        inner & (np.abs(points[:, 1]) < 1e-9) & np.isclose(points[:, 2], 0.04) & (np.abs(points[:, 0] - 0.5) < 0.1)
-    )
-    assert len(at)
-    np.testing.assert_allclose(np.abs(state.stress[at, 3]), peak, rtol=5e-3)
-    np.testing.assert_allclose(state.von_mises[at], np.sqrt(3) * peak, rtol=5e-3)
-    np.testing.assert_allclose(state.principal[at], np.tile([peak, 0, -peak], (len(at), 1)), atol=5e-3 * peak)
-
-
-def test_strain_jumps_between_two_materials_and_stress_goes_on(box):
-    """In series under tension."""
-    mesh = box("hex20", (4, 2, 2), region=np.repeat([1, 2], 8), materials={1: (E, 0.0, RHO), 2: (E / 4, 0.0, RHO)})
-    assert set(mesh.blocks[0].region[mesh.position[mesh.blocks[0].nodes][:, :, 0].mean(axis=1) < 0.5]) == {1}
-    x = mesh.position[:, 0]
-    field = np.zeros((len(x), 3))
-    field[:, 0] = np.where(x < 0.5, x, 0.5 + 4 * (x - 0.5))
-    rows = facet_strain(mesh, exterior_facets(mesh))
-    state = surface_state(surface_model(mesh, rows, column(field)), {}, np.ones(1))
-    np.testing.assert_allclose(state.strain[:, 0], np.where(rows.region == 1, 1.0, 4.0), rtol=1e-12)
-    np.testing.assert_allclose(state.stress[:, 0], E, rtol=1e-12)
+    expected[:, 0] = -E * k * (centres(mesh, facets)[:, 2] - 0.04)
+    np.testing.assert_allclose(state.stress, expected, atol=1e-8 * E * k * 0.04)
 
 
 def test_invariants_do_not_turn_with_the_axes():
@@ -248,7 +147,6 @@ def test_stress_is_affine_in_a_free_modulus(random_model):
 
 
 def test_standard_deviations_are_those_of_draws(random_model):
-    """q and E drawn together, correlated: components exactly linear in q, von Mises and σ(q, E) to first order."""
     model, facets = random_model
     rng = np.random.default_rng(9)
     q = rng.standard_normal(5)
@@ -280,61 +178,119 @@ def test_at_rest_von_mises_has_the_root_mean_square_for_its_deviation(random_mod
     np.testing.assert_allclose(state.von_mises_std[:4], np.sqrt((mises**2).mean(axis=0)), rtol=0.03)
 
 
-def test_a_covariance_without_full_rank_and_one_of_another_size(random_model):
-    model, _ = random_model
-    v = np.random.default_rng(4).standard_normal(5)
-    state = surface_state(model, {"E1": E}, v, np.outer(v, v))
-    np.testing.assert_allclose(
-        state.stress_std, np.abs(state.stress), rtol=1e-7, atol=1e-6 * np.abs(state.stress).max()
-    )
-    with pytest.raises(ValueError, match="covariance"):
-        surface_state(model, {"E1": E}, v, np.eye(5), ("E1",))
-
-
-def test_a_region_without_material_has_no_stress(box):
-    mesh = box("tet4", (1, 1, 1))
-    bare = Mesh(mesh.node_ids, mesh.position, mesh.blocks, {1: Region(1, "", 0)}, {}, mesh.fixed)
-    rows = facet_strain(bare, exterior_facets(bare))
-    with pytest.raises(DeckError, match="region 1 has no material"):
-        surface_model(bare, rows, np.zeros((3 * len(mesh.position), 1)))
-
-
-def test_blocks_of_several_kinds_and_ids_in_any_order():
-    """A wedge on a hexahedron, element numbers descending: every facet finds its own solid."""
-    position = np.array(
-        [
-            [0, 0, 0],
-            [1, 0, 0],
-            [1, 1, 0],
-            [0, 1, 0],
-            [0, 0, 1],
-            [1, 0, 1],
-            [1, 1, 1],
-            [0, 1, 1],
-            [2, 0, 0],
-            [2, 0, 1],
-            [-1, 0, 0],
-            [-1, 1, 0],
-            [-1, 0, 1],
-            [-1, 1, 1],
-        ],
-        dtype=float,
-    )
-    hexahedra = np.array([[0, 1, 2, 3, 4, 5, 6, 7], [10, 0, 3, 11, 12, 4, 7, 13]])
-    blocks = (
-        CellBlock("hex8", np.array([9, 4]), hexahedra, np.array([1, 1])),
-        CellBlock("wedge6", np.array([6]), np.array([[1, 8, 2, 5, 9, 6]]), np.array([1])),
-    )
-    mesh = Mesh(
-        np.arange(1, 15),
-        position,
-        blocks,
-        {1: Region(1, "", 1)},
-        {1: Material(1, E, NU, RHO)},
-        np.zeros((0, 2), dtype=int),
-    )
+def test_blocks_of_several_kinds_and_ids_in_any_order(box, mesh_of):
+    left, right = box("hex8", (2, 1, 1)), box("wedge6", (1, 1, 1))
+    position = np.vstack([left.position, right.position + np.array([1, 0, 0])])
+    wedges = right.blocks[0].nodes + len(left.position)
+    mesh = mesh_of(position, [("hex8", left.blocks[0].nodes, 1), ("wedge6", wedges, 1)])
+    mesh = replace(mesh, blocks=tuple(replace(block, ids=9 - block.ids) for block in mesh.blocks))
     facets = exterior_facets(mesh)
-    field = np.zeros((14, 3))
-    field[:, 1] = np.where(position[:, 0] > 1, 5 * (position[:, 0] - 1), 0.0)
+    x, field = mesh.position[:, 0], np.zeros_like(mesh.position)
+    field[:, 1] = np.where(x > 1, 5 * (x - 1), 0.0)
     strain = tensors(facet_strain(mesh, facets), field)
-    assert np.all((np.abs(strain[:, 3]) > 1) == (facets.element_id == 6))
+    assert np.all((np.abs(strain[:, 3]) > 1) == np.isin(facets.element_id, [5, 6]))
+
+
+N = (6, 4, 3)
+
+
+def part(mesh, field, nodes, forced=(), layers=2):
+    patch = patch_around(mesh, Incidence.of(mesh), np.atleast_1d(nodes), layers)
+    everywhere = forced_nodes(mesh)
+    everywhere[list(forced)] = True
+    own = field.reshape(len(mesh.position), 3, -1)[patch.nodes].reshape(3 * len(patch.nodes), -1)
+    none = tractions(patch, own, exterior_facets(mesh), *np.zeros((2, len(mesh.position)), dtype=bool))
+    return patch, own, submodel(patch, own, held_components(mesh)[patch.nodes], everywhere[patch.nodes], none)
+
+
+def block(kind):
+    mesh = body(kind, N, lambda u, v, w: (u, v, w))
+    return mesh, held(mesh, mesh.position[:, 0] == 0)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10", "wedge6"])
+def test_layers_hold_the_elements_that_touch(kind):
+    mesh, _ = block(kind)
+    cells = mesh.blocks[0].nodes
+    node = int(np.argmin(np.linalg.norm(mesh.position - [3, 2, 3], axis=1)))
+    first = np.flatnonzero(np.any(cells == node, axis=1))
+    second = np.flatnonzero(np.any(np.isin(cells, cells[first]), axis=1))
+    for layers, expected in ((1, first), (2, second)):
+        patch = patch_around(mesh, Incidence.of(mesh), np.array([node]), layers)
+        np.testing.assert_array_equal(patch.mesh.blocks[0].ids, mesh.blocks[0].ids[expected])
+        outside = np.setdiff1d(np.arange(len(cells)), expected)
+        np.testing.assert_array_equal(patch.cut, np.isin(patch.nodes, cells[outside]))
+        np.testing.assert_array_equal(patch.nodes[patch.mesh.blocks[0].nodes], cells[expected])
+
+
+def cases(kind):
+    """Name, mesh, forces (n, 3), loaded nodes: a force at a node; through a rigid and an averaging element; on rollers; a support
+    along axes of its own."""
+    plain, clamped = block(kind)
+    x, y, z = plain.position.T
+    top = int(np.argmin(np.linalg.norm(plain.position - [4, 2, 3], axis=1)))
+    force = np.zeros((len(x), 3))
+    force[top] = [300, -200, -1000]
+    yield "a force at a node", clamped, force, [top]
+    end = np.flatnonzero(x == N[0])
+    for name in ("rigid", "averaging"):
+        tied, reference = with_nodes(clamped, [N[0] + 1.0, 2.0, 1.5]), len(x)
+        element = RigidElement(9, reference, end, (0, 1, 2))
+        if name == "averaging":
+            element = AveragingElement(9, reference, end, np.ones(len(end)), (0, 1, 2, 3, 4, 5))
+        tied = replace(tied, **{name: (element,)})
+        push = np.zeros((len(tied.position), 3))
+        push[reference] = [0, 500, -1000]
+        yield name, tied, push, []
+    rollers = held(held(held(plain, x == 0, (0,)), y == 0, (1,)), z == 0, (2,))
+    yield "rollers", rollers, force, [top]
+    turn = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
+    corner = int(np.argmin(np.linalg.norm(plain.position - [N[0], 0, 0], axis=1)))
+    aslant = replace(held(clamped, np.arange(len(x)) == corner, (1,)), axes={corner: turn})
+    yield "axes of its own", aslant, force, [top]
+
+
+@pytest.mark.parametrize("kind", ["hex8", *slowly("hex20", "tet10")])
+def test_every_part_of_a_model_at_rest_moves_as_it_does_there(kind):
+    for name, mesh, force, forced in cases(kind):
+        field = moved(mesh, force)
+        solid = np.unique(mesh.blocks[0].nodes)
+        for node in solid[:: len(solid) // 6]:
+            _, before, own = part(mesh, field, node, forced)
+            np.testing.assert_allclose(own.field, before, rtol=0, atol=1e-9 * np.abs(field).max(), err_msg=name)
+
+
+@pytest.mark.parametrize("kind", ["hex8", "hex20", "tet10"])
+def test_a_force_that_is_spread_has_its_resultant_and_moment(kind):
+    _, mesh = block(kind)
+    force = np.zeros((len(mesh.position), 3))
+    for place in ([6, 4, 3], [6, 2, 3], [4, 2, 3]):
+        node = int(np.argmin(np.linalg.norm(mesh.position - place, axis=1)))
+        force[:] = 0
+        force[node] = [3.0, -2.0, 7.0]
+        patch, _, own = part(mesh, moved(mesh, force), node, [node])
+        facets = exterior_facets(mesh)
+        chosen = np.isin(facets.element_id, patch.mesh.blocks[0].ids)
+        columns = (facets.element_id, facets.facet, facets.kind, patch.local(facets.nodes), facets.region)
+        spread = with_spread_forces(own, Facets(*(column[chosen] for column in columns)))
+        found, x = spread.force.reshape(-1, 3), patch.mesh.position
+        assert np.count_nonzero(found.any(axis=1)) > 3
+        np.testing.assert_allclose(found.sum(axis=0), force[node], atol=1e-8)
+        np.testing.assert_allclose(np.cross(x, found).sum(axis=0), np.cross(place, force[node]), atol=1e-7)
+
+
+def test_a_refined_part_holds_what_the_part_holds():
+    plain, _ = block("hex20")
+    mesh = held(held(plain, plain.position[:, 2] == 0, (2,)), plain.position[:, 0] == 0, (0, 1, 2))
+    node = int(np.argmin(np.linalg.norm(mesh.position - [1, 2, 0], axis=1)))
+    force = np.zeros((len(mesh.position), 3))
+    force[node] = [0, 1000, 0]
+    _, _, own = part(mesh, moved(mesh, force), node, [node])
+    finer, _ = refined_submodel(own)
+    x = finer.mesh.position
+    assert finer.held[x[:, 2] == 0, 2].all()
+    assert finer.held[x[:, 0] == 0].all()
+    inside = (x[:, 0] > 0) & (x[:, 0] < 2.9) & (x[:, 2] > 0) & (x[:, 2] < 1.9) & (x[:, 1] > 0.1) & (x[:, 1] < 3.9)
+    assert not finer.held[inside].any()
+    np.testing.assert_allclose(finer.force.reshape(-1, 3).sum(axis=0), [0, 1000, 0], atol=1e-6)
+    assert np.count_nonzero(np.abs(finer.force) > 1e-6) == 1

@@ -18,7 +18,7 @@ from strainsight.fem.modes import modes
 from strainsight.fem.of_results import Results
 from strainsight.fem.second_results import model_of_two
 from strainsight.fem.two_sets import Change
-from strainsight.mesh.model import Material, Region
+from strainsight.mesh.model import Region
 
 from ..shared import slowly
 from .conftest import make_box
@@ -30,24 +30,15 @@ END = (PointLoad("end", (1.0, 0.0, 0.0), node_set="end"),)
 NAMES = ("end",)
 
 
-def in_two(mesh, where):
-    """Region 1 below x = where, region 2 beyond, each with a material of its own."""
-    (block,) = mesh.blocks
-    x = mesh.position[block.nodes].mean(axis=1)[:, 0]
-    material = mesh.materials[1]
-    return replace(
-        mesh,
-        blocks=(replace(block, region=np.where(x < where, 1, 2)),),
-        regions={r: Region(r, f"part {r}", r) for r in (1, 2)},
-        materials={r: replace(material, id=r) for r in (1, 2)},
-        node_sets={"end": mesh.node_ids[mesh.position[:, 0] == mesh.position[:, 0].max()]},
-    )
+def with_end(mesh):
+    return replace(mesh, node_sets={"end": mesh.node_ids[mesh.position[:, 0] == L]})
 
 
 @pytest.fixture(scope="module")
 def bar():
-    """Moves along x alone, as its sections stay plane and ν = 0."""
-    return in_two(make_box("hex8", (400, 1, 1), (L, SIDE, SIDE), material=(E, 0.0, RHO)), A)
+    """Moves along x alone, as its sections stay plane and ν = 0; region 1 below x = A."""
+    material, region = (E, 0.0, RHO), np.repeat([1, 2], [160, 240])
+    return with_end(make_box("hex8", (400, 1, 1), (L, SIDE, SIDE), material=material, region=region))
 
 
 def stepped(count, modulus=E, density=RHO):
@@ -131,8 +122,8 @@ def test_a_modulus_of_the_whole_beside_a_density_of_a_part(bar):
 @pytest.fixture(scope="module")
 def cantilever():
     """Two materials, ν of the first 0.2."""
-    mesh = in_two(make_box("hex20", (12, 1, 2), (2.0, 0.1, 0.14), material=(E, 0.3, RHO), clamp_root=True), 0.9)
-    return replace(mesh, materials={**mesh.materials, 1: Material(1, E, 0.2, RHO)})
+    materials, region = {1: (E, 0.2, RHO), 2: (E, 0.3, RHO)}, np.repeat([1, 2], [10, 14])
+    return with_end(make_box("hex20", (12, 1, 2), (L, 0.1, 0.14), clamp_root=True, region=region, materials=materials))
 
 
 def solved(mesh, model, value, count=10):

@@ -1,4 +1,5 @@
-"""Structures of shells, beams and rods as a whole: against the theory of beams and plates, and each against the other."""
+"""Structures of shells, beams and rods as a whole: by the theory of beams and plates, each against the other, and plates
+with bars below their middle."""
 
 from __future__ import annotations
 
@@ -6,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import UserError
@@ -16,6 +18,7 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain
+from strainsight.fem.shells import shell_stiffnesses
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.additions import with_face
@@ -25,15 +28,15 @@ from strainsight.mesh.joins import PointMass, RigidElement
 from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs
-from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
+
+from ..beams import axes_of
+from ..shared import slowly
+from .shell_models import isotropic, sheet, summed, unit_square
 
 E, NU, RHO = 2.0e11, 0.3, 7800.0
 L, B, T = 1.0, 0.1, 0.01
 BAR = BeamSection(area=1e-4, second=np.diag([8e-10, 6e-10]), torsion=1e-9)
-
-
-def steel(nu=NU):
-    return {"regions": {1: Region(1, "PSHELL 1", 1)}, "materials": {1: Material(1, E, nu, RHO)}}
 
 
 def line(x, section=BAR, kind="beam", fixed=((0, 0), (0, 1), (0, 2), (0, 3), (0, 4), (0, 5)), offset=(0.0, 0.0, 0.0)):
@@ -41,43 +44,27 @@ def line(x, section=BAR, kind="beam", fixed=((0, 0), (0, 1), (0, 2), (0, 3), (0,
     x = np.array(x, dtype=float)
     nodes = np.column_stack([np.arange(len(x) - 1), np.arange(1, len(x))])
     e = len(nodes)
-    along = x[1:] - x[:-1]
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    across = np.cross([0.0, 0.0, 1.0], along)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    axes = np.stack([along, across, np.cross(along, across)], axis=2)
+    axes = axes_of(x[nodes], np.cross([0.0, 0.0, 1.0], x[1:] - x[:-1]))
     block = BeamBlock(
         kind, np.arange(1, e + 1), nodes, np.ones(e, int), axes, np.tile(offset, (e, 2, 1)), np.zeros((e, 2, 6), bool)
     )
-    fixed = np.array(fixed, dtype=int).reshape(-1, 2)
-    return Mesh(np.arange(1, len(x) + 1), x, (), fixed=fixed, beams=(block,), sections={1: section}, **steel())
+    fixed, region = np.array(fixed, dtype=int).reshape(-1, 2), {1: Region(1, "PSHELL 1", 1)}
+    materials, ids = {1: Material(1, E, NU, RHO)}, np.arange(1, len(x) + 1)
+    return Mesh(ids, x, (), region, materials, fixed, beams=(block,), sections={1: section})
 
 
 def straight(count=10, **kwargs):
     return line(np.column_stack([np.linspace(0, L, count + 1), np.zeros((count + 1, 2))]), **kwargs)
 
 
-def strip(along=10, across=2, nu=NU, clamped=True, offset=0.0, section=None):
+def strip(along=10, across=2, nu=NU, clamped=True, offset=0.0, section=ShellSection(T)):  # noqa: B008
     """A plate L × B on z = 0, clamped at x = 0."""
-    grid = np.arange((along + 1) * (across + 1)).reshape(along + 1, across + 1)
-    x, y = np.meshgrid(np.linspace(0, L, along + 1), np.linspace(0, B, across + 1), indexing="ij")
-    nodes = np.stack([grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]], axis=-1).reshape(-1, 4)
-    e = len(nodes)
-    block = ShellBlock(
-        "quad4", np.arange(1, e + 1), nodes, np.ones(e, int), np.full(e, offset), np.full((e, 3), np.nan)
-    )
-    fixed = np.array([(i, c) for i in grid[0] for c in range(6)] if clamped else [], dtype=int).reshape(-1, 2)
-    return with_faces(
-        Mesh(
-            np.arange(1, grid.size + 1),
-            np.column_stack([x.ravel(), y.ravel(), np.zeros(grid.size)]),
-            (),
-            fixed=fixed,
-            shells=(block,),
-            sections={1: section or ShellSection(T)},
-            **steel(nu),
-        )
-    )
+    material = Material(1, E, nu, RHO)
+    return with_faces(sheet("quad4", along, across, rectangle, section, material, clamped, offset))
+
+
+def rectangle(a, b):
+    return np.column_stack([L * a, B * b, 0 * a])
 
 
 def frequencies(mesh, count, **kwargs):
@@ -88,11 +75,6 @@ def frequencies(mesh, count, **kwargs):
 def at_rest(model, f):
     """Displacements (n, 3) of all nodes under f (n_free,)."""
     return nodal(model, spsolve(model.stiffness.constant.tocsc(), f)[:, None]).reshape(-1, 3)
-
-
-def test_a_strip_of_shells_is_a_beam_where_it_does_not_contract():
-    expected = 1.8751041**2 / (2 * np.pi * L**2) * np.sqrt(E * T**2 / (12 * RHO))
-    np.testing.assert_allclose(frequencies(strip(20, nu=0.0), 1), expected, rtol=3e-3)
 
 
 @pytest.mark.parametrize("mesh", [strip(offset=0.02), straight(offset=(0.0, 0.0, 0.02))], ids=["shells", "beams"])
@@ -136,17 +118,12 @@ def test_stiffness_and_mass_are_affine_in_modulus_and_density(mesh):
 
 
 def test_beams_that_do_not_bend_are_rods():
-    """A tetrahedron on three pins, of bars that only stretch: rotations that nothing resists leave no mechanism."""
     x = [[0, 0, 0], [1, 0, 0], [0.3, 1, 0], [0.4, 0.3, 0.8]]
     ends = np.array([(0, 3), (1, 3), (2, 3)])
 
     def tripod(kind):
         mesh = line(x, BeamSection(area=1e-4), kind, [(i, c) for i in range(3) for c in range(3)])
-        along = (np.array(x)[ends[:, 1]] - np.array(x)[ends[:, 0]]).astype(float)
-        along /= np.linalg.norm(along, axis=1)[:, None]
-        across = np.cross([0.0, 1.0, 0.0], along)
-        across /= np.linalg.norm(across, axis=1)[:, None]
-        axes = np.stack([along, across, np.cross(along, across)], axis=2)
+        axes = axes_of(np.array(x, float)[ends], (0.0, 1.0, 0.0))
         return replace(mesh, beams=(replace(mesh.beams[0], nodes=ends, axes=axes),))
 
     beams, rods = build_model(tripod("beam")), build_model(tripod("rod"))
@@ -161,27 +138,6 @@ def test_beams_that_do_not_bend_are_rods():
     K = np.einsum("b,bi,bj->ij", E * 1e-4 / length, n, n)
     expected = np.linalg.solve(K, np.array(f) / np.linalg.norm(f))
     np.testing.assert_allclose(moved, [expected, expected], rtol=1e-9)
-
-
-def test_a_gauge_on_a_face_reads_what_a_bent_strip_strains():
-    """ε = ±6 F (L − x)/(E b t²) on its faces, on the finite element mean between the nodes of an element."""
-    mesh = strip(20, nu=0.0)
-    model = build_model(mesh)
-    tip = [int(i) for i in mesh.node_ids[: mesh.own_nodes][np.isclose(mesh.position[: mesh.own_nodes, 0], L)]]
-    mesh = replace(mesh, node_sets={"tip": np.array(tip)})
-    model = build_model(mesh)
-    S = input_shape(model, [PointLoad("f", direction=(0, 0, 1), node_set="tip")])
-    z = at_rest(model, S[:, 0]).reshape(-1, 1)
-    facets = exterior_facets(mesh)
-    every = candidates(mesh, facets, axis=(1.0, 0.0, 0.0), on_constraints=True)
-    expected = -6 * (L - every.position[:, 0]) / (E * B * T**2) * np.sign(every.position[:, 2])
-    read = channel_rows(mesh.position, every, z)[:, 0]
-    np.testing.assert_allclose(read, expected, atol=0.02 * np.abs(expected).max())
-    inner = np.abs(every.position[:, 0] - 0.5) < 0.3
-    np.testing.assert_allclose(read[inner], expected[inner], rtol=5e-3)
-    # the whole tensor of the face, in plane stress
-    tensor = (facet_strain(mesh, facets).matrix @ z).reshape(-1, 6)
-    np.testing.assert_allclose(tensor[:, 0], read, rtol=1e-9, atol=1e-9 * np.abs(read).max())
 
 
 def test_what_is_across_a_face_is_that_of_plane_stress():
@@ -260,7 +216,6 @@ def test_a_shaft_twists_with_its_own_inertia():
 
 
 def test_rods_in_a_line_do_not_turn_about_it():
-    """A turn about the line moves nothing, and is no free motion."""
     fixed = [(0, 0), *((i, c) for i in range(4) for c in (1, 2))]
     mesh = straight(3, kind="rod", section=BeamSection(area=1e-4), fixed=fixed)
     np.testing.assert_allclose(frequencies(mesh, 1), np.sqrt(E / RHO) / (4 * L), rtol=0.02)
@@ -303,3 +258,117 @@ def test_a_plate_on_a_bed_under_one_of_its_faces_sinks_evenly_under_what_is_spre
     z = nodal(model, spsolve(model.stiffness.constant.tocsc(), S[:, 0])[:, None])[:, 0].reshape(-1, 3)
     force = L * B if "pressure" in load else 1.0
     np.testing.assert_allclose(z, np.tile([0.0, 0.0, -force / k[2]], (len(z), 1)), atol=1e-6 * force / k[2])
+
+
+LENGTH, WIDTH, SKIN = 432.0, 108.0, 3.0
+MODULUS, POISSON, DENSITY = 7.1e4, 0.33, 2.81e-9
+AREA, I1, I2, J, BELOW = 96.0, 4608.0, 128.0, 458.0, -13.5
+"""Of a blade of 4 × 24 mm on its lower side; in mm."""
+
+
+SHAPES = {
+    "quad4": [[0, 0, 0], [9, 1, 0], [8, 7, 0], [-1, 6, 0]],
+    "tri3": [[0, 0, 0], [9, 1, 0], [2, 7, 0]],
+    "quad8": [[0, 0, 0], [9, 1, 0], [8, 7, 0], [-1, 6, 0]],
+    "tri6": [[0, 0, 0], [9, 1, 0], [2, 7, 0]],
+}
+"""Corners [mm]."""
+
+
+def by_ritz(highest=4, terms=60):
+    """Frequencies [Hz] of the plate, simply supported, ends of the bar likewise, of up to so many half waves along it.
+
+    u = cos kx Σ u_n sin p_n y, v = sin kx Σ v_n cos p_n y, w = sin kx Σ w_n sin p_n y; the bar in the middle, e off the plate,
+    moves by u − e w,x, v − e w,y and w and twists by w,y. Kirchhoff's plate, Euler's bar.
+    """
+    n = np.arange(terms)
+    p, i, none = n * np.pi / WIDTH, np.arange(terms), np.zeros(terms)
+    s, c = np.sin(p * WIDTH / 2), np.cos(p * WIDTH / 2)
+    stretch, shear = MODULUS * SKIN / (1 - POISSON**2), MODULUS * SKIN / 2 / (1 + POISSON)
+    area = LENGTH * WIDTH / 4 * np.where(n == 0, 2.0, 1.0)
+    found = []
+    for k in np.arange(1, highest + 1) * np.pi / LENGTH:
+        K, M = np.zeros((2, 3, terms, 3, terms))
+        K[0, i, 0, i] = area * (stretch * k**2 + shear * p**2)
+        K[1, i, 1, i] = area * (stretch * p**2 + shear * k**2)
+        K[0, i, 1, i] = K[1, i, 0, i] = area * (POISSON * stretch + shear) * k * p
+        K[2, i, 2, i] = area * stretch * SKIN**2 / 12 * (k**2 + p**2) ** 2
+        for own in range(3):
+            M[own, i, own, i] = area * DENSITY * SKIN
+        M[2, i, 2, i] += area * DENSITY * SKIN**3 / 12 * (k**2 + p**2)
+        K, M = (X.reshape(3 * terms, -1) for X in (K, M))
+        u, v, w, twist = (
+            np.concatenate(parts)
+            for parts in ((s, none, -BELOW * k * s), (none, c, -BELOW * p * c), (none, none, s), (none, none, p * c))
+        )
+        turning = MODULUS / 2 / (1 + POISSON) * J
+        stiff = ((u, MODULUS * AREA * k**2), (w, MODULUS * I1 * k**4), (v, MODULUS * I2 * k**4), (twist, turning * k**2))
+        heavy = ((u, AREA), (v, AREA + I2 * k**2), (w, AREA + I1 * k**2), (twist, I1 + I2))
+        K += sum(LENGTH / 2 * factor * np.outer(a, a) for a, factor in stiff)
+        M += sum(LENGTH / 2 * DENSITY * factor * np.outer(a, a) for a, factor in heavy)
+        there = np.flatnonzero(np.tile(n > 0, 3) | (np.arange(3 * terms) // terms == 1))
+        found.append(np.sqrt(eigh(K[np.ix_(there, there)], M[np.ix_(there, there)], eigvals_only=True)[:4]) / 2 / np.pi)
+    return np.sort(np.concatenate(found))
+
+
+def plate(kind, across):
+    """So many elements across, and bars along the sides of those in the middle, of the second order along their halves."""
+    mesh = sheet(
+        kind,
+        4 * across,
+        across,
+        lambda a, b: np.column_stack([LENGTH * a, WIDTH * (b - 0.5), 0 * a]),
+        ShellSection(SKIN),
+        Material(1, MODULUS, POISSON, DENSITY),
+    )
+    x, y, _ = mesh.position.T
+    middle = np.flatnonzero(y == 0)
+    ends = np.column_stack([middle[:-1], middle[1:]])
+    e = len(ends)
+    axes = axes_of(mesh.position[ends], (0.0, 0.0, 1.0))
+    offset, released = np.tile([0.0, 0.0, BELOW], (e, 2, 1)), np.zeros((e, 2, 6), bool)
+    held = [(node, c) for node in np.flatnonzero((x == 0) | (x == LENGTH)) for c in (1, 2, 3)]
+    held += [(node, c) for node in np.flatnonzero(np.abs(y) == WIDTH / 2) for c in (0, 2, 4)]
+    return replace(
+        mesh,
+        fixed=np.array(sorted(set(held))),
+        beams=(BeamBlock("beam", 10**6 + np.arange(e), ends, np.full(e, 2), axes, offset, released),),
+        sections={**mesh.sections, 2: BeamSection(AREA, np.diag([I1, I2]), J)},
+        regions={**mesh.regions, 2: Region(2, "PBAR 2", 1)},
+    )
+
+
+@pytest.mark.parametrize(("kind", "across"), [("quad4", 18), *slowly(("tri3", 18), ("quad8", 6)), ("tri6", 6)])
+def test_a_plate_tilts_with_its_bar_as_by_ritz(kind, across):
+    """In mm and t."""
+    model = build_model(plate(kind, across))
+    found = modes(model.stiffness.constant, model.mass.constant, 6)[0]
+    np.testing.assert_allclose(found, by_ritz()[:6], rtol=0.0065)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_what_is_let_go_stays_free_of_rigid_motions(kind):
+    x = np.array(SHAPES[kind], float)
+    if kind in ("quad8", "tri6"):
+        x = np.concatenate([x, (x + np.roll(x, -1, axis=0)) / 2])
+    beside = np.arange(len(x))[None] % 2 == 0
+    K = shell_stiffnesses(x[None], *isotropic(MODULUS, POISSON, SKIN, 1), np.full(1, 2.0), np.ones(1, int), beside)[0]
+    values = np.linalg.eigvalsh(K)
+    assert (np.abs(values[:6]) < 1e-9 * values[-1]).all()
+    assert values[6] > 0
+
+
+@pytest.mark.parametrize("kind", ["quad4", "tri3"])
+def test_constant_stress_passes_where_rotations_are_let_go(kind):
+    a, b, cells = unit_square(4, 4, kind)
+    x = np.column_stack([a + 0.1 * a * b, b - 0.15 * a * b + 0.1 * a**2, 0 * a])
+    beside = np.isin(cells, [6, 7, 12, 13])
+    own = shell_stiffnesses(
+        x[cells], *isotropic(1.0, POISSON, 0.05, len(cells)), np.zeros(len(cells)), np.arange(len(cells)), beside
+    )
+    G = np.array([[0.3, 0.7], [-0.2, 0.5]])
+    u = np.zeros((len(x), 6))
+    u[:, :2], u[:, 5] = x[:, :2] @ G.T, (G[1, 0] - G[0, 1]) / 2
+    force = (summed(own, cells, len(x)) @ u.ravel()).reshape(-1, 6)
+    inner = (a > 0) & (a < 1) & (b > 0) & (b < 1)
+    assert np.abs(force[inner]).max() < 1e-12 * np.abs(force).max()

@@ -14,38 +14,23 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs
 from strainsight.mesh.lying_on import covered
 from strainsight.mesh.merging import merged
-from strainsight.mesh.model import Mesh, Region
 from strainsight.mesh.thin import BeamBlock, ShellBlock, ShellSection
 
-from ..bodies import body, held, moved
+from ..bodies import body, held, moved, with_nodes
+from ..fem.shell_models import sheet
 from .boxes import FACE, TWO, both, box
 
 
-def plate(counts, size, at=(0.0, 0.0, 0.0), first=1):
-    """Quadrangles in the plane z = 0."""
-    nx, ny = counts
-    x = [np.add(at, (size[0] * i / nx, size[1] * j / ny, 0)) for j in range(ny + 1) for i in range(nx + 1)]
-    rows = [[j * (nx + 1) + i + k for k in (0, 1, nx + 2, nx + 1)] for j in range(ny) for i in range(nx)]
-    m = len(rows)
-    shell = ShellBlock(
-        "quad4", np.arange(first, first + m), np.array(rows), np.ones(m, int), np.zeros(m), np.full((m, 3), np.nan)
-    )
-    return np.array(x, dtype=float), shell
-
-
 def plates(*parts):
-    """A mesh of plates, each with nodes of its own."""
-    x, shells, first = np.zeros((0, 3)), [], 1
+    """Quadrangles in the plane z = 0, of each part (counts, size, corner) with nodes of its own."""
+    x, shells, first = np.zeros((0, 3)), [], 0
     for counts, size, at in parts:
-        own, shell = plate(counts, size, at, first)
-        shells.append(replace(shell, nodes=shell.nodes + len(x)))
-        x, first = np.vstack([x, own]), first + len(shell.ids)
-    steel = box().materials
-    return Mesh(
-        *(np.arange(1, len(x) + 1), x, (), {1: Region(1, "skin", 1)}, steel, np.zeros((0, 2), dtype=np.int64)),
-        shells=tuple(shells),
-        sections={1: ShellSection(0.01)},
-    )
+        place = lambda a, b, size=size, at=at: np.add(at, np.column_stack([size[0] * a, size[1] * b, 0 * a]))  # noqa: E731
+        mesh = sheet("quad4", *counts, place, ShellSection(0.01), box().materials[1], False)
+        (own,) = mesh.shells
+        shells.append(replace(own, ids=own.ids + first, nodes=own.nodes + len(x)))
+        x, first = np.vstack([x, mesh.position]), first + len(own.ids)
+    return replace(mesh, node_ids=np.arange(1, len(x) + 1), position=x, shells=tuple(shells))
 
 
 @pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8", "hex20", "wedge15", "pyra5"])
@@ -121,46 +106,26 @@ def test_coincident_nodes_that_nothing_joins_are_counted_with_the_distance_that_
     assert connectivity_warnings(gap) == ()
 
 
-def joined_by(way):
-    a, b = FACE
-    n, pairs = len(a), list(zip(a.tolist(), b.tolist(), strict=True))
-    one, zero = np.ones(1), np.zeros(3, dtype=np.int64)
-    if way == "rigid elements":
-        return replace(TWO, rigid=tuple(RigidElement(i, p, np.array([q]), (0, 1, 2)) for i, (p, q) in enumerate(pairs)))
-    if way == "a rigid element of both sides":
-        mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
-        return replace(mesh, rigid=(RigidElement(1, 54, np.concatenate([a, b]), (0, 1, 2)),))
-    if way == "averaging elements":
-        return replace(
-            TWO,
-            averaging=tuple(AveragingElement(i, p, np.array([q]), one, (0, 1, 2)) for i, (p, q) in enumerate(pairs)),
+PAIRS, ALONG, TERMS = FACE.T.tolist(), (0, 1, 2), np.repeat(np.arange(9), 2)
+JOINED = {
+    "rigid elements": {"rigid": tuple(RigidElement(i, p, np.array([q]), ALONG) for i, (p, q) in enumerate(PAIRS))},
+    "a rigid element of both sides": {"rigid": (RigidElement(1, 54, FACE.ravel(), ALONG),)},
+    "averaging elements": {
+        "averaging": tuple(AveragingElement(i, p, np.array([q]), np.ones(1), ALONG) for i, (p, q) in enumerate(PAIRS))
+    },
+    "relations": {
+        "relations": tuple(
+            Relation(i, np.array(pair), np.zeros(2, int), np.array([1.0, -1.0])) for i, pair in enumerate(PAIRS)
         )
-    if way == "relations":
-        return replace(
-            TWO,
-            relations=tuple(
-                Relation(i, np.array([p, q]), zero[:2], np.array([1.0, -1.0])) for i, (p, q) in enumerate(pairs)
-            ),
-        )
-    if way == "springs":
-        own = Springs(
-            "CELAS2",
-            np.full(n, 1e6),
-            np.repeat(np.arange(n), 2),
-            np.column_stack([a, b]).ravel(),
-            np.zeros(2 * n, int),
-            np.tile([1.0, -1.0], n),
-        )
-        return replace(TWO, springs=(own,))
-    return held(TWO, TWO.position[:, 0] == 1)
+    },
+    "springs": {"springs": (Springs("CELAS2", np.full(9, 1e6), TERMS, FACE.T.ravel(), 0 * TERMS, np.tile([1.0, -1.0], 9)),)},
+    "a clamp": {"fixed": held(TWO, TWO.position[:, 0] == 1).fixed},
+}
 
 
-@pytest.mark.parametrize(
-    "way",
-    ["rigid elements", "a rigid element of both sides", "averaging elements", "relations", "springs", "a clamp"],
-)
+@pytest.mark.parametrize("way", JOINED)
 def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way):
-    mesh = joined_by(way)
+    mesh = replace(with_nodes(TWO, [5, 0, 0]) if "both" in way else TWO, **JOINED[way])
     assert connectivity_warnings(mesh) == ()
     kept = merged(mesh, 1e-6)
     assert len(kept.position) == len(mesh.position)
@@ -168,7 +133,7 @@ def test_nodes_in_one_place_that_are_joined_otherwise_are_meant_and_stay_two(way
 
 
 def test_an_average_over_both_sides_does_not_join_them():
-    mesh = replace(TWO, position=np.vstack([TWO.position, [5, 0, 0]]), node_ids=np.arange(1, 56))
+    mesh = with_nodes(TWO, [5, 0, 0])
     mesh = replace(mesh, averaging=(AveragingElement(1, 54, FACE.ravel(), np.ones(18), (0, 1, 2)),))
     assert connectivity_warnings(mesh)[0].startswith("18 nodes")
     joined = merged(mesh, 1e-6).averaging[0]
@@ -271,18 +236,11 @@ def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
     (left,) = connectivity_warnings(merged(two, 1e-6))
     assert left.startswith("a node lies")
     skin = plates(((2, 1), (1.0, 1.0), (0, 0, 0)))
-    beam = BeamBlock(
-        "beam",
-        np.array([9]),
-        np.array([[0, 2]]),
-        np.array([2]),
-        np.eye(3)[None],
-        np.zeros((1, 2, 3)),
-        np.zeros((1, 2, 6), bool),
-    )
+    free = np.zeros((1, 2, 6), bool)
+    beam = BeamBlock("beam", np.array([9]), np.array([[0, 4]]), np.array([2]), np.eye(3)[None], np.zeros((1, 2, 3)), free)
     (said,) = connectivity_warnings(replace(skin, beams=(beam,)))
     assert "node lies" in said
-    assert "2 on element 9" in said
+    assert "3 on element 9" in said
     assert connectivity_warnings(skin) == ()
 
 

@@ -12,6 +12,7 @@ from scipy.sparse.linalg import spsolve
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry, check_materials
+from strainsight.fem.mass import mass_properties
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.section_shapes import SHAPES, section_of_shape
@@ -115,7 +116,6 @@ def test_area_and_moments_are_those_of_the_outline(kind, dimensions):
 
 @pytest.mark.parametrize(("kind", "dimensions"), OUTLINES)
 def test_points_lie_on_the_outline_at_its_ends(kind, dimensions):
-    """Each is on an edge; between them they reach the top, the bottom, and what is outermost on either side."""
     own, outline = section_of_shape(kind, dimensions), np.array(OUTLINES[kind, dimensions][0], float)
     A, z, y, *_ = whole(OUTLINES[kind, dimensions])
     edge = outline[:, ::-1] - [y / A, z / A]
@@ -232,87 +232,43 @@ MPC,1,2,3,2.,4,6,.5
 ,,5,5,.25
 RBAR,20,2,3,1236,35
 """
-IN_MILLIMETRES = """\
-GRID,1,,0.,0.,0.
-GRID,2,,2000.,0.,0.
-GRID,3,,2000.,1000.,0.
-GRID,4,,0.,1000.,0.
-GRID,5,,0.,0.,1000.
-CQUAD4,10,1,1,2,3,4,,50.
-CBEAM,11,2,1,5,1.,0.,0.
-,45,,10.,20.,30.
-CONROD,12,2,5,3,100.,2000.,,3.-7
-PSHELL,1,3,20.,3,1.5,3,,8.-9
-PBEAM,2,3,1000.,2.+5,3.+5,1.+5,4.+5,5.-6
-,10.,20.
-,NO,1.,2000.,4.+5,,,,6.-6
-MAT1,3,2.1+5,,.3,7.85-9
-SPC1,1,123456,1
-MPC,1,2,3,2.,4,6,500.
-,,5,5,250.
-RBAR,20,2,3,1236,35
-"""
-
-
 @pytest.fixture
 def metres(tmp_path):
     (tmp_path / "m.bdf").write_text(IN_METRES)
     return read_mesh(tmp_path / "m.bdf")
 
 
-def numbers(mesh):
-    """All sizes of shells, beams and sections."""
-    found = [block.offset.ravel() for block in (*mesh.shells, *mesh.beams)]
-    for own in mesh.sections.values():
-        for end in filter(None, (own, getattr(own, "at_b", None))):
-            found += [np.ravel(value) for name, value in vars(end).items() if name not in ("at_b", "sides")]
-    return np.concatenate(found)
+POWER = {"thickness": 1, "area": 2, "second": 4, "torsion": 4, "points": 1, "neutral": 1, "beside": 1, "bending": 0, "shear": 0}
+"""Of the length, in the sizes of sections."""
 
 
-def test_a_deck_in_millimetres_and_tonnes_is_the_one_in_metres_and_kilograms(metres, tmp_path):
-    (tmp_path / "mm.bdf").write_text(IN_MILLIMETRES)
-    other = read_mesh(tmp_path / "mm.bdf", "mm", "t")
-    assert len(numbers(metres)) == 60
-    np.testing.assert_allclose(numbers(other), numbers(metres), rtol=1e-12, atol=0)
-    np.testing.assert_allclose(other.position, metres.position)
+def test_sizes_of_a_deck_in_millimetres_and_tonnes_are_in_metres_and_kilograms(metres, tmp_path):
+    other = read_mesh(tmp_path / "m.bdf", "mm", "t")
+    np.testing.assert_allclose(other.position, metres.position / 1e3)
+    for own, same in zip((*metres.shells, *metres.beams), (*other.shells, *other.beams), strict=True):
+        np.testing.assert_allclose(same.offset, own.offset / 1e3)
     np.testing.assert_allclose(other.beams[0].axes, metres.beams[0].axes)
-
-
-def coefficients(mesh):
-    """Of relations, each over that of its first term."""
-    return np.concatenate([own.value / own.value[0] for own in mesh.relations])
+    pairs = [(own, other.sections[region]) for region, own in metres.sections.items()]
+    pairs += [(own.at_b, same.at_b) for own, same in pairs if getattr(own, "at_b", None)]
+    assert len(pairs) == 4
+    for own, same in pairs:
+        for name in POWER.keys() & vars(own).keys():
+            np.testing.assert_allclose(getattr(same, name), 1e-3 ** POWER[name] * np.array(getattr(own, name)), rtol=1e-12)
+        assert same.nonstructural == pytest.approx(own.nonstructural * (1e9 if hasattr(own, "thickness") else 1e6))
 
 
 def test_what_multiplies_a_rotation_in_a_relation_is_a_length(metres, tmp_path):
-    """Of an MPC, whose coefficients a deck states, and of an RBAR, whose coefficients are those of its arm."""
-    (tmp_path / "mm.bdf").write_text(IN_MILLIMETRES)
-    other = read_mesh(tmp_path / "mm.bdf", "mm", "t")
     assert metres.relations[-1].value.tolist() == [2.0, 0.5, 0.25]
     assert len(metres.relations) == 7
-    np.testing.assert_allclose(coefficients(other), coefficients(metres), rtol=1e-12, atol=0)
-    half = scaled(metres, 0.5)
-    assert half.relations[-1].value.tolist() == [2.0, 0.25, 0.125]
-
-
-def masses(mesh):
-    """Of shells and beams by their areas and lengths [kg]."""
-    rho = mesh.materials[3].density
-    x = mesh.position
-    plate = mesh.sections[1]
-    side = np.linalg.norm(np.diff(x[mesh.shells[0].nodes[0]], axis=0), axis=1)
-    found = [side[0] * side[1] * (rho * plate.thickness + plate.nonstructural)]
-    for block in mesh.beams:
-        own = mesh.sections[int(block.region[0])]
-        ends = x[block.nodes[0]] + block.offset[0]
-        other = own.at_b or own
-        per_length = rho * (own.area + other.area) / 2 + (own.nonstructural + other.nonstructural) / 2
-        found.append(np.linalg.norm(ends[1] - ends[0]) * per_length)
-    return np.array(found)
+    for own, same in zip(metres.relations, read_mesh(tmp_path / "m.bdf", "mm", "t").relations, strict=True):
+        expected = own.value / np.where(own.component < 3, 1.0, 1e3)
+        np.testing.assert_allclose(same.value / same.value[0], expected / expected[0], rtol=1e-12)
+    assert scaled(metres, 0.5).relations[-1].value.tolist() == [2.0, 0.25, 0.125]
 
 
 def test_mass_grows_with_the_cube_of_the_size_and_stiffness_of_sections_with_the_fourth_power(metres):
     half = scaled(metres, 0.5)
-    np.testing.assert_allclose(masses(half), masses(metres) / 8, rtol=1e-14)
+    assert mass_properties(half)[0] == pytest.approx(mass_properties(metres)[0] / 8, rel=1e-14)
     for region in (2, 13):
         np.testing.assert_allclose(half.sections[region].second, metres.sections[region].second / 16)
         np.testing.assert_allclose(half.sections[region].torsion, metres.sections[region].torsion / 16)

@@ -11,8 +11,6 @@ from scipy.sparse.linalg import spsolve
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.turning import turning_nodes
 from strainsight.gauges.candidates import candidates
 from strainsight.gauges.edges import sharp_edges
@@ -27,36 +25,21 @@ from strainsight.mesh.section_shapes import section_of_shape
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
 
+from ..fem.shell_models import shells
 from ..fem.test_thin import NU, E, L, line, straight
+from ..structures import hexahedra
 
 # Faces of shells: where their nodes lie, which elements share them, and that their motion is that of a plate's surface.
 T = 0.01
 
 
-def plate(nodes, x, offset=0.0, sections=None, region=None):
-    """Quadrilaterals of one thickness on nodes (e, 4) at x."""
-    e = len(nodes)
-    block = ShellBlock(
-        "quad4",
-        10 + np.arange(e),
-        np.array(nodes),
-        np.ones(e, dtype=int) if region is None else np.array(region),
-        np.broadcast_to(offset, e).astype(float),
-        np.full((e, 3), np.nan),
-    )
-    sections = sections or {1: ShellSection(T)}
-    return with_faces(
-        Mesh(
-            100 + np.arange(len(x)),
-            np.array(x, dtype=float),
-            (),
-            {i: Region(i, f"PSHELL {i}", 1) for i in sections},
-            {1: Material(1, 2e11, 0.3, 7850.0)},
-            np.zeros((0, 2), dtype=int),
-            shells=(block,),
-            sections=sections,
-        )
-    )
+def plate(nodes, x, offset=0.0, sections=None, region=(1,)):
+    """Quadrilaterals on nodes (e, 4) at x."""
+    mesh = shells("quad4", x, nodes, ShellSection(T), Material(1, 2e11, 0.3, 7850.0), offset)
+    block = replace(mesh.shells[0], ids=9 + mesh.shells[0].ids, region=np.resize(region, len(nodes)))
+    sections = sections or mesh.sections
+    regions = {i: Region(i, f"PSHELL {i}", 1) for i in sections}
+    return with_faces(replace(mesh, node_ids=99 + mesh.node_ids, shells=(block,), sections=sections, regions=regions))
 
 
 def strip(fold=0.0):
@@ -71,26 +54,15 @@ def heights(mesh):
     return mesh.position[mesh.shells[0].on_faces][..., 2]
 
 
-def test_a_plate_has_a_face_at_half_its_thickness_on_either_side_and_its_nodes_once():
+def test_a_plate_has_faces_at_half_its_thickness_that_look_away_and_its_nodes_once():
     mesh = plate(*strip())
-    np.testing.assert_allclose(heights(mesh)[:, 0], T / 2)
-    np.testing.assert_allclose(heights(mesh)[:, 1], -T / 2)
-    assert len(mesh.arms) == 2 * 6
+    assert (len(mesh.arms), mesh.own_nodes) == (2 * 6, 6)
     np.testing.assert_array_equal(mesh.node_ids[mesh.arms[:, 0]], mesh.node_ids[mesh.arms[:, 1]])
-    assert mesh.own_nodes == 6
-
-
-def test_its_facets_look_away_from_the_shell():
-    facets = exterior_facets(plate(*strip()))
-    centre, normal = candidates_of(plate(*strip()))
-    np.testing.assert_allclose(normal[facets.facet == UPPER], [[0, 0, 1]] * 2, atol=1e-15)
-    np.testing.assert_allclose(normal[facets.facet == LOWER], [[0, 0, -1]] * 2, atol=1e-15)
-    np.testing.assert_allclose(centre[:, 2], np.where(facets.facet == UPPER, T / 2, -T / 2))
-
-
-def candidates_of(mesh):
-    found = candidates(mesh, exterior_facets(mesh), axis=(1.0, 0.2, 0.1))
-    return found.position, found.normal
+    facets = exterior_facets(mesh)
+    found = candidates(mesh, facets, axis=(1.0, 0.2, 0.1))
+    side = np.where(facets.facet == UPPER, 1.0, -1.0)
+    np.testing.assert_allclose(found.normal, side[:, None] * [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(found.position[:, 2], side * T / 2)
 
 
 def test_an_element_that_is_turned_over_shares_the_other_face():
@@ -122,7 +94,6 @@ def test_faces_of_another_thickness_part():
 
 
 def test_faces_lie_a_half_thickness_from_a_cylinder():
-    """On nodes of a cylinder the mean normal is the radius, so that faces lie on cylinders."""
     n, R = 36, 0.5
     angle = 2 * np.pi * np.arange(n) / n
     ring = np.column_stack([R * np.cos(angle), R * np.sin(angle), np.zeros(n)])
@@ -173,29 +144,17 @@ def test_zones_take_one_face_of_the_shells_or_what_is_no_shell():
 
 def cube_with(shells):
     """Eight bricks of 1 m on a grid of 3 × 3 × 4 nodes, the last layer of which they lack, and shells on nodes (x, y, z)."""
-    x = np.stack(np.meshgrid(*(np.arange(n) for n in (3, 3, 4)), indexing="ij"), axis=-1).reshape(-1, 3)
-    number = {tuple(own): i for i, own in enumerate(x.tolist())}
-    corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
-    start = x[(x < 2).all(axis=1)]
-    bricks = [[number[tuple((own + np.array(c)).tolist())] for c in corners] for own in start]
-    block = CellBlock("hex8", 1 + np.arange(8), np.array(bricks), np.full(8, 2))
-    kinds = {"quad4": [own for own in shells if len(own) == 4], "tri3": [own for own in shells if len(own) == 3]}
-    blocks = []
-    for kind, own in kinds.items():
-        first = 50 + sum(len(each.ids) for each in blocks)
-        nodes = np.array([[number[node] for node in each] for each in own], dtype=int)
-        e = len(own)
-        blocks += [
-            ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
-        ] * (e > 0)
+    x, number, cells = hexahedra((2, 2, 3))
+    block = CellBlock("hex8", 1 + np.arange(8), cells[:, :, :2].reshape(-1, 8), np.full(8, 2))
+    blocks, first = [], 50
+    for kind, corners in (("quad4", 4), ("tri3", 3)):
+        nodes = np.array([[number[node] for node in own] for own in shells if len(own) == corners], dtype=int)
+        if e := len(nodes):
+            blocks.append(ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan)))
+            first += e
     regions = {1: Region(1, "PSHELL 1", 1), 2: Region(2, "PSOLID 2", 1)}
-    material = {1: Material(1, 2e11, 0.3, 7850.0)}
-    return with_faces(
-        Mesh(
-            1 + np.arange(len(x)), x.astype(float), (block,), regions, material, np.zeros((0, 2), int),
-            shells=tuple(blocks), sections={1: ShellSection(T)},
-        )
-    )  # fmt: skip
+    own = 1 + np.arange(len(x)), x.astype(float), (block,), regions, {1: Material(1, 2e11, 0.3, 7850.0)}, np.zeros((0, 2), int)
+    return with_faces(Mesh(*own, shells=tuple(blocks), sections={1: ShellSection(T)}))
 
 
 def outside_of(mesh):
@@ -234,22 +193,14 @@ POINTS = np.array([[B / 2, H / 2], [-B / 2, H / 2], [-B / 2, -H / 2], [B / 2, -H
 SECTION = BeamSection(B * H, np.diag([H * B**3, B * H**3]) / 12, 1e-8, points=POINTS)
 
 
-def bent(force, count=8, offset=(0.0, 0.0, 0.0), moment=None):
-    """A cantilever under a tip force, its field, and all candidates along the beam at some angles."""
-    mesh = with_sides(straight(count, section=SECTION, offset=offset))
+def tip_loaded(beam, **load):
+    """A cantilever under a load on its last node, its field, and all candidates along the beam at some angles."""
+    mesh = with_sides(beam)
     model = build_model(mesh)
-    load = (
-        PointLoad("f", direction=force, node_id=count + 1)
-        if moment is None
-        else PointLoad("m", moment=moment, node_id=count + 1)
-    )
-    S = input_shape(model, [load])
+    S = input_shape(model, [PointLoad("f", node_id=int(beam.node_ids[-1]), **load)])
     z = nodal(model, spsolve(model.stiffness.constant.tocsc(), S[:, 0])[:, None])
-    return (
-        mesh,
-        z,
-        candidates(mesh, exterior_facets(mesh), axis=(1.0, 0.0, 0.0), angles=(0.0, 30.0, 90.0), on_constraints=True),
-    )
+    along = tuple(beam.beams[0].axes[0][:, 0])
+    return mesh, z, candidates(mesh, exterior_facets(mesh), axis=along, angles=(0.0, 30.0, 90.0), on_constraints=True)
 
 
 def test_sides_are_those_of_the_box_about_the_points_of_the_section_and_look_outward():
@@ -276,19 +227,23 @@ def test_rods_and_beams_with_pins_have_none():
     assert (mesh.beams[0].on_sides[0] == -1).all()
 
 
-@pytest.mark.parametrize(("force", "axis", "I"), [((0, 0, 1), 2, B * H**3 / 12), ((0, 1, 0), 1, H * B**3 / 12)])
-def test_a_gauge_reads_bending_as_its_theory_has_it_at_any_angle(force, axis, I):
+@pytest.mark.parametrize("along", [(1.0, 0.0, 0.0), (0.3, -0.2, 0.5)])
+@pytest.mark.parametrize(("axis", "I"), [(2, B * H**3 / 12), (1, H * B**3 / 12)])
+def test_a_gauge_reads_bending_as_its_theory_has_it_at_any_angle(axis, I, along):
     """ε = −M c/(E I) along the beam, −ν ε across it."""
-    mesh, z, every = bent(force)
-    along = -(L - every.position[:, 0]) * every.position[:, axis] / (E * I)
+    x = np.linspace(0, L, 9)[:, None] * along / np.linalg.norm(along)
+    axes = line(x, section=SECTION).beams[0].axes[0]
+    mesh, z, every = tip_loaded(line(x, section=SECTION), direction=tuple(axes[:, axis]))
+    s, *across = axes.T @ every.position.T
+    strain = -(L - s) * across[axis - 1] / (E * I)
     cos, sin = np.cos(np.deg2rad(every.angle)), np.sin(np.deg2rad(every.angle))
     read = channel_rows(mesh.position, every, z)[:, 0]
-    np.testing.assert_allclose(read, along * (cos**2 - NU * sin**2), atol=1e-9 * np.abs(along).max())
+    np.testing.assert_allclose(read, strain * (cos**2 - NU * sin**2), atol=1e-9 * np.abs(strain).max())
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0, 0.0), (0.0, 0.02, -0.01)])
 def test_it_reads_stretch_and_what_an_offset_bends(offset):
-    mesh, z, every = bent((1, 0, 0), offset=offset)
+    mesh, z, every = tip_loaded(straight(8, section=SECTION, offset=offset), direction=(1, 0, 0))
     _, y, h = every.position.T
     # the force acts at the node, off the middle of the section by the offset
     bend = 12 * offset[1] * (y - offset[1]) / (H * B**3) + 12 * offset[2] * (h - offset[2]) / (B * H**3)
@@ -296,33 +251,6 @@ def test_it_reads_stretch_and_what_an_offset_bends(offset):
     read = channel_rows(mesh.position, every, z)[:, 0]
     own = every.angle == 0
     np.testing.assert_allclose(read[own], strain[own], rtol=1e-8)
-
-
-def test_stress_on_a_side_is_along_the_beam():
-    mesh, z, _ = bent((0, 0, 1))
-    facets = exterior_facets(mesh)
-    own = facets.facet == 2
-    state = surface_state(surface_model(mesh, facet_strain(mesh, facets), z), {}, np.ones(1))
-    stress = state.stress[own]
-    centre = mesh.position[facets.nodes[own][:, :4]].mean(axis=1)
-    np.testing.assert_allclose(stress[:, 0], -(L - centre[:, 0]) * H / 2 / (B * H**3 / 12), rtol=1e-8)
-    np.testing.assert_allclose(stress[:, 1:], 0.0, atol=1e-8 * np.abs(stress).max())
-
-
-def test_a_beam_in_space_reads_the_same_as_one_along_an_axis():
-    a = np.array([0.3, -0.2, 0.5])
-    a /= np.linalg.norm(a)
-    x = np.linspace(0, L, 5)[:, None] * a
-    mesh = with_sides(line(x, section=SECTION))
-    model = build_model(mesh)
-    across = mesh.beams[0].axes[0][:, 2]
-    S = input_shape(model, [PointLoad("f", direction=tuple(across), node_id=5)])
-    z = nodal(model, spsolve(model.stiffness.constant.tocsc(), S[:, 0])[:, None])
-    every = candidates(mesh, exterior_facets(mesh), axis=tuple(a), on_constraints=True)
-    s, c = every.position @ a, every.position @ across
-    np.testing.assert_allclose(
-        channel_rows(mesh.position, every, z)[:, 0], -(L - s) * c / (E * B * H**3 / 12), atol=1e-12
-    )
 
 
 def test_a_side_goes_on_over_the_beams_that_carry_it_up_to_a_knee():
@@ -367,7 +295,6 @@ def test_a_side_goes_on_over_the_beams_that_carry_it_up_to_a_knee():
     ],
 )
 def test_a_section_has_the_sides_that_it_is_drawn_with(shape, dimensions, sides):
-    """By the figures of the PBARL, y up and z to the right."""
     section = section_of_shape(shape, dimensions)
     found = [name for name, there in zip(("+y", "+z", "-y", "-z"), section.sides, strict=True) if there]
     assert found == sides.split()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ from strainsight.gauges.candidates import candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import Mesh
 
-from ..structures import hexahedra
+from ..bodies import with_nodes
+from ..fem.conftest import make_box
 
 MESHES = Path(__file__).parents[2] / "meshes"
 ROOT, TIP, SIDE = 901, 902, 903
@@ -26,24 +28,18 @@ RHO = 7850.0
 
 def bar(counts: tuple[int, int, int] = (8, 3, 2), side: bool = False, clamped: bool = False) -> Mesh:
     """A bar of hexahedra in two materials, its end faces tied to ROOT and TIP, a patch of its top to SIDE if asked."""
-    nx, ny, nz = counts
-    grid, number, cells = hexahedra(counts)
-    position = START + grid / np.array(counts) * SIZE
-    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
-    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
-    middle = START + 0.5 * SIZE
-    ends = [np.array([START[0], *middle[1:]]), np.array([START[0] + SIZE[0] + 0.05, *middle[1:]])]
-    faces = [number[0].ravel(), number[-1].ravel()]
+    cells = np.prod(counts)
+    region = np.repeat([1, 2], [counts[0] // 2 * cells // counts[0], -(-counts[0] // 2) * cells // counts[0]])
+    plain = make_box("hex8", counts, SIZE, region=region, materials={1: (2.1e11, 0.3, RHO), 2: (7.0e10, 0.33, RHO)})
+    u = plain.position / SIZE
+    n, middle = len(u), START + 0.5 * SIZE
+    ends = [[START[0], *middle[1:]], [START[0] + SIZE[0] + 0.05, *middle[1:]]]
+    faces = [np.flatnonzero(u[:, 0] == 0), np.flatnonzero(u[:, 0] == 1)]
     if side:
-        ends.append(np.array([middle[0], middle[1], START[2] + SIZE[2] + 0.1]))
-        faces.append(number[nx // 2 - 1 : nx // 2 + 2, :, -1].ravel())
-    n = len(position)
-    return Mesh(
-        node_ids=np.append(np.arange(1, n + 1), [ROOT, TIP, SIDE][: len(ends)]),
-        position=np.vstack([position, ends]),
-        blocks=(block,),
-        regions={1: Region(1, "root", 1), 2: Region(2, "tip", 2)},
-        materials={1: Material(1, 2.1e11, 0.3, RHO), 2: Material(2, 7.0e10, 0.33, RHO)},
+        ends.append([middle[0], middle[1], START[2] + SIZE[2] + 0.1])
+        faces.append(np.flatnonzero((u[:, 2] == 1) & (np.abs(counts[0] * u[:, 0] - counts[0] // 2) < 1.5)))
+    return replace(
+        with_nodes(replace(plain, position=START + plain.position), *ends, ids=[ROOT, TIP, SIDE][: len(ends)]),
         fixed=np.array([(n, c) for c in range(6)] if clamped else [], dtype=np.int64).reshape(-1, 2),
         rigid=tuple(RigidElement(k + 1, n + k, face, (0, 1, 2)) for k, face in enumerate(faces)),
     )

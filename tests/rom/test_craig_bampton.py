@@ -1,35 +1,50 @@
-"""A body reduced to its interface is the full one in statics and rigid motion, and close to it in its low modes."""
+"""Bodies reduced to their interfaces: statics, weight and rigid motion of the full model, and close to it in low modes."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.linalg import eigvalsh
 from scipy.spatial.transform import Rotation
 
+from strainsight.decks.reader import read_mesh
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.fem.affine import Parameter
+from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.joins import RigidElement
-from strainsight.rom.craig_bampton import craig_bampton, floating_basis, rigid_motions
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.mesh.joins import PointMass, RigidElement
+from strainsight.rom.craig_bampton import (
+    craig_bampton,
+    floating_basis,
+    inertia_loads,
+    residual_vectors,
+    rigid_field,
+    rigid_motions,
+)
+from strainsight.rom.inertia import inertia_invariants
 
-from .bars import RHO, ROOT, SIDE, SIZE, START, TIP, bar, dense, frequencies, inertia_of, pick, rigid
-
-
-@pytest.fixture(scope="module")
-def clamped():
-    """Held at ROOT; TIP and SIDE are interfaces."""
-    return build_model(bar(side=True, clamped=True))
-
-
-@pytest.fixture(scope="module")
-def free():
-    return build_model(bar(side=True), supported=False)
-
-
-# statics
+from ..bodies import with_nodes
+from .bars import (
+    MESHES,
+    RHO,
+    ROOT,
+    SIDE,
+    SIZE,
+    START,
+    TIP,
+    bar,
+    dense,
+    frequencies,
+    gauge_rows,
+    inertia_of,
+    pick,
+    rigid,
+)
 
 
 def test_a_load_on_the_interface_moves_it_and_all_else_as_in_the_full_model(clamped):
@@ -40,25 +55,6 @@ def test_a_load_on_the_interface_moves_it_and_all_else_as_in_the_full_model(clam
     assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
     flexibility = B @ exact
     assert np.allclose(reduced[:12], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
-
-
-def test_stiffness_of_the_interface_is_the_schur_complement_and_the_modes_are_apart_from_it(clamped):
-    body = craig_bampton(clamped, [TIP, SIDE], modes=4)
-    B = pick(clamped, TIP, SIDE)
-    b = np.flatnonzero(B.any(axis=0))
-    i = np.setdiff1d(np.arange(clamped.size), b)
-    K = dense(clamped.stiffness.constant)
-    schur = K[np.ix_(b, b)] - K[np.ix_(b, i)] @ np.linalg.solve(K[np.ix_(i, i)], K[np.ix_(i, b)])
-    to_free = np.linalg.inv(B[:, b])
-    reduced, omega2 = body.stiffness.constant, (2 * np.pi * body.frequency) ** 2
-    assert np.allclose(reduced[:12, :12], to_free.T @ schur @ to_free, rtol=0, atol=1e-12 * np.abs(schur).max())
-    assert np.allclose(reduced[12:16, 12:16], np.diag(omega2), rtol=0, atol=1e-9 * omega2.max())
-    scale = np.sqrt(np.diag(reduced))
-    assert np.all(np.abs(reduced[:12, 12:]) <= 1e-10 * np.outer(scale[:12], scale[12:]))
-    assert np.allclose(body.mass[12:16, 12:16], np.eye(4), rtol=0, atol=1e-12)
-
-
-# modes
 
 
 def test_with_all_modes_nothing_is_lost():
@@ -95,7 +91,6 @@ def test_frequencies_are_too_high_by_at_most_half_the_square_of_their_share_of_t
 
 @pytest.mark.parametrize("kept", [1, 12, 13, 30])
 def test_a_cut_off_keeps_every_mode_up_to_it(clamped, kept):
-    """However many there are beside the first guess."""
     by_count = craig_bampton(clamped, [TIP], modes=kept)
     body = craig_bampton(clamped, [TIP], cutoff=0.5 * (by_count.frequency[-1] + by_count.cut))
     assert np.allclose(body.frequency, by_count.frequency, rtol=1e-9)
@@ -107,9 +102,6 @@ def test_a_cut_off_below_the_first_mode_leaves_the_static_shapes(clamped):
     assert body.size == 12 + 3
     assert len(body.frequency) == 0
     assert body.cut > 1.0
-
-
-# rigid motions
 
 
 def on_the_interface(model, *nodes):
@@ -142,17 +134,8 @@ def test_the_inertia_of_rigid_motions_is_that_of_a_cuboid(free):
     assert np.allclose(inertia, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_a_free_body_has_six_modes_without_frequency_and_then_those_of_the_full_one(free):
-    body = craig_bampton(free, [ROOT, TIP], modes=40)
-    lam = eigvalsh(body.stiffness.constant, body.mass)
-    exact = eigvalsh(dense(free.stiffness.constant), dense(free.mass.constant))
-    assert np.all(np.abs(lam[:6]) <= 1e-9 * lam[6])
-    assert np.allclose(lam[6:10], exact[6:10], rtol=1e-3)
-
-
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_hinge_leaves_one_rigid_motion(turned):
-    """ROOT held but for its rotation about y, or about an axis of its own."""
     axes = Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix() if turned else np.eye(3)
     mesh = bar()
     root = mesh.node_index(ROOT)
@@ -173,9 +156,6 @@ def test_a_supported_body_has_no_rigid_motion(clamped, free):
     assert rigid_motions(free).shape == (free.size, 6)
 
 
-# coordinates
-
-
 def test_interface_motions_are_along_the_basic_axes_whatever_the_axes_of_the_node(free):
     turned = {free.mesh.node_index(TIP): Rotation.from_rotvec([0.5, 1.0, -0.7]).as_matrix()}
     own = build_model(replace(free.mesh, axes=turned), supported=False)
@@ -193,7 +173,6 @@ def test_rows_of_an_interface_are_the_motions_of_the_node(free):
 
 
 def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamped):
-    """Same stiffness and mass as of the bar with ROOT in its supports, which has no responses to turning."""
     seen = floating_basis(craig_bampton(free, [ROOT, TIP, SIDE], modes=5), ROOT)
     held = craig_bampton(clamped, [TIP, SIDE], modes=5)
     assert (seen.size, held.size) == (17 + 6, 17 + 3)
@@ -205,8 +184,6 @@ def test_a_frame_fixed_to_a_node_sees_the_body_that_is_clamped_there(free, clamp
     assert not seen.interface[ROOT].any()
     assert eigvalsh(seen.stiffness.constant)[0] > 0
 
-
-# parameters
 
 MODULI = (Parameter("E1", "youngs_modulus", (1,), 2.1e11), Parameter("E2", "youngs_modulus", (2,), 7.0e10))
 REFERENCE = {p.name: p.reference for p in MODULI}
@@ -220,26 +197,6 @@ def test_the_stiffness_is_affine_in_the_moduli():
         assert np.allclose(body.stiffness.at(theta), exact, rtol=0, atol=1e-13 * np.abs(exact).max())
     plain = craig_bampton(build_model(bar(clamped=True)), [TIP], modes=4)
     assert np.allclose(body.frequency, plain.frequency, rtol=1e-10)
-
-
-def test_one_modulus_of_the_whole_leaves_statics_exact_at_every_value():
-    """Of a load on the interface and of weight."""
-    model = build_model(bar(clamped=True), (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),))
-    body = craig_bampton(model, [TIP], modes=2, reference={"E": 2.1e11})
-    B = pick(model, TIP)
-    exact = B @ np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), B.T)
-    found = np.linalg.inv(body.stiffness.at({"E": 0.7e11}))[:6, :6]
-    assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
-    f = inertia_of(model, rigid(model.mesh.position)[:, :3])
-    exact = np.linalg.solve(dense(model.stiffness.at({"E": 0.7e11})), f)
-    found = body.basis @ np.linalg.solve(body.stiffness.at({"E": 0.7e11}), body.basis.T @ f)
-    assert np.allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
-
-
-# gauges
-
-
-# what cannot be reduced
 
 
 @pytest.mark.parametrize(
@@ -261,10 +218,7 @@ def test_a_node_that_follows_an_interface_is_refused(free):
     n = len(free.mesh.position)
     arm = RigidElement(9, free.mesh.node_index(TIP), np.array([n]), (0, 1, 2, 3, 4, 5))
     lug = RigidElement(10, n, np.array([40]), (0, 1, 2))
-    position = np.vstack([free.mesh.position, [2.0, 0.0, 0.0]])
-    mesh = replace(
-        free.mesh, node_ids=np.append(free.mesh.node_ids, 950), position=position, rigid=(*free.mesh.rigid, arm, lug)
-    )
+    mesh = replace(with_nodes(free.mesh, [2.0, 0.0, 0.0], ids=[950]), rigid=(*free.mesh.rigid, arm, lug))
     model = build_model(mesh, supported=False)
     with pytest.raises(UserError, match="950 are not its own"):
         craig_bampton(model, [TIP, 950], modes=1)
@@ -294,3 +248,116 @@ def test_counts_cut_offs_and_parameters_that_do_not_go_are_refused(clamped, free
         floating_basis(body, SIDE)
     with pytest.raises(UserError, match="901 already"):
         floating_basis(floating_basis(body, ROOT), TIP)
+
+
+@pytest.mark.parametrize("count", [0, 1, 40])
+def test_weight_deforms_it_as_the_full_model_with_any_number_of_modes(clamped, count):
+    body = craig_bampton(clamped, [TIP, SIDE], modes=count)
+    f = inertia_of(clamped, rigid(clamped.mesh.position)[:, :3])
+    exact = factorise(clamped.stiffness.constant).solve(f)
+    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
+    assert body.size == 12 + count + 3
+    assert np.allclose(body.basis @ found, exact, rtol=0, atol=1e-9 * np.abs(exact).max(axis=0))
+    strain = gauge_rows(clamped, exact)
+    assert np.allclose(gauge_rows(clamped, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
+
+
+@pytest.mark.parametrize("count", [0, 40])
+def test_a_body_that_moves_deforms_as_the_full_one_under_any_acceleration_of_its_frame(free, clamped, count):
+    body = floating_basis(craig_bampton(free, [ROOT, TIP], modes=count), ROOT)
+    motion = rigid(free.mesh.position)
+    exact = factorise(clamped.stiffness.constant).solve(inertia_of(clamped, motion))
+    found = np.linalg.solve(body.stiffness.constant, body.basis.T @ inertia_of(free, motion))
+    assert body.size == 6 + count + 6
+    field = nodal(clamped, exact)
+    assert np.allclose(nodal(free, body.basis) @ found, field, rtol=0, atol=1e-9 * np.abs(field).max(axis=0))
+    strain = gauge_rows(clamped, exact)
+    assert np.allclose(gauge_rows(free, body.basis) @ found, strain, rtol=0, atol=1e-9 * np.abs(strain).max(axis=0))
+
+
+@pytest.mark.parametrize("count", [0, 40])
+def test_residual_vectors_are_apart_from_the_modes_and_from_each_other(clamped, free, count):
+    for model, vectors in ((clamped, 3), (free, 6)):
+        body = craig_bampton(model, [TIP, SIDE] if vectors == 3 else [ROOT, TIP], modes=count)
+        K, M = body.stiffness.constant[12:, 12:], body.mass[12:, 12:]
+        lam = np.diag(K)
+        assert len(lam) == count + vectors
+        assert len(body.frequency) == count
+        assert np.allclose(M, np.eye(len(M)), rtol=0, atol=1e-12)
+        assert np.all(np.abs(K - np.diag(lam)) <= 1e-10 * np.sqrt(np.outer(lam, lam)))
+        # made of modes that were left out
+        assert np.all(lam[count:] >= (2 * np.pi * body.cut) ** 2 * (1 - 1e-9))
+        assert np.all(np.diff(lam[count:]) > 0)
+
+
+def test_loads_of_inertia_count_held_nodes_and_point_masses(free):
+    """MR of a free body; of a held one what its multibody weight is."""
+    points = (
+        PointMass(1, free.mesh.node_index(TIP), 40.0, (0.1, 0.2, -0.3), np.diag([3.0, 4.0, 5.0])),
+        PointMass(2, 20, 25.0, (0.0, 0.0, 0.0), np.zeros((3, 3))),
+    )
+    loose = build_model(replace(free.mesh, point_masses=points), supported=False)
+    R = np.linalg.lstsq(loose.constraint.transform.toarray(), rigid_field(loose), rcond=None)[0]
+    exact = loose.mass.constant @ R
+    assert np.allclose(inertia_loads(loose), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    held = build_model(replace(bar(side=True, clamped=True), point_masses=points))
+    body = craig_bampton(held, [TIP, SIDE], modes=2)
+    weight = inertia_invariants(held, body.basis).first_modal.T
+    assert np.allclose(body.basis.T @ inertia_loads(held)[:, :3], weight, rtol=0, atol=1e-12 * np.abs(weight).max())
+
+
+def test_an_interior_of_one_node_or_none_has_no_more_shapes_than_motions():
+    mesh = bar((1, 1, 1))
+    root, tip = mesh.rigid
+    one = build_model(replace(mesh, rigid=(root, replace(tip, nodes=tip.nodes[:3]))), supported=False)
+    for count in range(4):
+        body = craig_bampton(one, [ROOT, TIP], modes=count)
+        assert body.size == one.size == 15
+        assert len(body.frequency) == count
+        assert np.linalg.matrix_rank(body.basis) == 15
+    none = craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=0)
+    assert none.size == 12
+    assert none.cut == np.inf
+    with pytest.raises(InfeasibleError, match="0 unknowns between"):
+        craig_bampton(build_model(mesh, supported=False), [ROOT, TIP], modes=1)
+
+
+def test_rounding_does_not_flip_an_antisymmetric_vector():
+    n, rng = 41, np.random.default_rng(0)
+    K = sparse.csr_array(sparse.diags_array([np.full(n, 2.0), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]))
+    M = sparse.csr_array(sparse.eye_array(n))
+    s = np.linspace(-1, 1, n)
+    F = np.column_stack([s, -(s**3), np.sign(s), -np.sin(5 * s)])
+    for _ in range(5):
+        shaken = F * (1 + 1e-14 * rng.standard_normal(F.shape))
+        V = residual_vectors(shaken, M, factorise(K), np.zeros(0), np.zeros((n, 0)))
+        assert np.allclose(V, -V[::-1], atol=1e-9)
+        first = np.argmax(np.abs(V) > (1 - 1e-6) * np.abs(V).max(axis=0), axis=0)
+        assert np.all(V[first, np.arange(4)] > 0)
+
+
+def test_the_deck_is_the_one_in_the_list_of_checksums():
+    digest, name = (MESHES / "hub-bench.sha256").read_text().split()
+    assert hashlib.sha256((MESHES / name).read_bytes()).hexdigest() == digest
+
+
+@pytest.mark.slow
+def test_the_hub_is_the_full_one_in_statics_and_in_its_modes_below_half_the_cut_off():
+    model = build_model(read_mesh(MESHES / "hub-bench.bdf.gz"))
+    body = craig_bampton(model, [2], cutoff=550.0)
+    K, M = model.stiffness.constant, model.mass.constant
+    factor = factorise(K)
+    B = pick(model, 2)
+    exact = factor.solve(B.T)
+    reduced = np.linalg.solve(body.stiffness.constant, np.eye(body.size)[:, :6])
+    assert np.allclose(body.basis @ reduced, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
+    flexibility = B @ exact
+    assert np.allclose(reduced[:6], flexibility, rtol=0, atol=1e-10 * np.abs(flexibility).max())
+    f = inertia_of(model, rigid(model.mesh.position)[:, :3])
+    exact = factor.solve(f)
+    found = body.basis @ np.linalg.solve(body.stiffness.constant, body.basis.T @ f)
+    assert np.allclose(found, exact, rtol=0, atol=1e-10 * np.abs(exact).max(axis=0))
+    frequency, _ = lowest_modes(K, M, 9, factor=factor)
+    assert frequency[-1] < 0.5 * body.cut
+    ratio = frequencies(body.stiffness.constant, body.mass)[:9] / frequency
+    assert np.all((ratio > 1 - 1e-9) & (ratio < 1.005))

@@ -1,4 +1,4 @@
-"""Inertia and damping of a free structure."""
+"""Inertia of a free structure; damping of reduced models, and how far their frequencies reach."""
 
 from __future__ import annotations
 
@@ -6,44 +6,46 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, expm_frechet
+from scipy.linalg import eigh, expm_frechet, solve_sylvester, sqrtm
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError, NumericalError
+from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.joins import PointMass, RigidElement
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
+from strainsight.mesh.model import Mesh
+from strainsight.rom.craig_bampton import craig_bampton, inertia_loads
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
-from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes, simulate
-from strainsight.rom.model import Damping, damping_derivative, damping_matrix
+from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes
+from strainsight.rom.model import (
+    Damping,
+    ReducedModel,
+    damping_derivative,
+    damping_matrix,
+    modal_basis,
+)
+from strainsight.rom.reach import OFF, excess, reach
 from strainsight.rom.steady import steady_start
 
-from .models import system, two_materials
+from ..bodies import with_nodes
+from ..fem.conftest import make_box
+from ..solids import HEX
+from .bars import TIP, bar, dense, pick
+from .models import positive, system, two_materials
 from .test_modal_step import with_force_states
 
 SIZE, START = np.array([1.0, 0.6, 0.4]), np.array([0.3, -0.8, 0.5])
-CORNERS = np.array([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)])
+CORNERS = np.array(HEX)
 DENSITY = {1: 7850.0, 2: 2700.0}
 FIELDS = tuple(InertiaInvariants.__dataclass_fields__)
 
 
 def box(bend: float = 0.0, densities: dict[int, float] = DENSITY, turn: np.ndarray | None = None) -> Mesh:
-    """3 × 2 × 2 hexahedra in two materials, the nodes shaken by `bend` of an element, then mapped by `turn`."""
-    counts = np.array([3, 2, 2])
-    grid = np.stack(np.meshgrid(*[np.arange(c + 1) for c in counts], indexing="ij"), axis=-1).reshape(-1, 3)
-    number = np.arange(len(grid)).reshape(counts + 1)
-    cells = np.array([[number[tuple(at + c)] for c in CORNERS] for at in np.ndindex(*counts)])
-    shaken = grid + bend * np.random.default_rng(0).uniform(-1, 1, grid.shape)
-    region = np.where(np.arange(len(cells)) < 6, 1, 2)
-    return Mesh(
-        node_ids=np.arange(1, len(grid) + 1),
-        position=(START + shaken / counts * SIZE) @ (np.eye(3) if turn is None else turn).T,
-        blocks=(CellBlock("hex8", np.arange(1, len(cells) + 1), cells, region),),
-        regions={r: Region(r, str(r), r) for r in densities},
-        materials={r: Material(r, 2e11, 0.3, rho) for r, rho in densities.items()},
-        fixed=np.zeros((0, 2), dtype=np.int64),
-    )
+    """3 × 2 × 2 hexahedra in two materials, inner nodes shaken by `bend` of an element, then all mapped by `turn`."""
+    materials = {r: (2e11, 0.3, rho) for r, rho in densities.items()}
+    mesh = make_box("hex8", (3, 2, 2), SIZE, bend, region=np.repeat([1, 2], 6), materials=materials)
+    return replace(mesh, position=(START + mesh.position) @ (np.eye(3) if turn is None else turn).T)
 
 
 def shapes(model, count: int, seed: int = 1) -> np.ndarray:
@@ -98,7 +100,6 @@ def quadrature_points(mesh: Mesh, field: np.ndarray):
 
 @pytest.mark.parametrize("sheared", [False, True])
 def test_they_are_the_integrals_over_hexahedra(sheared):
-    """Where the Jacobian is constant, as the mass rule of the elements asks."""
     turn = np.array([[1.0, 0.3, -0.2], [0.1, 0.9, 0.4], [-0.3, 0.2, 1.2]]) if sheared else None
     model = build_model(box(turn=turn), supported=False)
     basis = shapes(model, 4)
@@ -108,60 +109,6 @@ def test_they_are_the_integrals_over_hexahedra(sheared):
     assert_same(inertia_invariants(model, basis, origin), by_definition(weight, x - origin, Phi))
 
 
-def test_they_are_the_integrals_over_tetrahedra_of_second_order():
-    """Three of them with straight edges; L = (1 − r, r(1 − s), rs(1 − t), rst) over the unit cube, dV = 6V r² s."""
-    edges = np.array([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)])
-    corners = np.eye(4, 3, -1) + 0.3 * np.random.default_rng(2).uniform(-1, 1, (3, 4, 3))
-    X = np.concatenate([corners, 0.5 * (corners[:, edges[:, 0]] + corners[:, edges[:, 1]])], axis=1)
-    block = CellBlock("tet10", np.arange(1, 4), np.arange(30).reshape(3, 10), np.array([1, 2, 1]))
-    mesh = replace(box(), node_ids=np.arange(1, 31), position=X.reshape(30, 3), blocks=(block,))
-    model = build_model(mesh, supported=False)
-    basis = shapes(model, 3)
-    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6
-    rho = np.array([DENSITY[1], DENSITY[2], DENSITY[1]])
-    g, w = np.polynomial.legendre.leggauss(5)
-    g, w = 0.5 * (g + 1), 0.5 * w
-    r, s, t = (axis.ravel() for axis in np.meshgrid(g, g, g, indexing="ij"))
-    L = np.array([1 - r, r * (1 - s), r * s * (1 - t), r * s * t])
-    N = np.concatenate([L * (2 * L - 1), 4 * L[edges[:, 0]] * L[edges[:, 1]]])
-    weight = np.einsum("i,j,k->ijk", w, w, w).ravel() * 6 * r**2 * s
-    x, Phi = (np.einsum("aq,eac->qec", N, f).reshape(-1, f.shape[2]) for f in (X, basis.reshape(3, 10, 9)))
-    assert_same(
-        inertia_invariants(model, basis),
-        by_definition(np.outer(weight, rho * volume).ravel(), x, Phi.reshape(-1, 3, 3)),
-    )
-
-
-def test_mass_and_its_moments_of_a_cuboid():
-    """m, m x̄, m(diag(l²)/12 + x̄ x̄ᵀ); the other mass properties of the mesh agree."""
-    model = build_model(box(densities={1: 7850.0, 2: 7850.0}), supported=False)
-    body = inertia_invariants(model, shapes(model, 1))
-    m, centre = 7850.0 * SIZE.prod(), START + 0.5 * SIZE
-    assert body.mass == pytest.approx(m, rel=1e-13)
-    assert np.allclose(body.first, m * centre, rtol=1e-13)
-    assert np.allclose(body.second, m * (np.diag(SIZE**2) / 12 + np.outer(centre, centre)), rtol=1e-12)
-    mass, mean = mass_properties(model.mesh)
-    assert body.mass == pytest.approx(mass, rel=1e-13)
-    assert np.allclose(body.first / body.mass, mean, rtol=1e-13)
-
-
-def test_shapes_that_are_rigid_motions_repeat_the_moments():
-    """φ = e_i and φ = e_i × x."""
-    model = build_model(box(0.2), supported=False)
-    x = model.mesh.position
-    rigid = [np.tile(e, (len(x), 1)).ravel() for e in np.eye(3)] + [np.cross(e, x).ravel() for e in np.eye(3)]
-    body = inertia_invariants(model, np.stack(rigid, axis=1))
-    spin = np.stack([np.cross(e, np.eye(3)).T for e in np.eye(3)])
-    inertia = np.trace(body.second) * np.eye(3) - body.second
-    cross = np.cross(np.eye(3), body.first).T
-    tolerance = {"rtol": 0, "atol": 1e-12 * body.mass}
-    assert np.allclose(body.first_modal[:, :3], body.mass * np.eye(3), **tolerance)
-    assert np.allclose(body.first_modal[:, 3:], cross, **tolerance)
-    assert np.allclose(body.modal[3:, 3:], inertia, **tolerance)
-    assert np.allclose(body.second_modal[3:], spin @ body.second + body.second @ spin.swapaxes(1, 2), **tolerance)
-    assert np.allclose(body.coupling[:, :, :3], np.einsum("j,ik->jik", body.first, np.eye(3)), **tolerance)
-
-
 def tied(clamped: bool) -> Mesh:
     """The box with its far face on node 901, its near face clamped if asked."""
     mesh = box(0.1)
@@ -169,9 +116,7 @@ def tied(clamped: bool) -> Mesh:
     n = len(mesh.position)
     fixed = [(node, c) for node in near for c in range(3)] if clamped else []
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 901),
-        position=np.vstack([mesh.position, [1.5, -0.4, 0.9]]),
+        with_nodes(mesh, [1.5, -0.4, 0.9], ids=[901]),
         fixed=np.array(fixed, dtype=np.int64).reshape(-1, 2),
         rigid=(RigidElement(1, n, far, (0, 1, 2)),),
     )
@@ -186,7 +131,6 @@ PARTS = (
 @pytest.mark.parametrize("clamped", [False, True])
 @pytest.mark.parametrize("points", [(), PARTS])
 def test_the_modal_mass_is_that_of_the_model(clamped, points):
-    """With supports, ties and point masses, as the mass matrix on the free motions has them."""
     model = build_model(replace(tied(clamped), point_masses=points), supported=False)
     basis = shapes(model, 5)
     body = inertia_invariants(model, basis)
@@ -207,9 +151,7 @@ def test_a_point_mass_is_the_particles_it_stands_for():
     one = build_model(replace(mesh, point_masses=(PointMass(1, node, m, offset, inertia),)), supported=False)
     arm = RigidElement(2, node, n + np.arange(6), (0, 1, 2))
     particles = replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, 950 + np.arange(6)),
-        position=np.vstack([mesh.position, mesh.position[node] + places]),
+        with_nodes(mesh, mesh.position[node] + places),
         rigid=(*mesh.rigid, arm),
         point_masses=tuple(PointMass(i + 1, n + i, m / 6) for i in range(6)),
     )
@@ -217,28 +159,6 @@ def test_a_point_mass_is_the_particles_it_stands_for():
     assert six.size == one.size
     basis = shapes(one, 3)
     assert_same(inertia_invariants(one, basis), inertia_invariants(six, basis))
-
-
-def test_they_give_the_kinetic_energy_of_any_motion():
-    """½∫ρ|ṙ + Ṙ(x + Φη) + RΦη̇|² dV: from the invariants, and from the mass matrix of the mesh."""
-    model = build_model(box(0.2), supported=False)
-    rng = np.random.default_rng(5)
-    n, x = 4, model.mesh.position
-    basis = shapes(model, n)
-    Phi = basis.reshape(-1, 3, n)
-    s = inertia_invariants(model, basis)
-    R, R_dot = Rotation.random(rng=7).as_matrix(), rng.standard_normal((3, 3))
-    r_dot, eta, eta_dot = rng.standard_normal(3), rng.standard_normal(n), rng.standard_normal(n)
-    velocity = (r_dot + (x + Phi @ eta) @ R_dot.T + (Phi @ eta_dot) @ R.T).ravel()
-    energy = 0.5 * velocity @ (model.mass.constant @ velocity)
-    first = s.first + s.first_modal @ eta
-    second = s.second + np.einsum("k,kij->ij", eta, s.second_modal)
-    second += np.einsum("k,l,klij->ij", eta, eta, s.second_modal2)
-    coupling = s.coupling + np.einsum("k,kjil->jil", eta, s.coupling_modal)
-    found = 0.5 * s.mass * r_dot @ r_dot + 0.5 * np.trace(R_dot @ second @ R_dot.T)
-    found += 0.5 * eta_dot @ s.modal @ eta_dot + r_dot @ R_dot @ first + r_dot @ R @ s.first_modal @ eta_dot
-    found += np.einsum("jil,l,ai,aj->", coupling, eta_dot, R, R_dot)
-    assert found == pytest.approx(energy, rel=1e-12)
 
 
 def test_a_body_without_mass_is_refused():
@@ -267,8 +187,6 @@ def test_at_a_value_it_is_the_model_damped_so_much(damping):
         np.testing.assert_allclose(a.transition, b.transition, rtol=1e-13, atol=1e-15 * np.abs(b.transition).max())
         np.testing.assert_allclose(a.input, b.input, rtol=1e-13, atol=1e-15 * np.abs(b.input).max())
     np.testing.assert_allclose(damping_matrix(free, THETA), damping_matrix(known, THETA), rtol=1e-13, atol=1e-13)
-    u = np.random.default_rng(0).standard_normal((5, 3, 2))
-    np.testing.assert_allclose(simulate(free, THETA, u, 1e-2), simulate(known, THETA, u, 1e-2), rtol=1e-11, atol=1e-14)
     tone = np.array([20.0]), np.array([[1.0, 0.5j]])
     np.testing.assert_allclose(
         steady_start(free, THETA, 1e-2, *tone), steady_start(known, THETA, 1e-2, *tone), rtol=1e-11, atol=1e-14
@@ -312,31 +230,6 @@ def test_the_slope_is_the_frechet_derivative_of_the_exponential(damping, h):
     start = np.concatenate([x, u[0], u[1], 2 * u[2]])
     exact = (expm_frechet(G, dG, compute_expm=False) @ start)[:8]
     np.testing.assert_allclose(slope, exact, atol=1e-9 * np.abs(exact).max())
-    after = modal_step(free, THETA, h)
-    np.testing.assert_allclose(
-        after.transition @ x + np.einsum("aju,ju->a", after.input, u), (expm(G) @ start)[:8], rtol=1e-8, atol=1e-10
-    )
-
-
-@pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
-@pytest.mark.parametrize("scheme", ["trapezoidal", "implicit_euler"])
-def test_slopes_of_schemes_and_accelerations_agree_with_central_differences(damping, scheme):
-    free, _ = pair(damping)
-    rng = np.random.default_rng(4)
-    x, u = rng.standard_normal(8), rng.standard_normal((3, 2))
-    # an acceleration is linear in the damping
-    for made, inputs, d in (
-        (lambda at: modal_step(free, at, 7e-3, scheme), u, 1e-5),
-        (lambda at: acceleration_map(free, at), u[:1], 0.5),
-    ):
-
-        def after(zeta, made=made, inputs=inputs):
-            found = made({**THETA, "zeta": zeta})
-            return found.transition @ x + np.einsum("aju,ju->a", found.input, inputs)
-
-        slope = parameter_slopes(free, made(THETA), THETA, x, inputs, ["zeta"])[:, 0]
-        difference = (after(THETA["zeta"] + d) - after(THETA["zeta"] - d)) / (2 * d)
-        np.testing.assert_allclose(slope, difference, atol=1e-8 * np.abs(difference).max())
 
 
 @pytest.mark.parametrize("damping", DAMPINGS, ids=IDS)
@@ -354,3 +247,147 @@ def test_critical_damping_at_a_value_is_refused():
     free, _ = pair(Damping("modal", ratio=0.5))
     with pytest.raises(NumericalError, match="critically damped"):
         modal_step(free, {**THETA, "zeta": 2.0}, 1e-3)
+
+
+MODAL = Damping("modal", ratio=0.03)
+RAYLEIGH = Damping("rayleigh", alpha=0.4, beta=2e-3)
+
+
+def test_modes_are_those_of_the_generalised_problem_and_mass_normalised():
+    model = two_materials(0, MODAL, 5, 30.0)
+    lam, Phi = modal_basis(model, THETA)
+    K, M = model.stiffness.at(THETA), model.mass.at(THETA)
+    np.testing.assert_allclose(lam, eigh(K, M, eigvals_only=True), rtol=1e-12)
+    np.testing.assert_allclose(Phi.T @ M @ Phi, np.eye(5), atol=1e-12)
+    np.testing.assert_allclose(Phi.T @ K @ Phi, np.diag(lam), atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_modal_damping_is_twice_the_ratio_times_the_matrix_root(seed):
+    model = two_materials(seed, MODAL, 5, 30.0)
+    K, M = model.stiffness.at(THETA), model.mass.at(THETA)
+    root = sqrtm(np.linalg.solve(M, K)).real
+    np.testing.assert_allclose(damping_matrix(model, THETA), 2 * 0.03 * M @ root, atol=1e-11)
+
+
+@pytest.mark.parametrize("name", ["E", "rho"])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_derivative_of_modal_damping_solves_the_sylvester_equation_of_the_root(seed, name):
+    """X² = A, X dX + dX X = dA,  C = 2ζ M X."""
+    model = two_materials(seed, MODAL, 5, 30.0)
+    K, M = model.stiffness.at(THETA), model.mass.at(THETA)
+    dK, dM = model.stiffness.derivative(name, THETA), model.mass.derivative(name, THETA)
+    A = np.linalg.solve(M, K)
+    dA = np.linalg.solve(M, dK - dM @ A)
+    X = sqrtm(A).real
+    dX = solve_sylvester(X, X, dA)
+    np.testing.assert_allclose(damping_derivative(model, THETA, name), 0.06 * (dM @ X + M @ dX), atol=1e-11)
+
+
+def test_rayleigh_damping_is_the_combination_of_mass_and_stiffness_and_so_is_its_derivative():
+    model = two_materials(3, RAYLEIGH, 5, 30.0)
+    K, M = model.stiffness.at(THETA), model.mass.at(THETA)
+    np.testing.assert_allclose(damping_matrix(model, THETA), 0.4 * M + 2e-3 * K, atol=1e-12)
+    np.testing.assert_allclose(damping_derivative(model, THETA, "E"), 2e-3 * model.stiffness.terms["E"], atol=1e-12)
+    np.testing.assert_allclose(damping_derivative(model, THETA, "rho"), 0.4 * model.mass.terms["rho"], atol=1e-12)
+
+
+def test_repeated_and_nearly_repeated_frequencies_do_not_spoil_the_derivative():
+    rng = np.random.default_rng(5)
+    for split in (0.0, 1e-12, 1e-8, 1e-6, 1e-4):
+        lam = np.array([100.0, 100.0 * (1 + split), 300.0])
+        coupling = AffineOperator(np.diag(lam), {"E": positive(rng, 3)})
+        mass = AffineOperator(np.eye(3), {})
+        model = ReducedModel(mass, coupling, np.ones((3, 1)), ("F",), {"E": 0.0}, MODAL)
+        X = np.diag(np.sqrt(lam))
+        expected = 0.06 * solve_sylvester(X, X, coupling.terms["E"])
+        np.testing.assert_allclose(damping_derivative(model, {"E": 0.0}, "E"), expected, rtol=1e-9, atol=1e-9)
+
+
+def test_factors_damp_every_mode_by_its_own_and_the_slope_is_that_of_differences():
+    rng = np.random.default_rng(4)
+    mass = AffineOperator(positive(rng, 5), {})
+    stiffness = AffineOperator(positive(rng, 5), {"E": positive(rng, 5)})
+    factors = rng.uniform(0.3, 3.0, 5)
+    for damping in (MODAL, RAYLEIGH):
+        model = ReducedModel(
+            mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, damping.scaled(factors.tolist())
+        )
+        lam, Phi = eigh(stiffness.at({"E": 1.3}), mass.constant)
+        alone = 2 * MODAL.ratio * np.sqrt(lam) if damping is MODAL else RAYLEIGH.alpha + RAYLEIGH.beta * lam
+        C = damping_matrix(model, {"E": 1.3})
+        np.testing.assert_allclose(Phi.T @ C @ Phi, np.diag(factors * alone), atol=1e-12 * np.abs(alone).max())
+        h = 1e-6
+        ends = [damping_matrix(model, {"E": 1.3 + way}) for way in (h, -h)]
+        slope = damping_derivative(model, {"E": 1.3}, "E")
+        np.testing.assert_allclose(slope, (ends[0] - ends[1]) / (2 * h), atol=1e-7 * np.abs(slope).max())
+        # a factor on all of it comes on top
+        twice = ReducedModel(mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, model.damping.scaled(2.0))
+        np.testing.assert_allclose(damping_matrix(twice, {"E": 1.3}), 2 * C, rtol=1e-12)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-12])
+def test_factors_of_the_modes_of_one_frequency_do_not_depend_on_which_pair_of_modes_is_taken(apart):
+    damping = MODAL.scaled((2.0, 3.0, 5.0))
+    lam = np.array([4.0, 4.0 * (1 + apart), 9.0])
+    Q = np.linalg.qr(np.random.default_rng(3).standard_normal((3, 3)))[0]
+
+    def model(K: np.ndarray) -> ReducedModel:
+        return ReducedModel(AffineOperator(np.eye(3), {}), AffineOperator(K, {}), np.ones((3, 1)), ("F",), {}, damping)
+
+    expected = 0.06 * np.diag([4.0, 4.0, 15.0])
+    np.testing.assert_allclose(damping_matrix(model(np.diag(lam)), {}), expected, atol=1e-9)
+    np.testing.assert_allclose(damping_matrix(model(Q @ np.diag(lam) @ Q.T), {}), Q @ expected @ Q.T, atol=1e-9)
+
+
+MODULI = (Parameter("E1", "youngs_modulus", (1,), 2.1e11), Parameter("E2", "youngs_modulus", (2,), 7.0e10))
+REFERENCE = {p.name: p.reference for p in MODULI}
+
+
+def reduced(moduli, modes=0):
+    model = build_model(bar(clamped=True), moduli)
+    return model, craig_bampton(model, [TIP], modes=modes, reference={p.name: p.reference for p in moduli})
+
+
+@pytest.mark.parametrize("theta", [{"E1": 4.2e11}, {"E2": 3.5e10}, {"E1": 1.0e11, "E2": 9e10}])
+def test_the_excess_is_that_of_the_flexibility_at_the_interface(theta):
+    """max vᵀ(S* − S)v/vᵀS*v = 1 − 1/max eig(S⁻¹S*), or that of the body's own inertia with it held."""
+    model, body = reduced(MODULI)
+    theta = REFERENCE | theta
+    B = pick(model, TIP)
+    exact = B @ np.linalg.solve(dense(model.stiffness.at(theta)), B.T)
+    found = np.linalg.inv(body.stiffness.at(theta))[:6, :6]
+    interfaces = 1 - 1 / np.linalg.eigvals(exact @ np.linalg.inv(found)).real.max()
+    held = B.any(axis=0)
+    K, H = dense(model.stiffness.at(theta))[np.ix_(~held, ~held)], body.basis[~held, 6:]
+    F = inertia_loads(model)[~held, :3]
+    r = H.T @ K @ H
+    ratio = np.linalg.solve(F.T @ np.linalg.solve(K, F), F.T @ H @ np.linalg.solve(r, H.T @ F))
+    inertia = 1 - np.linalg.eigvals(ratio).real.min()
+    assert excess(model, body, [TIP], theta) == pytest.approx(max(interfaces, inertia), rel=1e-6)
+
+
+@pytest.mark.parametrize("modes", [0, 3])
+def test_within_its_reach_statics_are_right_to_one_per_cent(modes):
+    model, body = reduced(MODULI, modes)
+    for name, (low, high) in reach(model, body, [TIP], REFERENCE).items():
+        own = REFERENCE[name]
+        assert own / 2 <= low < own < high <= 2 * own
+        for value in (low, high):
+            off = excess(model, body, [TIP], {**REFERENCE, name: value})
+            assert off <= 1.1 * OFF
+            if 0.51 * own < value < 1.99 * own:
+                assert off > 0.5 * OFF
+
+
+def test_rigid_motions_of_a_free_body_take_no_work():
+    model = build_model(bar(), MODULI, supported=False)
+    body = craig_bampton(model, [TIP], modes=2, reference=REFERENCE)
+    assert excess(model, body, [TIP], REFERENCE) < 1e-9
+    assert 1e-4 < excess(model, body, [TIP], {"E1": 4.2e11, "E2": 7e10}) < 0.5
+
+
+def test_one_modulus_of_the_whole_may_have_any_value():
+    model, body = reduced((Parameter("E", "youngs_modulus", (1, 2), 2.1e11),))
+    assert reach(model, body, [TIP], {"E": 2.1e11}) == {"E": (0.0, np.inf)}
+    assert excess(model, body, [TIP], {"E": 9e11}) < 1e-9

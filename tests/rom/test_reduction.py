@@ -14,8 +14,7 @@ from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel, build_model
-from strainsight.mesh.model import CellBlock, Material, Mesh, Region
-from strainsight.rom import reduction as module
+from strainsight.mesh.model import Mesh
 from strainsight.rom.model import Damping, modal_basis
 from strainsight.rom.reduction import (
     energy_orthonormal,
@@ -26,10 +25,10 @@ from strainsight.rom.reduction import (
 from strainsight.rom.samples import held_out_samples, parameter_samples
 from strainsight.rom.snapshots import scaled, snapshots
 
-from ..structures import hexahedra
+from ..fem.conftest import make_box
 
 DAMPING = Damping("modal", ratio=0.01)
-STEEL, ALLOY = Material(1, 2.1e11, 0.3, 7850.0), Material(2, 7.0e10, 0.33, 2700.0)
+STEEL, ALLOY = (2.1e11, 0.3, 7850.0), (7.0e10, 0.33, 2700.0)
 TWO = (
     Parameter("E1", "youngs_modulus", (1,), 2.1e11),
     Parameter("E2", "youngs_modulus", (2,), 7.0e10),
@@ -40,25 +39,11 @@ TWO_RANGES = {"E1": (1.4e11, 2.8e11), "E2": (4e10, 1.2e11), "rho2": (1800.0, 400
 ONE = (Parameter("E", "youngs_modulus", (1, 2), 2.1e11),)
 
 
-def beam(length: float = 1.0, materials: tuple[Material, Material] = (STEEL, ALLOY)) -> Mesh:
+def beam(materials=(STEEL, ALLOY)) -> Mesh:
     """A cantilever of 8 × 2 × 2 hexahedra, 10:1:0.8, region 1 the first half, clamped at x = 0."""
-    nx, ny, nz = 8, 2, 2
-    grid, _, cells = hexahedra((nx, ny, nz))
-    position = grid * np.array([length / nx, 0.1 * length / ny, 0.08 * length / nz])
-    region = np.where(np.arange(nx) < nx // 2, 1, 2)[:, None, None] * np.ones((1, ny, nz), dtype=int)
-    block = CellBlock("hex8", np.arange(1, cells[..., 0].size + 1), cells.reshape(-1, 8), region.ravel())
-    root = np.flatnonzero(position[:, 0] == 0)
-    fixed = np.array([(node, c) for node in root for c in range(3)])
-    first, second = materials
-    return Mesh(
-        node_ids=np.arange(1, len(position) + 1),
-        position=position,
-        blocks=(block,),
-        regions={1: Region(1, "root", first.id), 2: Region(2, "tip", second.id)},
-        materials={m.id: m for m in materials},
-        fixed=fixed,
-        node_sets={"tip": np.flatnonzero(position[:, 0] == length) + 1},
-    )
+    own = dict(enumerate(materials, start=1))
+    mesh = make_box("hex8", (8, 2, 2), (1.0, 0.1, 0.08), clamp_root=True, region=np.repeat([1, 2], 16), materials=own)
+    return replace(mesh, node_sets={"tip": mesh.node_ids[mesh.position[:, 0] == 1.0]})
 
 
 LOADS = (PointLoad("Fz", (0, 0, 1), node_set="tip"), PointLoad("Fy", (0, 1, 0), node_id=45))
@@ -93,21 +78,12 @@ def frequencies(full: FiniteElementModel, theta, count: int) -> np.ndarray:
     return np.sqrt(lam[:count]) / (2 * np.pi)
 
 
-def test_the_coordinates_are_modal_at_the_reference(reduced):
-    model = reduced.model
-    n = model.size
-    K = model.stiffness.at(TWO_REFERENCE)
+def test_the_coordinates_are_the_modes_of_the_full_model_at_the_reference(two, reduced):
+    K, exact = reduced.model.stiffness.at(TWO_REFERENCE), frequencies(two[0], TWO_REFERENCE, 8)
     lam = np.diag(K)
-    np.testing.assert_allclose(model.mass.at(TWO_REFERENCE), np.eye(n), atol=1e-11)
-    root = np.sqrt(lam)
-    np.testing.assert_allclose(K / np.outer(root, root), np.eye(n), atol=1e-9)
+    np.testing.assert_allclose(reduced.model.mass.at(TWO_REFERENCE), np.eye(len(lam)), atol=1e-11)
+    np.testing.assert_allclose(K / np.sqrt(np.outer(lam, lam)), np.eye(len(lam)), atol=1e-9)
     assert np.all(np.diff(lam) > 0)
-
-
-def test_the_reduced_frequencies_are_the_full_ones_at_the_reference(two, reduced):
-    full, _ = two
-    lam, _ = modal_basis(reduced.model, TWO_REFERENCE)
-    exact = frequencies(full, TWO_REFERENCE, 8)
     np.testing.assert_allclose(np.sqrt(lam[:8]) / (2 * np.pi), exact, rtol=1e-9)
     np.testing.assert_allclose(reduced.frequency, exact, rtol=1e-9)
 
@@ -183,15 +159,6 @@ def test_one_material_scaled_as_a_whole_needs_only_the_reference(one):
     assert errors.static.max() < 1e-9
 
 
-def test_sampling_one_material_anyway_leaves_the_basis_unchanged(one, monkeypatch):
-    monkeypatch.setattr(module, "only_scales", lambda full: False)
-    full, S = one
-    reduced = reduce_model(full, S, ("Fz", "Fy"), {"E": 2.1e11}, {"E": (1e11, 4e11)}, 8, 3, 1e-8, DAMPING)
-    assert len(reduced.samples) == 3
-    assert reduced.model.size == 8 + 2
-    assert np.all(reduced.singular_value < 1e-8)
-
-
 def test_a_load_given_twice_adds_nothing(one):
     full, S = one
     twice = np.hstack([S, S[:, :1]])
@@ -200,64 +167,32 @@ def test_a_load_given_twice_adds_nothing(one):
     np.testing.assert_array_equal(reduced.model.input_shape[:, 0], reduced.model.input_shape[:, 2])
 
 
-@pytest.mark.parametrize("length", [1e-3, 1e3])
-def test_size_does_not_matter(length):
-    """Lengths × L at the same materials: frequencies / L; a micro-beam and a mountain reduce alike."""
-    plain = build_model(beam(), TWO)
-    scaled = build_model(beam(length), TWO)
-    a = reduce_two((plain, input_shape(plain, LOADS)), 2)
-    b = reduce_two((scaled, input_shape(scaled, LOADS)), 2)
-    assert a.model.size == b.model.size
-    np.testing.assert_allclose(b.frequency * length, a.frequency, rtol=1e-8)
-    np.testing.assert_allclose(b.singular_value[:5], a.singular_value[:5], rtol=1e-6)
-
-
-def test_the_largest_component_of_every_basis_vector_is_positive(reduced):
-    basis = reduced.basis
-    largest = basis[np.argmax(np.abs(basis), axis=0), np.arange(basis.shape[1])]
-    assert np.all((largest > 0) | np.isclose(-largest, basis.max(axis=0), rtol=1e-5))
-
-
-def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
-    full, S = two
-    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
-    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 30, DAMPING.scaled(1.5))
-    assert model.size == 32
-    assert model.parameters == ()
-    assert model.damping.ratio == pytest.approx(0.015)
+def checked_modal_model(full, S, theta, count, *more):
+    """A modal model that has the frequencies and static responses of the full one."""
+    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, count, *more)
+    assert (model.size, model.parameters) == (count + 2, ())
     lam, _ = modal_basis(model, {})
-    np.testing.assert_allclose(np.sqrt(lam[:30]) / (2 * np.pi), frequencies(full, theta, 30), rtol=1e-8)
+    np.testing.assert_allclose(np.sqrt(lam[:count]) / (2 * np.pi), frequencies(full, theta, count), rtol=1e-8)
     z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
     q = np.linalg.solve(model.stiffness.at({}), model.input_shape)
     np.testing.assert_allclose(basis @ q, z, atol=1e-9 * np.abs(z).max())
+    return model
+
+
+def test_a_modal_model_holds_the_modes_and_static_responses_of_one_point(two):
+    """Also where modes of another point are known, which do not serve two materials."""
+    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
+    assert checked_modal_model(*two, theta, 30, DAMPING.scaled(1.5)).damping.ratio == pytest.approx(0.015)
+    checked_modal_model(*two, theta, 10, DAMPING, snapshots(*two, TWO_REFERENCE, 12))
 
 
 def test_modes_of_the_reference_serve_any_value_of_one_material(one):
-    """K and M times a number have the same shapes: the truth at another modulus needs no new modes."""
-    full, S = one
-    at = {"E": 2.1e11}
+    (full, S), at, theta = one, {"E": 2.1e11}, {"E": 2.6e11}
     known = snapshots(full, S, at, 12)
-    theta = {"E": 2.6e11}
-    model, basis = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
-    assert model.size == 12
-    lam, _ = modal_basis(model, {})
-    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
-    z = np.linalg.solve(full.stiffness.at(theta).toarray(), S)
-    np.testing.assert_allclose(
-        basis @ np.linalg.solve(model.stiffness.at({}), model.input_shape), z, atol=1e-9 * np.abs(z).max()
-    )
-    there = scaled(full, known, at, theta)
+    checked_modal_model(full, S, theta, 10, DAMPING, known)
+    there, z = scaled(full, known, at, theta), np.linalg.solve(full.stiffness.at(theta).toarray(), S)
     np.testing.assert_allclose(there.frequency, frequencies(full, theta, 12), rtol=1e-8)
     np.testing.assert_allclose(there.static, z, rtol=0, atol=1e-9 * np.abs(z).max())
-
-
-def test_modes_of_another_point_do_not_serve_two_materials(two):
-    full, S = two
-    theta = {"E1": 2.6e11, "E2": 5e10, "rho2": 2000.0}
-    known = snapshots(full, S, TWO_REFERENCE, 12)
-    with_them, _ = modal_model(full, S, ("Fz", "Fy"), theta, 10, DAMPING, known)
-    lam, _ = modal_basis(with_them, {})
-    np.testing.assert_allclose(np.sqrt(lam[:10]) / (2 * np.pi), frequencies(full, theta, 10), rtol=1e-8)
 
 
 def test_known_modes_save_the_iterations_and_change_nothing(two, reduced):

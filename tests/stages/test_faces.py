@@ -18,7 +18,6 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import input_shape
 from strainsight.fem.model import build_model
 from strainsight.mesh.joins import PointMass
-from strainsight.mesh.model import Material
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.rom.model import Damping
@@ -128,7 +127,7 @@ def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any
     tip = int(np.argmax(beam().position[:, 0]))
 
     def whole(theta):
-        materials = Material(1, 2.1e11, 0.3, theta["heavy"]), Material(2, 7.0e10, 0.33, theta["light"])
+        materials = (2.1e11, 0.3, theta["heavy"]), (7.0e10, 0.33, theta["light"])
         mesh = replace(beam(materials=materials), point_masses=(PointMass(1, tip, 3.0),))
         model = build_model(mesh)
         return spsolve(model.stiffness.constant.tocsc(), input_shape(model, tuple(point_loads(loads).values())))

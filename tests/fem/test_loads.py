@@ -1,4 +1,4 @@
-"""Weight, rotation and point masses."""
+"""The model on its free motions, and loads on it: weight, rotation and point masses, forces and moments of decks."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.mesh.forces import BodyForce, NodalForces
 from strainsight.mesh.joins import PointMass, RigidElement
 
-from ..bodies import RHO, E, body, held
+from ..bodies import RHO, E, body, held, with_nodes
 from ..solids import SOLIDS
 
 G = np.array([1.0, -2.0, 9.81])
@@ -55,18 +55,6 @@ def test_a_hanging_bar_stretches_by_its_weight():
     np.testing.assert_allclose(u[:, 2], -RHO / E * (4 * z - z**2 / 2), rtol=1e-9, atol=1e-20)
 
 
-def test_a_rotating_bar_stretches_by_its_own_pull():
-    """ν = 0, about an end: u(x) = ρ/E (L² x/2 − x³/6) for Ω² = 1; cubic, so that quadratic elements have it at their corners."""
-    mesh = body("hex20", (8, 1, 1), lambda u, v, w: (0.25 * u, 0.01 * v, 0.01 * w))
-    mesh = held(replace(mesh, materials={1: replace(mesh.materials[1], poisson_ratio=0.0)}), mesh.position[:, 0] == 0)
-    model = build_model(mesh)
-    S = input_shape(model, [PointLoad("w", rotation=((0, 0, -5.0), (0, 0.005, 9.0)))])
-    u = nodal(model, factorise(model.stiffness.constant).solve(S)).reshape(-1, 3)
-    x = mesh.position[:, 0]
-    corner = np.isclose(x % 0.25, 0) | np.isclose(x % 0.25, 0.25)
-    np.testing.assert_allclose(u[corner, 0], (RHO / E * (2**2 * x / 2 - x**3 / 6))[corner], rtol=1e-6, atol=1e-18)
-
-
 def test_a_point_mass_pulls_where_it_is_and_turns_its_node():
     """m a at its centre and −ω × Jω, against particles that make up mass and inertia."""
     mesh = body("hex8", (1, 1, 1), lambda *u: u)
@@ -76,9 +64,7 @@ def test_a_point_mass_pulls_where_it_is_and_turns_its_node():
     J = sum(d * (q @ q * np.eye(3) - np.outer(q, q)) for d, q in zip(dm, r - centre, strict=True))
     node = 8
     mesh = replace(
-        mesh,
-        node_ids=np.arange(1, 10),
-        position=np.vstack([mesh.position, [0.5, 0.5, 2.0]]),
+        with_nodes(mesh, [0.5, 0.5, 2.0]),
         rigid=(RigidElement(1, node, np.array([4, 5, 6, 7]), (0, 1, 2)),),
         point_masses=(PointMass(7, node, m, centre, J),),
     )
@@ -123,9 +109,7 @@ def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamp
 def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
     rim = np.flatnonzero(clamped.position[:, 0] == 3)
     mesh = replace(
-        clamped,
-        node_ids=np.append(clamped.node_ids, 99),
-        position=np.vstack([clamped.position, [3, 0.5, 0.5]]),
+        with_nodes(clamped, [3, 0.5, 0.5], ids=[99]),
         rigid=(RigidElement(1, 16, rim, (0, 1, 2)),),
         loads={"LOAD-1": NodalForces(np.array([16]), np.zeros((1, 3)), np.array([[0, 0, 5.0]]))},
     )
@@ -136,14 +120,11 @@ def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
 
 
 def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
-    """A force and a moment on the reference node of the end, against those on a lever behind it and on a node of the end."""
     mesh = body("hex8", (3, 1, 1), lambda *u: u)
     mesh = held(mesh, mesh.position[:, 0] == 0)
     end = np.flatnonzero(mesh.position[:, 0] == 3)
     mesh = replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, [98, 99, 100]),
-        position=np.vstack([mesh.position, [3, 0.5, 0.5], [4, 0.7, 0.5], [9, 9, 9]]),
+        with_nodes(mesh, [3, 0.5, 0.5], [4, 0.7, 0.5], [9, 9, 9], ids=[98, 99, 100]),
         rigid=(
             RigidElement(1, 16, end[1:], (0, 1, 2)),
             RigidElement(2, 16, np.array([end[0], 17]), (0, 1, 2, 3, 4, 5)),
@@ -188,28 +169,13 @@ def bar(box):
     tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 3.0))
     reference = np.array([3.2, 0.6, 0.4])
     return replace(
-        mesh,
-        node_ids=np.append(mesh.node_ids, [900, 901]),
-        position=np.vstack([mesh.position, reference, reference + OFFSET]),
+        with_nodes(mesh, reference, reference + OFFSET, ids=[900, 901]),
         rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
     )
 
 
 def mass_of(mesh):
     return build_model(mesh).mass.constant.toarray()
-
-
-@pytest.mark.parametrize("inertia", [np.zeros((3, 3)), INERTIA])
-@pytest.mark.parametrize("components", [(0, 1, 2), (0, 1, 2, 3, 4, 5)])
-def test_an_offset_is_a_rigid_arm(bar, inertia, components):
-    """To a node that follows in rotation too where it has inertia."""
-    n = len(bar.position) - 2
-    with_offset = replace(bar, point_masses=(PointMass(4, n, 500.0, OFFSET, inertia),))
-    arm = RigidElement(2, n, np.array([n + 1]), components)
-    on_arm = replace(bar, rigid=(*bar.rigid, arm), point_masses=(PointMass(4, n + 1, 500.0, inertia=inertia),))
-    expected, found = mass_of(with_offset), mass_of(on_arm)
-    lost = inertia.any() and len(components) == 3
-    assert np.allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max()) != lost
 
 
 def test_energy_of_a_turning_body_has_its_inertia_and_that_of_its_centre(bar):
@@ -258,3 +224,89 @@ def test_bodies_that_cannot_be_are_refused(bar):
     skew = np.eye(3) + np.eye(3, k=1)
     with pytest.raises(DeckError, match="the inertia of point mass 4 is not symmetric"):
         build_model(replace(bar, point_masses=(PointMass(4, n, 1.0, inertia=skew),)))
+
+
+@pytest.fixture(scope="module")
+def beam(box):
+    """A beam with a rigid tip whose reference node 100 carries 3 kg."""
+    mesh = box("hex20", (4, 1, 1), size=(4.0, 1.0, 1.0), clamp_root=True)
+    tip = np.flatnonzero(np.isclose(mesh.position[:, 0], 4.0))
+    n = len(mesh.position)
+    return replace(
+        with_nodes(mesh, [4.0, 0.5, 0.5], ids=[1000]),
+        rigid=(RigidElement(1, n, tip, (0, 1, 2)),),
+        point_masses=(PointMass(2, n, 3.0),),
+        node_sets={"tip": mesh.node_ids[tip], "nothing": np.array([], dtype=np.int64)},
+        loads={
+            "FORCE-1": NodalForces(np.array([n, tip[0]]), np.array([[0.0, 3.0, 0.0], [0.0, 0.0, -4.0]])),
+            "FORCE-2": NodalForces(tip[:2], np.array([[0.0, 3.0, 0.1], [0.0, -3.0, -0.1]])),
+            "FORCE-3": NodalForces(np.flatnonzero(mesh.position[:, 0] == 0), np.ones((8, 3))),
+        },
+    )
+
+
+def test_a_tip_force_does_the_work_of_its_displacement(beam):
+    model = build_model(beam)
+    loads = [
+        PointLoad("x", (2.0, 0.0, 0.0), node_id=1000),
+        PointLoad("set", (0.0, 0.0, 1.0), node_set="tip"),
+        PointLoad("oblique", (1.0, 1.0, 0.0), node_id=1000),
+    ]
+    S = input_shape(model, loads)
+    field = np.random.default_rng(0).normal(size=(model.size, 1))
+    z = nodal(model, field).reshape(-1, 3)
+    tip = np.isin(beam.node_ids, beam.node_sets["tip"])
+    assert np.allclose((S.T @ field)[:, 0], [z[-1, 0], z[tip, 2].mean(), (z[-1, 0] + z[-1, 1]) / np.sqrt(2)])
+
+
+def test_a_load_of_the_deck_has_a_unit_resultant_and_its_distribution(beam):
+    model = build_model(beam)
+    reference, node = beam.node_ids[beam.loads["FORCE-1"].nodes]
+    parts = [PointLoad("a", (0, 1, 0), node_id=int(reference)), PointLoad("b", (0, 0, -1), node_id=int(node))]
+    S = input_shape(model, [PointLoad("F", deck_load="FORCE-1"), *parts])
+    assert np.allclose(S[:, 0], 0.6 * S[:, 1] + 0.8 * S[:, 2], rtol=0, atol=1e-15)
+
+
+def test_constrained_mass_keeps_the_point_mass_and_the_body(beam):
+    model = build_model(replace(beam, fixed=np.zeros((0, 2), dtype=np.int64)), supported=False)
+    e = np.zeros(model.size)
+    e[(model.constraint.free_rows < 3 * len(beam.position)) & (model.constraint.free_rows % 3 == 1)] = 1.0
+    assert e @ model.mass.constant @ e == pytest.approx(4.0 * 7850.0 + 3.0, rel=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (PointLoad("F", (0, 0, 1), node_id=77777), "node 77777, which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="tips"), "node set 'tips', which is not there"),
+        (PointLoad("F", (0, 0, 1), node_set="nothing"), "empty node set"),
+        (PointLoad("F", (0, 0, 0), node_id=1000), "direction"),
+        (PointLoad("F", (0, 0, 1), node_id=1), "node 1, which cannot move in its direction"),
+        (PointLoad("F", (0, 0, 1)), "needs a node or a node set"),
+        (PointLoad("F", node_id=1, deck_load="FORCE-1"), "needs a node or a node set, or a load of the deck"),
+        (PointLoad("F", (0, 0, 1), deck_load="FORCE-1"), "direction"),
+        (PointLoad("F", deck_load="FORCE-9"), "'FORCE-9' of the deck, which is not there"),
+        (PointLoad("F", deck_load="FORCE-2"), "add up to nothing"),
+        (PointLoad("F", deck_load="FORCE-3"), "cannot move"),
+    ],
+)
+def test_loads_that_cannot_act_are_refused(beam, load, message):
+    with pytest.raises(UserError, match=message):
+        input_shape(build_model(beam), [load])
+
+
+def test_a_mesh_with_nothing_to_move_is_refused(box):
+    mesh = box("tet4", (1, 1, 1))
+    with pytest.raises(DeckError, match="no elements"):
+        build_model(replace(mesh, blocks=()))
+    with pytest.raises(DeckError, match="every node is clamped"):
+        build_model(replace(mesh, fixed=np.array([(i, c) for i in range(8) for c in range(3)])))
+
+
+def test_forces_of_a_deck_on_clamped_nodes_are_reported_and_push_only_the_support(beam):
+    root, tip = int(np.flatnonzero(beam.position[:, 0] == 0)[0]), len(beam.position) - 1
+    both = NodalForces(np.array([root, tip]), np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 3.0]]))
+    model = build_model(replace(beam, loads={"FORCE-4": both}))
+    with pytest.warns(UserWarning, match=r"1 of its 2 nodes cannot move .* 25 % of its resultant"):
+        S = input_shape(model, [PointLoad("F", deck_load="FORCE-4")])
+    np.testing.assert_allclose(S, 0.75 * input_shape(model, [PointLoad("F", (0, 0, 1), node_id=1000)]), atol=1e-15)
