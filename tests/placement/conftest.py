@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import combinations
 
@@ -95,9 +95,31 @@ def make_scenarios(
     return tuple(Scenario(f, Q, H, r, weight) for f in F)
 
 
+def blind_sideways(beam: Beam, scenario: Scenario, gauges: np.ndarray) -> Scenario:
+    """Those gauges read nothing of the motion that Fy drives."""
+    H, shape = scenario.H.copy(), np.abs(beam.model.input_shape)
+    H[np.ix_(gauges, np.flatnonzero(shape[:, 1] > 1e-6 * shape.max()))] = 0.0
+    return replace(scenario, H=H)
+
+
 def last(size: int, count: int) -> np.ndarray:
     """Indices of the last states, where the unknowns are."""
     return np.arange(size - count, size)
+
+
+def with_accelerometers(scenario: Scenario, modes: int, precision: float) -> Scenario:
+    """Two accelerometers beside the strain gauges, their noise so many times what one unit of the unknowns makes them read."""
+    H = np.random.default_rng(3).normal(size=(2, modes)) @ scenario.F[modes : 2 * modes]
+    r = (precision * np.linalg.norm(H[:, 2 * modes :], axis=1)) ** 2 * 5e-4
+    return replace(scenario, H=np.vstack([scenario.H, H]), r=np.concatenate([scenario.r, r]))
+
+
+def residual(scenario: Scenario, P: np.ndarray) -> float:
+    """The relative residual of (5.14), gauge by gauge."""
+    F, Q = scenario.F, scenario.Q
+    PGP = sum(np.outer(P @ h, P @ h) / r for h, r in zip(scenario.H, scenario.r, strict=True))
+    defect = F @ P + P @ F.T + Q - PGP
+    return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
 
 
 LOST = 1e100

@@ -68,21 +68,6 @@ def mixed(seed, k, *, singles=6, pairs=5, triples=5):
     return blocks, [block[block.any(axis=1)] for block in blocks]
 
 
-@pytest.mark.parametrize("keep", [4, 9])
-def test_a_gauge_alone_is_a_block_of_one_channel(keep):
-    rng = np.random.default_rng(keep)
-    rows, variance = rng.normal(size=(40, 6)), rng.uniform(0.5, 2, 40)
-    padded, noise = np.zeros((40, 2, 6)), np.ones((40, 2))
-    padded[:, 0], noise[:, 0] = rows, variance
-    # pivots behind the rank of H are rounding
-    for rule, number in ((effective_independence, keep), (qr_pivoting, min(keep, 6))):
-        alone = rule(rows, number).tolist()
-        assert rule(rows[:, None], number).tolist() == rule(padded, number).tolist() == alone
-    alone = d_optimal(rows, variance, np.eye(6), keep).tolist()
-    assert d_optimal(rows[:, None], variance[:, None], np.eye(6), keep).tolist() == alone
-    assert d_optimal(padded, noise, np.eye(6), keep).tolist() == alone
-
-
 def test_efi_removes_the_block_of_the_smallest_trace_of_its_hat_block():
     blocks, channels = mixed(5, 4)
     left = list(range(len(blocks)))

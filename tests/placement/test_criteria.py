@@ -207,15 +207,6 @@ def test_what_has_no_weight_is_still_reported(case_of):
             eliminate_from(pools, 2)
 
 
-@EVERY
-def test_of_two_equal_gauges_the_lower_index_leaves(case_of, criterion):
-    scenarios, _, _ = case_of(criterion, size=9)
-    twice = [replace(s, H=np.tile(s.H, (2, 1)), r=np.tile(s.r, 2)) for s in scenarios]
-    found = eliminate(twice, 17)
-    assert found.removed[0] < 9
-    assert found.removed[0] + 9 in found.ties[0]
-
-
 def two_walks(precision, criterion):
     """Two walks that know nothing of one another, gauge g reads walk g mod 2: P of each is √q / √Σ precision."""
     size = len(precision)

@@ -62,23 +62,6 @@ def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of)
     np.testing.assert_allclose(again.cost, found.cost, rtol=1e-8)
 
 
-def test_bonded_gauges_stay(beam_of, scenarios_of):
-    scenarios = scenarios_of(beam_of(25), (), ("E",))
-    free = eliminate(scenarios, 4)
-    bonded = [int(free.removed[0]), int(free.removed[1])]
-    found = eliminate(scenarios, 4, fixed=bonded)
-    assert set(bonded) <= set(found.kept.tolist())
-    assert found.cost[-1] >= free.cost[-1]
-
-
-def test_as_many_gauges_as_unknowns_are_kept_and_of_all_gauges_none_is_removed(beam_of, scenarios_of):
-    scenarios = scenarios_of(beam_of(12), ("Fz", "Fy"), ("E",))
-    assert eliminate(scenarios, 3).kept.shape == (3,)
-    whole = eliminate(scenarios, 12)
-    assert whole.removed.shape == (0,)
-    assert whole.cost.shape == (1,)
-
-
 def test_load_modulus_and_density_together_are_refused_in_words(beam_of, scenarios_of):
     beam = beam_of(20)
     # the side load is known and would tell the scale; at rest sideways it does not

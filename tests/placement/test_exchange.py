@@ -21,16 +21,6 @@ from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
 
-def test_bonded_gauges_are_not_swapped_and_a_limit_is_kept(beam_of, scenarios_of):
-    pools = eliminate(scenarios_of(beam_of(30), ("Fz",), ("E",)), 4).pools
-    start = random_sets(30, 4, 1, seed=3)[0]
-    bonded = [int(start[0]), int(start[2])]
-    assert set(bonded) <= set(exchange(pools, start, fixed=bonded).gauges.tolist())
-    stopped = exchange(pools, start, limit=1)
-    assert not stopped.complete
-    assert stopped.cost[-1] <= stopped.cost[0]
-
-
 @pytest.mark.parametrize("instants", [(63,), (55, 871)])
 def test_the_limit_is_never_passed_and_never_passes_for_an_end(beam_of, scenarios_of, instants):
     pools = eliminate(scenarios_of(beam_of(16, 5), ("Fz",), ("E",), instants=instants), 4).pools
@@ -46,12 +36,6 @@ def test_the_limit_is_never_passed_and_never_passes_for_an_end(beam_of, scenario
     exact = exchange(pools, start, limit=whole.solves)
     assert exact.complete
     assert exact.swaps == whole.swaps
-
-
-def test_an_undetectable_start_is_a_mistake_of_the_caller(beam_of, scenarios_of):
-    pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
-    with pytest.raises(ValueError, match="detects every unknown"):
-        exchange(pools, [3])
 
 
 def test_beside_gauges_that_may_not_leave_room_is_filled(beam_of, scenarios_of):

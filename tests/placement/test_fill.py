@@ -15,6 +15,8 @@ from strainsight.placement.recommendation import alike, gains, worth_keeping
 from strainsight.placement.remaining import Remaining, twin_groups
 from strainsight.placement.scenario import Scenario, solve_pool
 
+from .wandering import COMBINED, costs_of, pools_of
+
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_the_loops_of_gauges_that_lose_are_let_go(beam_of, scenarios_of, monkeypatch, aggregate):
@@ -42,17 +44,10 @@ def test_the_gauge_that_fits_and_lowers_the_cost_most_is_added_until_none_fits(a
     H, levels, weight = rng.normal(size=(2, 12, 3)), (1.0, 30.0), np.array([1.0, 5.0, 0.2])
     H[:, [7, 9]] = -2 * H[:, [3, 4]]
     H[:, [3, 4]] *= 2
-    pools = [
-        solve_pool(Scenario(np.zeros((3, 3)), q * np.eye(3), h, np.ones(12), weight))
-        for h, q in zip(H, levels, strict=True)
-    ]
+    pools = pools_of(H, levels, weight)
 
     def cost(chosen):
-        each = []
-        for h, q in zip(H[:, chosen], levels, strict=True):
-            lam, U = np.linalg.eigh(h.T @ h)
-            each.append(np.sqrt(q) * weight @ (U**2 / np.sqrt(lam)).sum(axis=1))
-        return max(each) if aggregate == "worst" else sum(each) / 2
+        return COMBINED[aggregate](costs_of(H[:, chosen], levels, weight, np.ones(len(chosen))))
 
     price = np.array([3.0, 1, 1, 1, 2, 2, 1, 1, 0.5, 2, 1, 3])
     zone = ("place.at_most.0", np.isin(np.arange(12), [1, 2, 3, 7]), 2)
@@ -68,18 +63,12 @@ def test_the_gauge_that_fits_and_lowers_the_cost_most_is_added_until_none_fits(a
         assert filling.fill(pools, [8, 0, 5], limits, aggregate).tolist() == sorted(chosen)
 
 
-def test_only_a_set_that_tells_every_unknown_is_filled():
-    pools = [solve_pool(Scenario(np.zeros((2, 2)), np.eye(2), np.eye(2)[[0, 1, 0]], np.ones(3), np.ones(2)))]
-    with pytest.raises(ValueError, match="detects every unknown"):
-        filling.fill(pools, [0], as_limits(3, 2, ()))
-    assert filling.fill(pools, [0, 2], as_limits(3, 2, ())).tolist() == [0, 2]
-
-
 def test_the_sum_and_the_rows_follow_every_removal(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(700, 3), ("Fz",), ("E",))
+    """Of gauges of two channels."""
+    (scenario,) = scenarios_of(beam_of(1400, 3), ("Fz",), ("E",))
     rng = np.random.default_rng(0)
-    r = scenario.r * 10.0 ** rng.uniform(0, 8, 700)
-    pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H, r, scenario.weight))
+    r = scenario.r.reshape(700, 2) * 10.0 ** rng.uniform(0, 8, (700, 1))
+    pool = solve_pool(Scenario(scenario.F, scenario.Q, scenario.H.reshape(700, 2, -1), r, scenario.weight))
     left = Remaining([pool], fixed=[5, 6])
     factor = rng.normal(size=(len(pool.P), 2))
     gone: list[int] = []
@@ -89,7 +78,8 @@ def test_the_sum_and_the_rows_follow_every_removal(beam_of, scenarios_of):
         left.remove(int(np.flatnonzero((left.index == gauge) & left.movable)[0]))
         gone.append(gauge)
         there = np.delete(np.arange(700), gone)
-        G = pool.rows[there, 0].T @ pool.rows[there, 0]
+        rows = pool.rows[there].reshape(-1, len(pool.P))
+        G = rows.T @ rows
         size = np.sqrt(np.outer(np.diag(G), np.diag(G)))
         assert np.all(np.abs(left.gram(0) - G) <= 1e-12 * size)
         assert left.count == len(there)
@@ -114,6 +104,14 @@ def test_twins_agree_in_every_scenario_up_to_their_sign():
     assert both[0] == both[2]
     assert both[4] == both[5]
     assert len(set(both.tolist())) == 4
+
+
+def test_blocks_of_the_same_channels_in_another_order_are_twins():
+    a, b = np.array([1.0, -2.0]), np.array([0.0, 3.0])
+    labels = twin_groups([np.array([[a, b], [b, -a], [a, a], [b, b], [0 * a, a], [a, -0.0 * a]])])
+    assert labels[0] == labels[1]
+    assert labels[4] == labels[5]
+    assert len(set(labels.tolist())) == 4
 
 
 @pytest.mark.parametrize("unit", [1e-25, 1.0, 1e25])

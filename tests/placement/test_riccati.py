@@ -20,6 +20,8 @@ from strainsight.placement.riccati import (
 )
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
+from .conftest import residual, with_accelerometers
+
 
 def covariance_in_sixty_digits(F, Q, rows):
     """Stable eigenvectors of the Hamiltonian in multiple precision."""
@@ -39,23 +41,6 @@ def covariance_in_sixty_digits(F, Q, rows):
         U2 = mpmath.matrix([[vectors[n + i, k] for k in stable] for i in range(n)])
         P = U2 * mpmath.inverse(U1)
         return np.array([[float(mpmath.re(P[i, j])) for j in range(n)] for i in range(n)])
-
-
-def residual(scenario, P):
-    """The relative residual of (5.14), gauge by gauge."""
-    F, Q = scenario.F, scenario.Q
-    PGP = sum(np.outer(P @ h, P @ h) / r for h, r in zip(scenario.H, scenario.r, strict=True))
-    defect = F @ P + P @ F.T + Q - PGP
-    return np.linalg.norm(defect) / (2 * np.linalg.norm(F @ P) + np.linalg.norm(Q) + np.linalg.norm(PGP))
-
-
-def with_accelerometers(scenario, modes, precision, count=2):
-    """Accelerometers beside the strain gauges, their noise so many times what one unit of the unknowns makes them read."""
-    H = np.random.default_rng(3).normal(size=(count, modes)) @ scenario.F[modes : 2 * modes]
-    r = (precision * np.linalg.norm(H[:, 2 * modes :], axis=1)) ** 2 * 5e-4
-    return Scenario(
-        scenario.F, scenario.Q, np.vstack([scenario.H, H]), np.concatenate([scenario.r, r]), scenario.weight
-    )
 
 
 PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
@@ -173,24 +158,6 @@ def test_without_any_gauge_what_decays_is_known_by_its_own_spread():
         solve_care(np.array([[1.0]]), np.array([[1.0]]), np.zeros((1, 1)))
 
 
-def test_units_of_states_and_strain_change_nothing(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(20), ("Fz",), ("E",))
-    d = 10.0 ** np.random.default_rng(1).uniform(-5, 5, len(scenario.F))
-    other = scenario.scaled(d)
-    micro = Scenario(other.F, other.Q, other.H * 1e6, other.r * 1e12, other.weight)
-    here, there = solve_pool(scenario), solve_pool(micro)
-    np.testing.assert_allclose(there.P, here.P, atol=1e-8)
-    np.testing.assert_allclose(there.scale * d, here.scale, rtol=1e-6)
-
-
-def test_balance_gives_unit_variance(beam_of, scenarios_of):
-    (scenario,) = scenarios_of(beam_of(20), (), ("E", "rho"))
-    rows = scenario.rows[:, 0]
-    d, P = balance(scenario.F, scenario.Q, rows.T @ rows)
-    np.testing.assert_allclose(np.diag(P), 1.0, rtol=1e-6)
-    assert np.ptp(np.log10(d)) > 2
-
-
 def test_what_no_noise_reaches_keeps_a_share_of_the_largest_scale_whatever_that_is():
     """Two states that decay, of which noise of intensity q reaches the first: var x = q/2 without a gauge."""
     F = np.diag([-1.0, -1.0])
@@ -266,11 +233,3 @@ def test_an_undamped_motion_without_process_noise_has_no_steady_filter(beam_of, 
     assert solve_pool(driven).residual < 1e-10
     (damped,) = scenarios_of(beam_of(20, ratio=1e-4), ("Fz",), ())
     assert solve_pool(damped).residual < 1e-10
-
-
-def test_a_pool_that_cannot_tell_the_unknowns_is_refused_in_words(beam_of, scenarios_of):
-    beam = beam_of(20)
-    (scenario,) = scenarios_of(beam, ("Fz",), ("E",))
-    blind = Scenario(scenario.F, scenario.Q, 0 * scenario.H, scenario.r, scenario.weight)
-    with pytest.raises(InfeasibleError, match="no gauge of the pool can tell"):
-        solve_pool(blind, ("Fz", "E"))
