@@ -95,6 +95,27 @@ def gathered(F, Q):
     return X[n:, n:].T @ X[:n, n:]
 
 
+WHITE = (0, 0, 1e-4, 1e-4, KAPPA)
+
+
+def joint(p, P0, steps=STEPS, white=WHITE):
+    """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers; white (5,): intensities."""
+    A, drive = step_at(p)
+    # the noise is that of the model at the guess
+    Q = gathered(continuous(REFERENCE)[0], np.diag(white))
+    read = np.einsum("mi,kijn->kmjn", ROWS, influence(A, steps)[1:, :2]).reshape(2 * steps, steps + 1, 5)
+    mean = (read[:, 1:] @ drive) @ forces(steps)[:, 0, 0]
+    noise = np.concatenate([read[:, :1] @ P0[:5, :5], read[:, 1:] @ Q], axis=1)
+    covariance = noise.reshape(2 * steps, -1) @ read.reshape(2 * steps, -1).T
+    return mean, 0.5 * (covariance + covariance.T) + NOISE**2 * np.eye(2 * steps)
+
+
+def log_normal(y, mean, covariance):
+    L = np.linalg.cholesky(covariance)
+    e = np.linalg.solve(L, y - mean)
+    return -0.5 * (e @ e) - np.log(np.diag(L)).sum() - 0.5 * len(y) * np.log(2 * np.pi)
+
+
 def start():
     return np.diag([1e-6, 1e-6, 1e-4, 1e-4, 0.5, 0.3**2, 0.2**2])
 

@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 
 from strainsight.augmentation.input_models import InputModel, input_intensity
 from strainsight.augmentation.unknowns import Unknowns
+from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
@@ -97,6 +98,21 @@ def sine_hold(t: np.ndarray, h: float, amplitude: float, hertz: float) -> np.nda
     return np.stack([start, 4 * middle - 3 * start - end, 2 * start + 2 * end - 4 * middle], axis=1)[..., None]
 
 
+class StepToy:
+    """What a `StepModel` has beside its step, readings and noise."""
+
+    h, sets, linear, loss = 0.1, 1, False, "it broke"
+
+    def begin(self, x, k):
+        pass
+
+    def before(self, k):
+        return None
+
+    def lost(self, x):
+        return ~np.isfinite(x).all(axis=1)
+
+
 @pytest.fixture(scope="session")
 def make_beam() -> Callable[..., Beam]:
     return build_beam
@@ -110,3 +126,20 @@ def make_filter() -> Callable[..., FilterModel]:
 @pytest.fixture(scope="session")
 def sine() -> Callable[..., np.ndarray]:
     return sine_hold
+
+
+def prior(model, std=0.1):
+    P = np.zeros((model.size, model.size))
+    unknown = range(2 * model.model.size, model.size)
+    P[unknown, unknown] = std**2
+    return P
+
+
+def drawn(make_filter, beam, sine, inputs, parameters, steps=60, runs=3, **options):
+    """A model with its prior, known load and measurements of its own."""
+    known = () if inputs else ("tip",)
+    model = make_filter(beam, inputs=inputs, parameters=parameters, known=known, **options)
+    u = sine(model.h * np.arange(steps), model.h, 1e4, 20.0)[:, :, : len(known)]
+    mean, P = np.zeros(model.size), prior(model)
+    truth, y = draw_truth(model, mean, P, u, range(runs))
+    return model, mean, P, u, truth, y

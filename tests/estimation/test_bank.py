@@ -6,35 +6,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from strainsight.estimation import bank
 from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import removed_of
 
-from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, chain, continuous, forces, gathered, influence, start, step_at
-from .drawn import prior
-
-WHITE = (0, 0, 1e-4, 1e-4, KAPPA)
-
-
-def joint(p, P0, steps=STEPS, white=WHITE):
-    """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers; white (5,): intensities."""
-    A, drive = step_at(p)
-    # the noise is that of the model at the guess
-    Q = gathered(continuous(REFERENCE)[0], np.diag(white))
-    read = np.einsum("mi,kijn->kmjn", ROWS, influence(A, steps)[1:, :2]).reshape(2 * steps, steps + 1, 5)
-    mean = (read[:, 1:] @ drive) @ forces(steps)[:, 0, 0]
-    noise = np.concatenate([read[:, :1] @ P0[:5, :5], read[:, 1:] @ Q], axis=1)
-    covariance = noise.reshape(2 * steps, -1) @ read.reshape(2 * steps, -1).T
-    return mean, 0.5 * (covariance + covariance.T) + NOISE**2 * np.eye(2 * steps)
-
-
-def log_normal(y, mean, covariance):
-    L = np.linalg.cholesky(covariance)
-    e = np.linalg.solve(L, y - mean)
-    return -0.5 * (e @ e) - np.log(np.diag(L)).sum() - 0.5 * len(y) * np.log(2 * np.pi)
+from .chain import (
+    NOISE,
+    REFERENCE,
+    ROWS,
+    STEPS,
+    H,
+    chain,
+    continuous,
+    driven_chain,
+    driven_start,
+    forces,
+    joint,
+    log_normal,
+    start,
+)
+from .conftest import prior
 
 
 @pytest.fixture(scope="module")
@@ -169,3 +166,177 @@ def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without
     grown = axes @ (left[..., None] * axes.swapaxes(1, 2))
     exact = axes @ ((1 - np.minimum(left, 1.0))[..., None] * axes.swapaxes(1, 2))
     np.testing.assert_allclose(removed_of(grown), exact, rtol=0, atol=1e-14)
+
+
+def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
+    """Offsets of both channels that no sample corrects the motion for, all loads known: at every parameter the plain filter's
+    states, and σ that holds how an offset of one σ moves them."""
+    model = driven_chain(parameters=())
+    P = driven_start()[:4, :4]
+    _, y = draw_truth(model, np.zeros(4), P, forces(), [5])
+    offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
+    nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 4)), np.zeros((2, 2, 1)), offset)
+
+    def run(values, own=None):
+        return filter_bank(model, np.zeros(4), P, forces(), values, own).run
+
+    plain, found = run(y[:, 0]), run(y[:, 0], nuisances)
+    moved = np.stack([run(y[:, 0] + own).mean - plain.mean for own in offset])
+    scale = plain.std.max(axis=0)
+    np.testing.assert_allclose(found.mean / scale, plain.mean / scale, atol=1e-9)
+    np.testing.assert_allclose(found.std, np.sqrt(plain.std**2 + np.sum(moved**2, axis=0)), rtol=1e-7)
+
+
+@pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
+def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
+    """Exact readings of chains whose damping, mode by mode, or stiffness is a little off, under a known load."""
+    model = driven_chain(noise=5e-5, parameters=())
+    P, steps, size = driven_start()[:4, :4], 80, 1e-3
+    nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
+
+    def readings(factors, stiffer):
+        """What a chain reads without noise that begins at rest, and its motion."""
+        F, column = continuous({name: stiffer * value for name, value in REFERENCE.items()}, factors)
+        whole = expm(np.block([[F, column[:, None]], [np.zeros((1, 6))]]) * H)
+        x = np.zeros((steps + 1, 5))
+        for k, u in enumerate(forces(steps)[:, 0, 0]):
+            x[k + 1] = whole[:5, :5] @ x[k] + whole[:5, 5] * u
+        return x[1:, :2] @ ROWS.T, x[:, :4]
+
+    def error(factors, stiffer):
+        y, x = readings(factors, stiffer)
+        return filter_bank(model, np.zeros(4), P, forces(steps), y).run.mean[:, 0] - x
+
+    if source == "damping":
+        ends = [[error(np.exp(s * size * 0.1 * mode), 1.0) for s in (1, -1)] for mode in np.eye(2)]
+    else:
+        ends = [[error(np.ones(2), np.exp(s * size * 0.1)) for s in (1, -1)]]
+    slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
+    y, _ = readings(np.ones(2), 1.0)
+    found, plain = (filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
+    added = np.sum(slope**2, axis=1)
+    np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
+
+
+@pytest.mark.slow
+def test_constants_that_are_learned_are_states_of_the_filter():
+    """Offsets of both channels, learned as nuisances or estimated as states: the same posterior, evidence and innovations."""
+    model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
+    _, y = draw_truth(model, np.zeros(7), P, forces(), [3])
+    y = y[:, 0] + np.array([1.5e-3, -4e-3])
+    offset = np.diag(std)
+    learned = Nuisances(
+        ("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset, damping=0.0, stiffness=0.0, learned=True
+    )
+    options = {"spacing": 0.6, "depth": 20.0}
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, learned, **options)
+    whole = np.diag(np.concatenate([np.diag(P), std**2]))
+    states = filter_bank(model, np.zeros(9), whole, forces(), y, biased=np.arange(2), **options)
+    scale = np.sqrt(np.diag(P))
+    np.testing.assert_allclose(bank.run.mean[:, 0] / scale, states.run.mean[:, 0, :7] / scale, atol=2e-6)
+    np.testing.assert_allclose(bank.run.std[1:, 0] / states.run.std[1:, 0, :7], 1.0, atol=1e-5)
+    one, other = (
+        smooth_bank(model, start, P_own, forces(), y, own, found, at)
+        for start, P_own, own, found, at in (
+            (np.zeros(7), P, learned, bank, None),
+            (np.zeros(9), whole, no_nuisances(model), states, np.arange(2)),
+        )
+    )
+    # the smoothers take different points of the parameters: equal to second order in their σ
+    std = other.std[:, 0, :7]
+    np.testing.assert_allclose(one.mean[:, 0] / std, other.mean[:, 0, :7] / std, atol=0.03)
+    np.testing.assert_allclose(one.std[:, 0] / std, 1.0, atol=0.01)
+    for name, tolerance in (("whitened", 1e-5), ("log_likelihood", 1e-3)):
+        np.testing.assert_allclose(getattr(bank.run, name), getattr(states.run, name), atol=tolerance)
+
+
+def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged(make_beam, make_filter, sine):
+    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
+    u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
+    mean, P = np.zeros(model.size), prior(model, 0.05)
+    _, y = draw_truth(model, mean, P, u, [2])
+    y = y[:, 0]
+    y[3, 1] = np.nan
+    size = 0.3 * np.sqrt(np.nanmean(y**2, axis=0))
+    noisier = replace(model, r=model.r + size**2 * model.h)
+    found, plain = (
+        filter_bank(own, mean, P, u, y, replace(no_nuisances(own), discrepancy=share))
+        for own, share in ((model, 0.3), (noisier, 0.0))
+    )
+    np.testing.assert_allclose(found.weight, plain.weight, rtol=1e-9)
+    for name in ("mean", "innovation"):
+        own, other = getattr(found.run, name), getattr(plain.run, name)
+        np.testing.assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.nanmax(np.abs(other)))
+    assert np.nansum(found.run.whitened**2) > 1.2 * np.nansum(plain.run.whitened**2)
+    # a load that is unknown has to follow its samples
+    assert not discrepancy(chain(), replace(no_nuisances(chain()), discrepancy=0.3), y[:, :2]).any()
+
+
+def acting_otherwise(model, load, column):
+    """One ν, of a load whose shape it changes by a column."""
+    d = np.zeros((1, 2, model.parameter_states.start)), np.zeros((1, 2, 1)), np.zeros((1, 2))
+    shape = np.zeros((1, 2, 2))
+    shape[0, :, model.model.inputs.index(load)] = column
+    return Nuisances(("load",), *d, shape=shape)
+
+
+@pytest.mark.slow
+def test_sigma_holds_where_an_unknown_load_acts_otherwise():
+    """Over draws of chains whose unknown load acts on the second mass, too, by a constant: σ of the parameters, and of the load
+    by all samples, holds it integrated out, and does not hold without."""
+    model, P, draws, mean = chain(noise=5e-4), start(), 60, np.zeros(7)
+    nuisances = acting_otherwise(model, "unknown", [0.0, 0.15])
+    rng, with_it, without, of_load = np.random.default_rng(4), [], [], []
+    for b in range(draws):
+        inner = replace(model.model, input_shape=model.model.input_shape + rng.standard_normal() * nuisances.shape[0])
+        truth, y = draw_truth(replace(model, model=inner), mean, P, forces(), [b])
+        truth, y = truth[:, 0], y[:, 0]
+        bank = filter_bank(model, mean, P, forces(), y, nuisances)
+        exact = filter_bank(model, mean, P, forces(), y)
+        for run, found in ((bank.run, with_it), (exact.run, without)):
+            found.append((run.mean[-1, 0, 5:] - truth[-1, 5:]) / run.std[-1, 0, 5:])
+        later = smooth_bank(model, mean, P, forces(), y, nuisances, bank)
+        of_load.append(np.mean(((later.mean[:, 0, 4] - truth[:, 4]) / later.std[:, 0, 4]) ** 2))
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(with_it), axis=0)), 1.0, atol=3 / np.sqrt(2 * draws))
+    assert np.sqrt(np.mean(np.square(without), axis=0)).max() > 1.5
+    assert np.sqrt(np.mean(of_load)) == pytest.approx(1.0, abs=3 / np.sqrt(2 * draws))
+
+
+@pytest.mark.parametrize(
+    ("column", "parameters"), [([0.0, 0.1], ()), ([0.2, 0.0], ("k1", "k2"))], ids=["gain", "direction"]
+)
+def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, parameters):
+    """ν ΔS F of a force F that does not change is a load of shape ΔS, unknown and constant, with σ = F: the same posterior,
+    evidence, innovations and smoothed motion."""
+    noise = 5e-5
+    whole, force, states = chain(noise), np.zeros((STEPS, 3, 1)), 4 + len(parameters)
+    force[:, 0, 0] = 5.0
+    one = driven_chain(noise, parameters)
+    other = replace(
+        whole,
+        model=replace(whole.model, input_shape=np.column_stack([whole.model.input_shape[:, 0], column])),
+        unknowns=replace(whole.unknowns, parameters=parameters),
+        fixed=one.fixed,
+        H=whole.H[:, : states + 1],
+        Q=np.diag([0, 0, 1e-4, 1e-4, *[0.0] * (1 + len(parameters))]),
+    )
+    nuisances = replace(acting_otherwise(one, "known", column), learned=True)
+    P = driven_start()[:states, :states]
+    wider = np.diag(np.insert(np.diag(P), 4, 25.0))
+    _, y = draw_truth(other, np.zeros(states + 1), wider, force, [3])
+    options, there = {"spacing": 0.8, "depth": 14.0}, np.delete(np.arange(states + 1), 4)
+    found = filter_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, **options)
+    expected = filter_bank(other, np.zeros(states + 1), wider, force, y[:, 0], **options)
+    std = expected.run.std[1:, 0, there]
+    np.testing.assert_allclose(found.run.mean[1:, 0] / std, expected.run.mean[1:, 0, there] / std, atol=1e-4)
+    np.testing.assert_allclose(found.run.std[1:, 0] / std, 1.0, atol=1e-4)
+    np.testing.assert_allclose(found.run.whitened, expected.run.whitened, atol=1e-4)
+    assert found.run.log_likelihood[0] == pytest.approx(expected.run.log_likelihood[0], abs=1e-3)
+    assert 5.0 * found.nuisances[0][0] == pytest.approx(expected.run.mean[-1, 0, 4], abs=1e-3)
+    smoothed = smooth_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, found)
+    by_states = smooth_bank(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other), expected)
+    std = by_states.std[1:, 0, there]
+    # the smoothers take different points of the parameters: equal to second order in their σ
+    off = (0.03, 0.01) if parameters else (1e-6, 1e-6)
+    np.testing.assert_allclose(smoothed.mean[1:, 0] / std, by_states.mean[1:, 0, there] / std, atol=off[0])
+    np.testing.assert_allclose(smoothed.std[1:, 0] / std, 1.0, atol=off[1])

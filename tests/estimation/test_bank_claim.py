@@ -1,4 +1,4 @@
-"""The claimed σ without a filter: that of the filter on the same motion, of least squares on everything at once, of the bank."""
+"""The claimed σ and its parts: least squares on everything at once, the bank, the error of each source alone."""
 
 from __future__ import annotations
 
@@ -11,13 +11,20 @@ from strainsight.augmentation.input_models import Oscillator
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.claim import covariance_recursion
-from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.conditional import (
+    Nuisances,
+    acceleration_change,
+    acceleration_rows,
+    no_nuisances,
+    on_loads,
+    theta_at,
+)
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.motion import measure
 from strainsight.rom.modal_step import simulate
 
 from ..shared import slowly
-from .drawn import drawn, prior
+from .conftest import drawn
 from .two_masses import (
     DAMPING,
     DRIFT,
@@ -25,7 +32,6 @@ from .two_masses import (
     LOAD,
     NOISE,
     OFFSET,
-    REFERENCE,
     ROWS,
     SHARE,
     STEPS,
@@ -34,8 +40,9 @@ from .two_masses import (
     chain,
     constants,
     forces,
-    motion,
+    moved,
     nominal,
+    readings,
     start,
     steps_of,
 )
@@ -48,30 +55,19 @@ def slopes(parameters):
     parameters, by differences of fourth order of the textbook's steps: (c, STEPS, 4), (c, STEPS, 2); and what each stands for."""
     size = 1e-3
 
-    def moved(damping=(0.0, 0.0), stiffer=0.0, **logs):
-        changed = {name: value * np.exp(logs.get(name, 0.0)) for name, value in REFERENCE.items()}
-        return motion(*steps_of(np.exp(DAMPING * np.array([damping])), np.exp(STIFFER * stiffer), changed))[1:, 0]
-
-    def slope(**one):
+    def slope(unit, **one):
         near, far = (
-            moved(**{name: k * size * unit for name, unit in one.items()})
-            - moved(**{name: -k * size * unit for name, unit in one.items()})
-            for k in (1, 2)
+            moved(**dict.fromkeys(one, k * size * unit)) - moved(**dict.fromkeys(one, -k * size * unit)) for k in (1, 2)
         )
-        return (8 * near - far) / (12 * size)
+        return (8 * near - far)[1:] / (12 * size)
 
-    still = np.zeros((STEPS, 4))
-    motions = [slope(damping=own) for own in np.eye(2)] + [slope(stiffer=1.0)] + [still] * 6
-    read = [own[:, :2] @ ROWS.T for own in motions[:3]]
-    read += [GAIN * (nominal()[1:, :2] @ ROWS.T) * own for own in np.eye(2)]
-    read += [OFFSET * np.ones((STEPS, 1)) * own for own in np.eye(2)]
-    read += [DRIFT * SHARE * own for own in np.eye(2)]
-    for name in parameters:
-        motions.append(slope(**{name: 1.0}))
-        read.append(motions[-1][:, :2] @ ROWS.T)
+    motions = [slope(own, damping=1) for own in np.eye(2)] + [slope(1.0, stiffer=1)]
+    motions += [np.zeros((STEPS, 4))] * 6 + [slope(1.0, **{name: 1}) for name in parameters]
+    read = [own[:, :2] @ ROWS.T for own in motions]
+    for k, name in enumerate(("gain", "gain", "offset", "offset", "drift", "drift")):
+        read[3 + k] = readings(nominal(), **{name: np.eye(2)[k % 2]}) - readings(nominal())
     names = ("damping", "damping", "stiffness", "gain", "gain", "offset", "offset", "drift", "drift")
-    source = (*names, *["start"] * len(parameters))
-    return np.array(motions), np.array(read), source
+    return np.array(motions), np.array(read), (*names, *["start"] * len(parameters))
 
 
 def everything(model, parameters):
@@ -143,23 +139,6 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
         np.testing.assert_allclose(claim.budget[name][-1], part, rtol=1e-5, atol=1e-9 * part.max(), err_msg=name)
 
 
-@pytest.mark.parametrize("learned", [False, True])
-@pytest.mark.parametrize(("parameters", "free"), [(("k1", "k2"), False), (("k1", "k2"), True), ((), False)])
-def test_the_parts_are_the_whole(parameters, free, learned):
-    model = replace(chain(parameters), free_loads=free)
-    claim = bank_claim(model, nominal(), forces(), start(model.size), replace(constants(model), learned=learned))
-    np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
-
-
-def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
-    model = chain()
-    own = no_nuisances(model)
-    found, expected = (claim(model, nominal(), forces(), start(), own) for claim in (bank_claim, covariance_recursion))
-    np.testing.assert_allclose(found.std, expected.std, rtol=1e-9)
-    for name, part in expected.budget.items():
-        np.testing.assert_allclose(found.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
-
-
 @pytest.mark.parametrize(
     ("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)]
 )
@@ -169,9 +148,10 @@ def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
     P[5:, 5:] = np.diag([0.01**2, 0.01**2])
-    run = filter_bank(model, believed(model), P, forces()[..., :1], x[1:, :2] @ ROWS.T, own).run
+    run = filter_bank(model, believed(model), P, forces()[..., :1], readings(x), own).run
     claim = bank_claim(model, x, forces(), P, own)
     np.testing.assert_allclose(claim.std[1:, 0, 4:], run.std[1:, 0, 4:], rtol=2e-2)
+    np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
 def test_known_constants_and_samples_without_end_leave_nothing():
@@ -200,27 +180,6 @@ def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
     np.testing.assert_allclose(sum(found.budget.values())[-1, 5:], expected**2, rtol=4e-4)
 
 
-def test_the_claim_along_a_motion_is_what_a_filter_on_that_motion_claims(make_beam, make_filter, sine):
-    """Fed with strains free of noise and started at the truth, the filter stays on the motion: the two σ are one."""
-    beam, h, steps = make_beam(graded=True), 5e-4, 120
-    u = sine(h * np.arange(steps), h, 1e4, 20.0)
-    x = simulate(beam.model, beam.model.reference, u, h)
-    places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4)]
-    model = make_filter(beam, parameters=("rho", "E"), known=("tip",), h=h)
-    H = np.stack([np.hstack([beam.rows(*p), np.zeros((4, model.size - 10))]) for p in places])
-    model = replace(model, H=H)
-    y = np.einsum("bmi,ki->kbm", H[..., :10], x[1:, :10])
-    run = run_filter(model, np.zeros(model.size), prior(model), u, y)
-    std = covariance_recursion(model, x, u, prior(model)).std
-    np.testing.assert_allclose(std[..., 20:], run.std[..., 20:], rtol=1e-5)
-
-
-def test_the_claim_for_inputs_needs_no_motion(make_beam, make_filter, sine):
-    model, mean, P0, u, _, y = drawn(make_filter, make_beam(), sine, ("tip",), ())
-    std = covariance_recursion(model, np.zeros((61, 20)), np.zeros((60, 3, 1)), P0).std
-    np.testing.assert_allclose(std, run_filter(model, mean, P0, u, y).std[:, :1], rtol=1e-9, atol=1e-30)
-
-
 def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them(make_beam, make_filter, sine):
     """Sixty gauges and nine states: what they say together is said by nine rows."""
     gauges = tuple(np.linspace(0.02, 1.9, 60))
@@ -244,3 +203,161 @@ def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models(make
     run = run_filter(model, np.zeros(model.size), P0, u[:, :, 1:], y)
     std = covariance_recursion(model, x, u, P0).std
     np.testing.assert_allclose(std[:, 0, 10:], run.std[:, 0, 10:], rtol=1e-4)
+
+
+def test_the_parts_are_the_errors_of_each_source_alone():
+    """Every sample, every step of the process and every state at the start by itself: squares of what the filter makes of it."""
+    model, P = chain(), start()
+    budget = covariance_recursion(model, nominal(), forces(), P).budget
+    still = np.zeros((STEPS, 3, 1))
+
+    def estimate(y):
+        return run_filter(model, np.zeros(5), P, still, y).mean
+
+    impulses = NOISE * np.eye(2 * STEPS).reshape(STEPS, 2, 2 * STEPS).transpose(0, 2, 1)
+    np.testing.assert_allclose(budget["noise"], np.sum(estimate(impulses) ** 2, axis=1), rtol=1e-7, atol=1e-18)
+
+    A, B = steps_of(np.ones((1, 2)))
+    whole = np.eye(5)
+    whole[:4, :4], whole[:4, 4] = A[0], LOAD * B[0, :, 1]
+    factor = np.linalg.cholesky(model.process)
+    disturbed = np.zeros((STEPS + 1, STEPS, 5, 5))
+    for k in range(STEPS):
+        disturbed[k + 1] = disturbed[k] @ whole.T
+        disturbed[k + 1, k] += factor.T
+    begun = np.zeros((STEPS + 1, 5, 5))
+    begun[0] = np.sqrt(P)
+    for k in range(STEPS):
+        begun[k + 1] = begun[k] @ whole.T
+    for name, truth in (("process noise", disturbed.reshape(STEPS + 1, -1, 5)), ("start", begun)):
+        error = estimate(truth[1:, :, :2] @ ROWS.T) - truth
+        np.testing.assert_allclose(budget[name], np.sum(error**2, axis=1), rtol=1e-7, atol=1e-18)
+
+
+def test_what_constants_add_is_the_slope_of_the_error():
+    """Central differences of a filter that is fed with what a slightly different chain reads without noise."""
+    model, size = chain(("k1", "k2")), 1e-3
+    P, known, mean = start(model.size), forces()[..., :1], believed(model)
+
+    def error(gain=(0, 0), offset=(0, 0), drift=(0, 0), damping=(0, 0), stiffer=0.0):
+        x = moved(damping, stiffer)
+        y = readings(x, gain, offset, drift)
+        whole = np.tile(mean, (STEPS + 1, 1))
+        whole[:, :4] = x
+        return run_filter(model, mean, P, known, y).mean[:, 0] - whole
+
+    def slope(name, unit):
+        return (error(**{name: size * unit}) - error(**{name: -size * unit})) / (2 * size)
+
+    claim = covariance_recursion(model, nominal(), forces(), P, constants(model))
+    budget, both = claim.budget, np.eye(2)
+    assert set(budget) == set(SOURCES)
+    np.testing.assert_allclose(sum(budget.values()), claim.std[:, 0] ** 2, rtol=1e-9)
+    for name in ("gain", "offset", "drift", "damping"):
+        total = sum(slope(name, own) ** 2 for own in both)
+        np.testing.assert_allclose(budget[name], total, rtol=2e-4, atol=2e-4 * total.max(axis=0).min(), err_msg=name)
+    total = slope("stiffer", 1.0) ** 2
+    np.testing.assert_allclose(budget["stiffness"] / total.max(axis=0), total / total.max(axis=0), atol=2e-4)
+
+
+def test_drawn_constants_and_noise_err_as_claimed():
+    """RMS error of the plain filter over many chains, with both gauges and with one, is the expected σ; without the constants
+    it is not."""
+    rng, draws = np.random.default_rng(3), 4000
+    model, P, known = chain(), start(), forces()[..., :1]
+    nuisances = replace(constants(model), stiffness=0.0)
+    A, B = steps_of(np.exp(DAMPING * rng.standard_normal((draws, 2))))
+    factor = np.linalg.cholesky(model.process)
+    x = np.zeros((STEPS + 1, draws, 5))
+    x[0] = believed(model) + rng.standard_normal((draws, 5)) @ np.sqrt(P)
+    for k, u in enumerate(known[:, 0, 0]):
+        x[k + 1] = x[k]
+        x[k + 1, :, :4] = (A @ x[k, :, :4, None])[..., 0] + B[..., 0] * u + B[..., 1] * LOAD * x[k, :, 4:]
+        x[k + 1] += rng.standard_normal((draws, 5)) @ factor.T
+    y = x[1:, :, :2] @ ROWS.T * (1 + GAIN * rng.standard_normal((draws, 2))) + OFFSET * rng.standard_normal((draws, 2))
+    y += NOISE * rng.standard_normal(y.shape) + DRIFT * SHARE[:, None] * rng.standard_normal((draws, 2))
+
+    sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
+    claim = covariance_recursion(sets, nominal(), forces(), P, nuisances)
+    one = replace(model, H=model.H[:1], r=model.r[:1])
+    late = slice(STEPS // 2, None)
+    for b, (own, samples) in enumerate(((model, y), (one, y[..., :1]))):
+        rms = np.sqrt(np.mean((run_filter(own, believed(model), P, known, samples).mean - x)[late] ** 2, axis=(0, 1)))
+        expected = np.sqrt(np.mean(claim.std[late, b] ** 2, axis=0))
+        np.testing.assert_allclose(rms, expected, rtol=0.03)
+    plain = covariance_recursion(sets, nominal(), forces(), P).std[late]
+    assert np.all(np.mean(claim.std[late, :, 4] ** 2, axis=0) > 1.5 * np.mean(plain[..., 4] ** 2, axis=0))
+    share = {name: np.mean(part[late, 4]) / np.mean(claim.std[late, 0, 4] ** 2) for name, part in claim.budget.items()}
+    assert min(share[name] for name in ("noise", "process noise", "gain", "offset", "drift", "damping")) > 0.02, share
+
+
+@pytest.fixture
+def loaded(make_beam, make_filter, sine):
+    """A beam under a constant unknown load and a known sine, with strain gauges and accelerometers: beam, filter model with its
+    mean and covariance, both loads and the motion."""
+    beam, steps = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 20
+    model = make_filter(beam, ("tip",), ("E",), ("middle",), accelerometers=2, q_velocity=0.1)
+    u = np.zeros((steps, 3, 2))
+    u[:, 0, 0], u[:, :, 1:] = 2e4, sine(model.h * np.arange(steps), model.h, 1e4, 20.0)
+    P, mean = np.diag([0.0] * 8 + [1e-4] * (model.size - 8)), np.zeros(model.size)
+    mean[8] = 2.0
+    return beam, model, mean, P, u, simulate(beam.model, beam.model.reference, u, model.h)
+
+
+def full_state(x):
+    """With the unknown load, and E as it was guessed, at the end of every step."""
+    return np.hstack([x[1:], np.full((len(x) - 1, 1), 2.0), np.zeros((len(x) - 1, 1))])
+
+
+def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(loaded):
+    """Each channel in turn scaled a little."""
+    _, model, mean, P, u, x = loaded
+    gain, size, channels = 0.03, 1e-3, len(model.H)
+    y = measure(model, full_state(x), u[:, :, 1].sum(axis=1)[:, None])[0]
+
+    def estimate(factor):
+        return run_filter(model, mean, P, u[:, :, 1:], y * factor).mean[:, 0]
+
+    D, E = np.zeros((channels, channels, 9)), np.zeros((channels, channels, 1))
+    rows = [np.zeros((channels, 9)), np.zeros((channels, 1))]
+    rows[0][:, :4] = model.H[:, :4]
+    moving = model.accelerometers
+    at_guess = theta_at(model, np.zeros((1, 1)))
+    rows[0][moving], rows[1][moving] = (own[0] for own in acceleration_rows(model, at_guess, model.H[moving, :4]))
+    own = range(channels)
+    D[own, own], E[own, own] = gain * rows[0], gain * rows[1]
+    nuisances = Nuisances(("gain",) * channels, D, E, np.zeros((channels, channels)))
+    found = covariance_recursion(model, x, u, P, nuisances).budget["gain"][:, 8:]
+    step = gain * size * np.eye(channels)
+    slopes = [(estimate(1 + own) - estimate(1 - own)) / (2 * size) for own in step]
+    total = sum(slope[:, 8:] ** 2 for slope in slopes)
+    np.testing.assert_allclose(found / total.max(axis=0), total / total.max(axis=0), atol=1e-4)
+
+
+def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
+    """Loads push the coordinates otherwise than the filter believes, and strain a gauge besides."""
+    beam, model, mean, P, u, x = loaded
+    size, shape, channels, moving = 1e-4, beam.model.input_shape, len(model.H), model.accelerometers
+    changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])
+    strain = 1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
+
+    def estimate(change, at_once):
+        inner = replace(beam.model, input_shape=shape + change)
+        x = simulate(inner, inner.reference, u, model.h)
+        loads = u.sum(axis=1)
+        y = measure(replace(model, model=inner), full_state(x), loads[:, 1:])[0] + loads @ at_once.T
+        whole = np.tile(mean, (len(x), 1))
+        whole[:, :8] = x
+        return run_filter(model, mean, P, u[:, :, 1:], y).mean[:, 0] - whole
+
+    at_guess = theta_at(model, np.zeros((1, 1)))
+    direct = strain.copy()
+    for own, change in zip(direct, changes, strict=True):
+        own[moving] = model.H[moving, :4] @ acceleration_change(model, at_guess, change)[0]
+    D, E = on_loads(model, direct)
+    source = ("known", "unknown", "swapped", "mirrored")
+    nuisances = Nuisances(source, D, E, np.zeros((4, channels)), shape=changes)
+    found = covariance_recursion(model, x, u, P, nuisances).budget
+    for name, change, at_once in zip(source, changes, strain, strict=True):
+        total = ((estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)) ** 2
+        np.testing.assert_allclose(found[name] / total.max(axis=0), total / total.max(axis=0), atol=1e-4, err_msg=name)

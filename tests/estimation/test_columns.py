@@ -10,7 +10,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import no_nuisances
@@ -20,8 +20,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import Damping, ReducedModel
 
 from ..shared import slowly
-from .chain import NOISE, REFERENCE, chain, forces, start
-from .test_bank import joint, log_normal
+from .chain import NOISE, REFERENCE, chain, forces, joint, log_normal, start
 from .two_masses import chain as gauged_chain
 from .two_masses import constants
 from .two_masses import forces as both_forces
@@ -169,28 +168,6 @@ def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
     (nu, left), (expected, spread) = columns.nuisances, lattice.nuisances
     np.testing.assert_allclose(nu, expected, atol=0.1)
     np.testing.assert_allclose(np.sqrt(np.diag(left)), np.sqrt(np.diag(spread)), rtol=0.03)
-
-
-def drawn(seed, k=SPRINGS) -> tuple[np.ndarray, BankRun]:
-    model, P, known = springs(k)
-    truth, y = draw_truth(model, np.zeros(model.size), P, known, [seed])
-    return truth[-1, 0, -k:], filter_bank(model, np.zeros(model.size), P, known, y[:, 0])
-
-
-@pytest.mark.slow
-def test_sigma_of_five_parameters_holds():
-    """Drawn from their prior, and seen by half of the springs."""
-    found = [drawn(seed) for seed in range(16)]
-    off = np.array([bank.posterior[0] - p for p, bank in found])
-    covariance = np.array([bank.posterior[1] for _, bank in found])
-    squared = np.einsum("ri,rij,rj->r", off, np.linalg.inv(covariance), off)
-    # χ² of 80 degrees of freedom: 1 ± 0.16
-    assert squared.mean() / SPRINGS == pytest.approx(1.0, abs=0.47)
-    variance = np.diagonal(covariance, axis1=1, axis2=2)
-    ratio = np.sqrt(np.mean(off**2, axis=0) / np.mean(variance, axis=0))
-    assert ((ratio > 0.6) & (ratio < 1.45)).all()
-    # each has been learned, and none well enough for its σ to be nothing
-    assert ((variance < 0.6**2 * PRIOR**2) & (variance > 0.02**2 * PRIOR**2)).all()
 
 
 def test_the_smoother_begins_where_the_filter_ends():

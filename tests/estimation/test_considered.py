@@ -13,18 +13,22 @@ from strainsight.estimation import consider_smoother
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.biased import Biased
 from strainsight.estimation.claim import covariance_recursion
-from strainsight.estimation.conditional import Nuisances, known_ends, linear_models, no_nuisances
+from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.filter import run_filter
+from strainsight.estimation.filter import filter_runs, run_filter
+from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
 from ..shared import slowly
-from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, loaded_chain, start
+from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, joint, loaded_chain, log_normal, start
+from .chain import STEPS as LONG
 from .chain import H as STEP
+from .chain import chain as unknown_chain
 from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
@@ -112,13 +116,6 @@ def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
     np.testing.assert_allclose(later[1], np.sqrt(variance), rtol=1e-9, atol=1e-12)
 
 
-def test_who_considers_is_never_surer_than_who_learns():
-    model = loaded_chain()
-    considered, learned = (both(model, np.zeros((STEPS, 2)), offsets(learned)) for learned in (False, True))
-    for (_, one), (_, other) in zip(considered, learned, strict=True):
-        assert (one >= other * (1 - 1e-9)).all()
-
-
 def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
     model = loaded_chain()
     K = sum(value * STIFFNESS[name] for name, value in REFERENCE.items())
@@ -127,18 +124,6 @@ def test_a_model_without_any_parameter_is_that_of_the_same_stiffness():
     for one, other in zip(*(both(own, y[:, 0], offsets()) for own in (model, plain)), strict=True):
         np.testing.assert_allclose(one[0], other[0], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(one[1], other[1], rtol=1e-9, atol=1e-12)
-
-
-def test_arrays_that_do_not_fit_are_refused_before_loops_run_over_them():
-    model = loaded_chain()
-    one = linear_models(model, np.zeros((1, 0)), offsets())
-    begin = np.zeros((1, 5)), P, np.zeros((1, 4, 5))
-    known, y, noise = forces(STEPS), np.zeros((STEPS, 2)), np.ones((STEPS, 2))
-    ends = known_ends(known, offsets())
-    with pytest.raises(ValueError, match=r"\(12, 2\) in place of \(11, 2\)"):
-        consider_smoothed(one, begin, known.reshape(STEPS, -1)[1:], ends[1:], y[1:], noise)
-    with pytest.raises(ValueError, match="do not fit"):
-        replace(one, H=np.concatenate([one.H, one.H]))
 
 
 def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
@@ -213,3 +198,123 @@ def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
         found.covariance_at(5)
     with pytest.raises(ValueError, match="not kept"):
         found.std_of(np.ones((1, model.size)))
+
+
+END = np.array([[6e-3, 0.0], [0.0, 4e-3], [5e-3, 5e-3]])
+"""What one of every constant adds to both readings at the end (3, 2): two channels that drift, and what both feel."""
+FELT = END[:, None] * np.arange(1, LONG + 1)[:, None] / LONG
+
+
+def drifts(learned=False):
+    E = np.stack([np.zeros((3, 2)), END], axis=2)
+    return Nuisances(("drift", "drift", "temperature"), np.zeros((3, 2, 5)), E, np.zeros((3, 2)), learned=learned)
+
+
+def measured():
+    """The samples of a truth with a drift of nearly two σ of all three."""
+    model = unknown_chain()
+    _, y = draw_truth(model, np.zeros(7), start(), forces(), [5])
+    return model, y[:, 0] + np.tensordot([1.8, -1.6, 1.7], FELT, axes=1)
+
+
+def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
+    """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression. Without them the
+    same readings mislead."""
+    model, y = measured()
+    P, columns = start(), FELT.reshape(3, -1).T
+    bank = filter_bank(model, np.zeros(7), P, forces(), y, drifts(), spacing=0.6, depth=20.0)
+    mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
+    axis = 0.7 * np.arange(-11, 12)
+    point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    log_density, nu = np.empty(len(point)), np.empty((len(point), 3))
+    for i, p in enumerate(point):
+        middle, covariance = joint(p, P)
+        covariance = covariance + columns @ columns.T
+        log_density[i] = log_normal(y.ravel(), middle, covariance) - 0.5 * np.sum(p**2 / np.diag(P)[5:])
+        nu[i] = columns.T @ np.linalg.solve(covariance, y.ravel() - middle)
+    w = np.exp(log_density - log_density.max())
+    assert max(w.reshape(23, 23)[[0, -1]].max(), w.reshape(23, 23)[:, [0, -1]].max()) < 1e-8
+    w /= w.sum()
+    expected = w @ point
+    np.testing.assert_allclose(mean / std, expected / std, atol=1e-6)
+    np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-6)
+    np.testing.assert_allclose(bank.nuisances[0], w @ nu, atol=1e-5)
+    exact = filter_bank(model, np.zeros(7), P, forces(), y).run
+    assert (np.abs(exact.mean[-1, 0, 5:] - mean) > 0.5 * std).any()
+
+
+def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
+    """At known stiffness, what the gauges read at the end without noise and drift, by filter and smoother."""
+    model, P = loaded_chain(), start()[:5, :5]
+    y, own = measured()[1], drifts(learned=True)
+    bank = filter_bank(model, np.zeros(5), P, forces(), y, own)
+    later = smooth_bank(model, np.zeros(5), P, forces(), y, own, bank)
+    mean, covariance = joint(np.zeros(2), start())
+    columns = FELT.reshape(3, -1).T
+    whole, rows = covariance + columns @ columns.T, covariance[-2:].copy()
+    rows[:, -2:] -= model.noise[0] * np.eye(2)
+    expected = mean[-2:] + rows @ np.linalg.solve(whole, y.ravel() - mean)
+    left = rows[:, -2:] - rows @ np.linalg.solve(whole, rows.T)
+    np.testing.assert_allclose(ROWS @ later.mean[-1, 0, :2], expected, atol=1e-6 * np.sqrt(np.diag(left)).min())
+    np.testing.assert_allclose(ROWS @ later.covariance[-1, 0, :2, :2] @ ROWS.T, left, rtol=1e-5, atol=1e-8 * left.max())
+    np.testing.assert_allclose(later.mean[-1, 0] / later.std[-1, 0], bank.run.mean[-1, 0] / later.std[-1, 0], atol=1e-5)
+    np.testing.assert_allclose(later.std[-1, 0], bank.run.std[-1, 0], rtol=1e-5)
+
+
+AT = np.array([0, 2])
+RECORD = 150
+
+
+@pytest.fixture(scope="module")
+def filters(make_beam, make_filter):
+    """The linear filter model of a tip force, and one of the modulus too, under a known force in the middle."""
+    beam = make_beam(modes=3, load_nodes=(16, 8))
+    known = np.tile(np.array([50.0, 20.0, -10.0])[:, None], (RECORD, 1, 1))
+    return {
+        unknown: Driven(
+            make_filter(beam, ("tip",), unknown, ("middle",), accelerometers=1, h=1e-3, noise_step=1e-3), known
+        )
+        for unknown in ((), ("E",))
+    }
+
+
+@pytest.mark.parametrize("unknown", [(), ("E",)])
+def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown):
+    """Linear in b, so differences are exact; the rest is the plain model's."""
+    plain = filters[unknown]
+    model, n = Biased(plain, AT), plain.size
+    rng = np.random.default_rng(4)
+    x = rng.normal(size=(2, n)) * np.where(np.arange(n) < 6, 1e-4, 0.01)
+    b = rng.normal(size=(2, len(AT)))
+    both = np.hstack([x, b])
+    for function, own, kept in ((model.step, plain.step, n), (model.measure, plain.measure, model.channels)):
+        value, slope = function(both, 3)
+        there, base = own(x, 3)
+        shift = np.zeros_like(value[:, :kept])
+        if function == model.measure:
+            shift[:, AT] = b
+        np.testing.assert_array_equal(value[:, :kept], there + shift)
+        np.testing.assert_array_equal(slope[..., :kept, :n], base)
+        moved = function(np.hstack([x, b + 1.0]), 3)[0] - value
+        np.testing.assert_allclose(moved, np.broadcast_to(slope[..., n:].sum(axis=-1), moved.shape), atol=1e-12)
+    np.testing.assert_array_equal(model.step(both, 3)[0][:, n:], b)
+
+
+def test_a_known_offset_is_one_taken_from_the_record(filters):
+    """b known without doubt: the filter on y is the plain filter on y − E b."""
+    unknown = ("E",)
+    plain = filters[unknown]
+    model, b = Biased(plain, AT), np.array([3e-5, -2e-5])
+    mean = np.zeros(plain.size)
+    P = np.diag([0.0] * 6 + [1e-2] + [1e-6] * len(unknown))
+    _, y = draw_truth(plain.model, mean, P, plain.known, [0])
+    read = y.copy()
+    read[..., AT] += b
+    expected = filter_runs(plain, mean, P, y, keep="all")
+    corner = np.zeros((model.size, model.size))
+    corner[: plain.size, : plain.size] = P
+    found = filter_runs(model, np.append(mean, b), corner, read, keep="all")
+    scale = np.abs(expected.mean).max(axis=(0, 1))
+    assert np.all(np.abs(found.mean[..., : plain.size] - expected.mean) <= 1e-9 * scale)
+    np.testing.assert_allclose(found.log_likelihood, expected.log_likelihood, rtol=1e-9)
+    assert np.all(found.mean[..., plain.size :] == b)

@@ -17,16 +17,14 @@ from strainsight.augmentation.input_models import (
 )
 from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
-from strainsight.estimation.bank import filter_bank, filter_records
-from strainsight.estimation.bank_filters import bank_record
-from strainsight.estimation.conditional import Nuisances, _linear_about, each_its_own, no_nuisances
+from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.conditional import _linear_about, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.noise_alone import noise_alone
 
-from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, start
-from .test_bank import joint, log_normal
+from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, joint, log_normal, start
 
 
 def line(steps):
@@ -149,26 +147,6 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         np.testing.assert_allclose(at.D[k] @ x + at.E[k] @ end + at.offset[k], slope, atol=1e-12)
     for k, one in enumerate(np.eye(d)[:e]):
         np.testing.assert_allclose(at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_offsets_of_several_records_are_found():
-    """Of each of two records its own, 1.5 and −1.2 σ, beside a gain of 1 % that both share, −0.5 σ: they add to the readings
-    whatever the motion is, and stay what they are where the readings are linear about all else."""
-    model, P = replace(chain(), free_loads=True), start()
-    gain, offset, true = 0.01, 6e-3, np.array([-0.5, 1.5, -1.2])
-    D, o = np.zeros((2, 2, 5)), np.zeros((2, 2))
-    D[0, :, :2], o[1] = gain * ROWS, offset
-    one = Nuisances(("gain", "offset"), D, np.zeros((2, 2, 1)), o)
-    own, records = each_its_own(one, 2, ("offset",)), []
-    for r in range(2):
-        truth, _ = draw_truth(model, np.zeros(7), P, forces(), [7 + r])
-        y = (1 + gain * true[0]) * (truth[1:, 0, :2] @ ROWS.T) + offset * true[1 + r]
-        y += NOISE * np.random.default_rng(r).standard_normal(y.shape)
-        records.append(bank_record(model, forces(), y, own[r], None))
-    mean, covariance = filter_records(records, np.zeros(7), P)[0].nuisances
-    assert np.all(np.abs(mean - true) < 3 * np.sqrt(np.diag(covariance))), (mean, true)
-    assert np.sqrt(np.diag(covariance))[1:].max() < 0.3
 
 
 LOADS = [

@@ -9,13 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
-from strainsight.augmentation.linearisation import linearise
-from strainsight.augmentation.measurement import measurement_rows
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.model import theta_of
 from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step, surface_reading
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import run_sigma_points
@@ -72,19 +69,13 @@ def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam
     np.testing.assert_array_equal(x[0, 20:], p)
 
 
-def test_the_step_computed_once_is_the_same_step(make_beam, make_filter):
-    model = make_filter(make_beam(), inputs=("tip",))
-    x = np.random.default_rng(0).normal(size=(3, model.size))
-    nothing = np.zeros((3, 0))
-    for once, again in zip(step(model, x, nothing, constant_step(model)), step(model, x, nothing), strict=True):
-        np.testing.assert_array_equal(once, again)
+def test_matrices_computed_once_make_the_same_step_and_readings(make_beam, make_filter):
+    model = make_filter(make_beam(modes=4), ("tip",), models={"tip": Oscillator(9.0)}, accelerometers=1)
+    x, nothing, at_end = np.random.default_rng(0).normal(size=(3, model.size)), np.zeros((3, 0)), np.zeros(0)
+    once = *step(model, x, nothing, constant_step(model)), *measure(model, x, at_end, constant_acceleration(model))
+    for one, again in zip(once, (*step(model, x, nothing), *measure(model, x, at_end)), strict=True):
+        np.testing.assert_array_equal(one, again)
     assert constant_step(make_filter(make_beam(), parameters=("E",), known=("tip",))) is None
-
-
-def test_inputs_neither_known_nor_estimated_are_zero(make_beam, make_filter):
-    beam = make_beam(load_nodes=(16, 8))
-    model = make_filter(beam)
-    assert np.all(step(model, np.zeros((1, 20)), np.zeros((3, 0)))[0] == 0)
 
 
 def differences(function, x, scale):
@@ -133,43 +124,6 @@ def test_the_step_follows_the_load_of_its_input_model(make_beam, make_filter, mo
     tolerance = 1e-9 if models in ("walk", "integrated") else (fastest * h) ** 3
     np.testing.assert_allclose(found / scale, exact / scale, atol=tolerance)
     assert np.abs((found - exact) / scale)[2 * n :].max() < 1e-10
-
-
-def test_an_accelerometer_reads_the_motion_it_is_given(make_beam, make_filter, sine):
-    """Second differences of the simulated displacement where the sensor sits, in the middle of a smooth motion."""
-    beam, h = make_beam(modes=5), 1e-5
-    model = make_filter(beam, known=("tip",), accelerometers=1, gauges=(0.3,), h=h)
-    u = sine(h * np.arange(4000), h, 1e4, 20.0)
-    x = simulate(beam.model, beam.model.reference, u, h)
-    tip = x[:, :5] @ beam.model.input_shape[:, 0]
-    y = measure(model, x[1:], u.sum(axis=1))[0]
-    curvature = (tip[2:] - 2 * tip[1:-1] + tip[:-2]) / h**2
-    np.testing.assert_allclose(y[:-1, 1][2000:], curvature[2000:], atol=2e-3 * np.abs(curvature).max())
-    np.testing.assert_allclose(y[:, 0], x[1:, :5] @ beam.rows(0.3)[0], rtol=1e-12, atol=1e-18)
-
-
-def test_measurement_rows_of_the_placement_are_those_of_the_filter(make_beam, make_filter):
-    beam = make_beam(modes=4, graded=True, load_nodes=(16, 8))
-    models = MODELS["oscillator"]
-    model = make_filter(beam, ("tip", "middle"), ("E", "rho"), models=models, accelerometers=2)
-    x, _ = state(model, np.random.default_rng(7))
-    theta = {name: float(value) for name, value in theta_of(model, x).items()}
-    load = 1e4 * x[model.position[:2]]
-    F = linearise(beam.model, model.unknowns, theta, x[None, :8], load[None])[0]
-    J = measure(model, x[None], np.zeros(0))[1][0]
-    H = measurement_rows(model.H[:, :4], model.quantity, F)
-    # the column of p is that of θ/guess, which is 1 at the guess
-    np.testing.assert_allclose(J, H, rtol=1e-9, atol=1e-9 * np.abs(J).max(axis=1, keepdims=True).min())
-
-
-def test_matrices_built_once_are_the_same(make_beam, make_filter):
-    model = make_filter(make_beam(modes=4), ("tip",), models={"tip": Oscillator(9.0)}, accelerometers=1)
-    x = np.random.default_rng(0).normal(size=(3, model.size))
-    for once, again in zip(
-        measure(model, x, np.zeros(0), constant_acceleration(model)), measure(model, x, np.zeros(0)), strict=True
-    ):
-        np.testing.assert_array_equal(once, again)
-    assert constant_acceleration(make_filter(make_beam(modes=4), ("tip",))) is None
 
 
 MORE = np.array([[2.4, 0.4], [-3.6, 2.0]])

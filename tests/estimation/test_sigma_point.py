@@ -18,7 +18,7 @@ from strainsight.estimation.sigma_point import points_of, regression, run_sigma_
 from strainsight.estimation.smoother import smooth
 
 from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
-from .drawn import drawn
+from .conftest import drawn
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])
@@ -170,13 +170,6 @@ def test_is_the_kalman_filter_where_parameters_are_known_exactly(make_beam, make
     later, plain = smooth(with_parameters, found), smooth(without, known)
     np.testing.assert_allclose(later.mean[:, :, :n] / std, plain.mean / std, atol=1e-9)
     np.testing.assert_allclose(later.std[:, :, :n] / std, plain.std / std, atol=1e-7)
-
-
-def test_without_parameters_it_is_the_kalman_filter(make_beam, make_filter, sine):
-    model, mean, P, u, _, y = drawn(make_filter, make_beam(modes=3), sine, ("tip",), ())
-    found, known = run_sigma_points(model, mean, P, u, y), run_filter(model, mean, P, u, y)
-    np.testing.assert_array_equal(found.mean, known.mean)
-    np.testing.assert_array_equal(found.std, known.std)
 
 
 def test_channels_of_each_run_are_its_own(make_beam, make_filter, sine):

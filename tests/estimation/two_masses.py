@@ -62,6 +62,17 @@ def nominal():
     return motion(*steps_of(np.ones((1, 2))))[:, 0]
 
 
+def moved(damping=(0.0, 0.0), stiffer=0.0, **logs):
+    """The motion (T + 1, 4) with constants of so many σ, and parameters so far from their guess."""
+    values = {name: value * np.exp(logs.get(name, 0.0)) for name, value in REFERENCE.items()}
+    return motion(*steps_of(np.exp(DAMPING * np.array([damping])), np.exp(STIFFER * stiffer), values))[:, 0]
+
+
+def readings(x, gain=(0, 0), offset=(0, 0), drift=(0, 0)):
+    """What both gauges read (T, 2) of a motion (T + 1, ≥ 4), with constants of so many σ."""
+    return x[1:, :2] @ ROWS.T * (1 + GAIN * np.array(gain)) + OFFSET * np.array(offset) + DRIFT * SHARE * drift
+
+
 def constants(model):
     states = model.parameter_states.start
     D, E, offset = np.zeros((6, 2, states)), np.zeros((6, 2, 2)), np.zeros((6, 2))
