@@ -51,3 +51,12 @@ def moved(mesh, force):
     model = build_model(mesh)
     T = model.constraint.transform[: force.size]
     return nodal(model, factorise(model.stiffness.constant).solve(T.T @ force.reshape(-1, 1)))
+
+
+def stacked(one, shift):
+    """Two copies of a body of one kind without a common node, the second moved by `shift` (3,)."""
+    n, block = len(one.position), one.blocks[0]
+    nodes, count = np.vstack([block.nodes, block.nodes + n]), 2 * len(block.ids)
+    both = replace(block, ids=np.arange(1, count + 1), nodes=nodes, region=np.ones(count, dtype=np.int64))
+    position = np.vstack([one.position, one.position + shift])
+    return replace(one, node_ids=np.arange(1, 2 * n + 1), position=position, blocks=(both,))

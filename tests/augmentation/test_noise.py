@@ -10,8 +10,6 @@ from strainsight.augmentation.input_models import (
     IntegratedRandomWalk,
     Matern,
     Oscillator,
-    RandomWalk,
-    component_names,
     components,
     input_intensity,
     rate_matrix,
@@ -151,16 +149,6 @@ def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta,
         np.testing.assert_allclose(H[s] / largest, difference / largest, atol=1e-6)
 
 
-def test_an_accelerometer_feels_the_load_at_once(chain_of, theta):
-    model = chain_of()
-    unknowns = Unknowns(("tip",), (), {"tip": 40.0}, theta)
-    F = linearise(model, unknowns, theta, np.zeros((1, 2 * model.size)), np.zeros((1, 2)))[0]
-    row = model.input_shape[:, :1].T
-    H = measurement_rows(row, np.array([ACCELERATION]), F)
-    at = unknowns.position(model)[0]
-    assert H[0, at] == pytest.approx(40.0 * float(row[0] @ np.linalg.solve(model.mass.at(theta), row[0])))
-
-
 STATIONARY = [Matern(8.0, 0.5), Matern(8.0, 1.5), Matern(8.0, 2.5), Oscillator(20.0), Oscillator(20.0, 0.7)]
 
 
@@ -204,18 +192,6 @@ def test_the_rate_of_an_integrated_walk_gains_its_amplitude_in_one_period():
     t = np.linspace(0, 1 / 20, 1000, endpoint=False)
     assert gained == pytest.approx(np.max(np.cos(omega * t) ** 2), rel=1e-12)
     np.testing.assert_allclose(rate_matrix(model), [[0, omega], [0, 0]])
-
-
-def test_a_random_walk_is_what_it_was():
-    assert rate_matrix(RandomWalk()).tolist() == [[0.0]]
-    assert input_intensity(RandomWalk(), 12.5).tolist() == [[12.5]]
-
-
-def test_components_have_names():
-    assert component_names(RandomWalk(), "F") == ("F",)
-    assert component_names(Oscillator(3.0), "F") == ("F", "rate of F")
-    assert component_names(Matern(3.0, 2.5), "F") == ("F", "rate of F", "curvature of F")
-    assert [components(model) for model in STATIONARY] == [1, 2, 3, 2, 2]
 
 
 @pytest.mark.parametrize(

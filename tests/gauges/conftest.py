@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import pytest
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import Mesh
+
+from ..bodies import body, held
 
 KINDS = tuple(kind.name for kind in FACETS if not len(kind.read_at))
 
@@ -107,23 +110,16 @@ def bare():
 
 def bricks() -> Mesh:
     """10 × 3 × 2 hexahedra of edge 0.1 m, all nodes at x = 0 held, those at x = 1 m tied to a node in their middle."""
-    n = (10, 3, 2)
-    grid = np.stack(np.meshgrid(*(np.arange(k + 1) for k in n), indexing="ij"), axis=-1)
-    number = np.arange(grid[..., 0].size).reshape(grid.shape[:3])
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    cells = np.stack([number[i : n[0] + i, j : n[1] + j, k : n[2] + k] for i, j, k in corners], axis=-1).reshape(-1, 8)
-    position = np.vstack([0.1 * grid.reshape(-1, 3), [1.0, 0.15, 0.1]])
-    root, tip = np.flatnonzero(position[:, 0] == 0), np.flatnonzero(position[:-1, 0] > 0.99)
-    ids = np.arange(1, len(position) + 1)
-    return Mesh(
+    mesh = body("hex8", (10, 3, 2), lambda *u: 0.1 * np.array(u))
+    mesh = held(mesh, mesh.position[:, 0] == 0)
+    count, ids = len(mesh.position), np.arange(1, len(mesh.position) + 2)
+    tip = np.flatnonzero(mesh.position[:, 0] > 0.99)
+    return replace(
+        mesh,
         node_ids=ids,
-        position=position,
-        blocks=(CellBlock("hex8", np.arange(1, 61), cells, np.ones(60, dtype=np.int64)),),
-        regions={},
-        materials={},
-        fixed=np.array([(node, c) for node in root for c in range(3)]),
-        rigid=(RigidElement(1, len(position) - 1, tip, (0, 1, 2)),),
-        node_sets={"lonely": ids[:1], "root": ids[root]},
+        position=np.vstack([mesh.position, [1.0, 0.15, 0.1]]),
+        rigid=(RigidElement(1, count, tip, (0, 1, 2)),),
+        node_sets={"lonely": ids[:1], "root": ids[np.unique(mesh.fixed[:, 0])]},
     )
 
 

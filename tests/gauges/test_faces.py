@@ -25,7 +25,6 @@ from ..fem.test_thin import strip as strip_of_shells
 from .conftest import KINDS, surface
 
 # Faces are those of the drawing, whatever meshes them, and a face is what a point, a normal, a box or a radius means.
-MESHES = Path(__file__).parents[2] / "meshes"
 TURNED = Rotation.random(random_state=4).as_matrix()
 SHIFT = np.array([3.0, -1.0, 2.0])
 
@@ -147,16 +146,6 @@ def test_a_coarse_cylinder_meshed_without_order_is_one_all_the_same():
     assert faces.hollow[round_].tolist() == (faces.radius[round_] < 1.5).tolist()
 
 
-@pytest.mark.slow
-def test_the_lug_has_its_bores():
-    """meshes/make_lug.py: a bore of 30 mm, four holes of 18 mm through 12 mm, a rounded ear of 30 mm."""
-    mesh = read_mesh(MESHES / "lug.bdf.gz", "mm", "t")
-    faces = faces_of(mesh.position, exterior_facets(mesh))
-    assert sorted(np.round(faces.radius[faces.hollow], 6)) == [0.009] * 4 + [0.015]
-    np.testing.assert_allclose(faces.area[np.isclose(faces.radius, 0.009)], 2 * np.pi * 0.009 * 0.012, rtol=0.01)
-    assert np.round(faces.radius[(faces.radius > 0) & ~faces.hollow], 6).tolist() == [0.03]
-
-
 def test_every_listed_point_means_its_face_on_a_thin_part_far_from_the_origin():
     """0.6 mm thick, 12 m away: with four digits its rims and its underside would be named by points of its top."""
     mesh = body("hex8", (4, 4, 1), lambda u, v, w: (12.3456 + u / 4, v / 4, 2.3456 + 6e-4 * w))
@@ -268,8 +257,13 @@ def test_a_face_that_is_held_in_places_lies_on_something_and_one_held_as_a_whole
 
 
 @pytest.mark.slow
-def test_the_lug_stands_on_its_underside_and_not_on_the_top_of_its_base():
+def test_the_lug_has_its_bores_and_stands_on_its_underside():
+    """meshes/make_lug.py: a bore of 30 mm, four holes of 18 mm through 12 mm, a rounded ear of 30 mm."""
     mesh = read_mesh(LUG, "mm", "t")
+    faces = faces_of(mesh.position, exterior_facets(mesh))
+    assert sorted(np.round(faces.radius[faces.hollow], 6)) == [0.009] * 4 + [0.015]
+    np.testing.assert_allclose(faces.area[np.isclose(faces.radius, 0.009)], 2 * np.pi * 0.009 * 0.012, rtol=0.01)
+    assert np.round(faces.radius[(faces.radius > 0) & ~faces.hollow], 6).tolist() == [0.03]
     assert of(mesh) == {DOWN: (4, 0)}
     turned = replace(mesh, position=mesh.position @ np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]) + 7.0)
     assert set(of(turned).values()) == {(4, 0)}

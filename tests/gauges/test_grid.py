@@ -98,18 +98,6 @@ def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
     assert 0 < one.all(axis=1).sum() < one.any(axis=1).sum()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_linear_field_reads_the_same_with_and_without_a_grid(kind, plate, bare):
-    position, facets = plate(kind, 5, 5, 0.2)
-    G = np.random.default_rng(2).standard_normal((3, 3))
-    gauges = candidates(bare(position), facets, (1, 0.3, 0), (0.0, 60.0))
-    wide = long(gauges, 0.9)
-    ok = np.flatnonzero(fits(position, wide, facets))
-    field = (position @ G.T).reshape(-1, 1)
-    rows = channel_rows(position, wide.take(ok), field, facets=facets)
-    np.testing.assert_allclose(rows, channel_rows(position, gauges.take(ok), field), atol=1e-10)
-
-
 @pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
     """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid. The
@@ -209,23 +197,6 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
     np.testing.assert_allclose(found.point, points, atol=1e-12)
     np.testing.assert_array_equal(found.facet, which)
     np.testing.assert_allclose(found.local, xi, atol=1e-9)
-
-
-@pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
-def test_beside_a_tube_the_distance_is_that_of_the_cylinder(kind, tube):
-    R = 2.0
-    position, facets = tube(kind, 32, 3, R, 0.1)
-    nodes = facets.nodes[:, : len(FACET_KINDS[kind].nodes)]
-    lattice = np.einsum("qk,fkc->fqc", FACET_KINDS[kind].shape(sampled(kind, 15)), position[nodes])
-    astray = np.abs(np.hypot(lattice[..., 0], lattice[..., 1]) - R).max()
-    assert astray < 1e-3 * R
-    rng = np.random.default_rng(1)
-    r, phi, z = rng.uniform(0.8, 6, 60), rng.uniform(0, 2 * np.pi, 60), rng.uniform(-3, 6, 60)
-    points = np.column_stack([r * np.cos(phi), r * np.sin(phi), z])
-    along = np.maximum(np.maximum(-z, z - 3), 0)
-    found = locate(skin_of(position, facets), points)
-    # The facets are parabolas; two surfaces are as near to a point but for how far they are apart.
-    np.testing.assert_allclose(found.distance, np.hypot(r - R, along), atol=1.1 * astray)
 
 
 @pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, candidates, concatenate
+from strainsight.gauges.candidates import ACCELERATION, candidates, concatenate
 from strainsight.gauges.installation import (
     InstallationStd,
     drawn_installation,
@@ -333,16 +333,3 @@ def test_an_accelerometer_tilts_with_the_surface(tube, bare):
     np.testing.assert_allclose(
         moved.direction[~normal & inner], np.tile([0, 0, 1.0], ((~normal & inner).sum(), 1)), atol=2e-3
     )
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_displacement_sensor_reads_the_motion_of_its_point(kind, plate, bare):
-    position, facets = plate(kind, 6, 5, 0.2)
-    sensors = motion_candidates(bare(position), facets, DISPLACEMENT, ((1, 0, 0), (0, 2, 0), "normal"))
-    rng = np.random.default_rng(2)
-    G, shift = rng.standard_normal((3, 3)), rng.standard_normal(3)
-    offset = rng.uniform(-0.5, 0.5, (sensors.gauges, 2))
-    moved, held = misplaced(position, sensors, facets, offset)
-    assert not held.all()
-    rows = channel_rows(position, sensors, (position @ G.T + shift).reshape(-1, 1), facets=facets, offset=offset)
-    np.testing.assert_allclose(rows.reshape(-1, 3), moved.position[::3] @ G.T + shift, atol=1e-9)

@@ -17,7 +17,7 @@ from strainsight.gauges.surface import facet_centres
 from strainsight.gauges.zones import Box, Cylinder, NearSet, NormalCone, On, inside, on_surface
 from strainsight.mesh.facets import exterior_facets
 
-from ..bodies import body
+from ..bodies import body, stacked
 from ..refusals import expect_refusal
 
 
@@ -228,17 +228,8 @@ def test_a_zone_of_nothing_is_refused(beam, zone, says):
 def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
     """Two plates of 4 × 4 bricks, meshed alike, one on the other without a common node: each has its side of the contact."""
     one = body("hex8", (4, 4, 1), lambda u, v, w: (u, v, w))
-    cells, n = one.blocks[0], len(one.position)
-    nodes, ids = np.vstack([cells.nodes, cells.nodes + n]), np.arange(1, n + 1)
-    both = replace(cells, ids=np.arange(1, 33), nodes=nodes, region=np.ones(32, dtype=np.int64))
-    z = one.position[:, 2]
-    mesh = replace(
-        one,
-        node_ids=np.arange(1, 2 * n + 1),
-        position=np.vstack([one.position, one.position + np.eye(3)[2]]),
-        blocks=(both,),
-        node_sets={"below": ids[z == 1], "above": n + ids[z == 0]},
-    )
+    z, n, ids = one.position[:, 2], len(one.position), one.node_ids
+    mesh = replace(stacked(one, np.eye(3)[2]), node_sets={"below": ids[z == 1], "above": n + ids[z == 0]})
     facets = exterior_facets(mesh)
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
     there = on_surface(mesh, facets, name)
