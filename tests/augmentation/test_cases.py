@@ -120,7 +120,6 @@ def test_a_slow_load_tells_neither_load_from_modulus_nor_anything_of_the_density
 
 
 def test_units_of_force_and_modulus_change_the_raw_number_only(chain_of):
-    """u [kN], E [MPa]: S and dK/dE grow by as much as the numbers shrink."""
     model = chain_of()
     kilo, mega = 1e3, 1e6
     stiffness = AffineOperator(model.stiffness.constant, {"E": model.stiffness.terms["E"] * mega})

@@ -104,7 +104,6 @@ def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_
 
 
 def test_a_factor_of_the_damping_keeps_its_column_without_the_slope_of_others(chain_of, theta):
-    """Its slope is the damping itself, which the thesis does not estimate: −M⁻¹ C q̇ in either case."""
     model = chain_of(damping=Damping("modal", ratio=0.02, parameter="d"))
     theta = {**theta, "d": 1.0}
     model = replace(model, reference={**model.reference, "d": 1.0})
@@ -119,7 +118,6 @@ def test_a_factor_of_the_damping_keeps_its_column_without_the_slope_of_others(ch
 
 
 def test_input_models_stand_in_F_as_they_move(chain_of, theta):
-    """The rows of ζ are A_u, the motion feels ũ alone, and nothing else changes."""
     model = chain_of()
     models = {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}
     plain = unknowns_of(theta, ("side", "tip"), ("E",))
@@ -307,7 +305,6 @@ def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time(ch
 
 
 def test_what_a_smooth_load_leaves_to_be_detected(chain_of, theta):
-    """An integrated walk has a Jordan block at zero with the one eigenvector of a walk; a stationary load decays by itself."""
     model = chain_of()
     x, u = np.random.default_rng(3).normal(size=(1, 2 * model.size)), np.ones((1, 2))
     for inputs, parameters in ((("tip",), ()), (("tip", "side"), ("E",))):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import eigh, expm
+from scipy.linalg import block_diag, eigh, expm
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.model import FilterModel
@@ -98,16 +98,22 @@ def gathered(F, Q):
 WHITE = (0, 0, 1e-4, 1e-4, KAPPA)
 
 
+def states(p, held, white=WHITE):
+    """At θ = reference·exp(p), of all states (5 (T + 1)): their mean under a force (T, HOLD, 1) within every step, what unit
+    start and noise of the steps make of them, and the rows (2 T, 5 (T + 1)) of the readings; Q of a step, of the guess."""
+    steps, (A, drive) = len(held), step_at(p)
+    O = influence(A, steps).reshape(5 * (steps + 1), 5 * (steps + 1))
+    mean = O[:, 5:] @ np.concatenate([drive * own for own in held[:, 0, 0]])
+    rows = np.kron(np.eye(steps + 1)[1:], np.hstack([ROWS, np.zeros((2, 3))]))
+    return mean, O, rows, gathered(continuous(REFERENCE)[0], np.diag(white))
+
+
 def joint(p, P0, steps=STEPS, white=WHITE):
     """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers; white (5,): intensities."""
-    A, drive = step_at(p)
-    # the noise is that of the model at the guess
-    Q = gathered(continuous(REFERENCE)[0], np.diag(white))
-    read = np.einsum("mi,kijn->kmjn", ROWS, influence(A, steps)[1:, :2]).reshape(2 * steps, steps + 1, 5)
-    mean = (read[:, 1:] @ drive) @ forces(steps)[:, 0, 0]
-    noise = np.concatenate([read[:, :1] @ P0[:5, :5], read[:, 1:] @ Q], axis=1)
-    covariance = noise.reshape(2 * steps, -1) @ read.reshape(2 * steps, -1).T
-    return mean, 0.5 * (covariance + covariance.T) + NOISE**2 * np.eye(2 * steps)
+    mean, O, rows, Q = states(p, forces(steps), white)
+    read = rows @ O
+    covariance = read @ block_diag(P0[:5, :5], *[Q] * steps) @ read.T
+    return rows @ mean, 0.5 * (covariance + covariance.T) + NOISE**2 * np.eye(2 * steps)
 
 
 def log_normal(y, mean, covariance):

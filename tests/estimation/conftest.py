@@ -12,6 +12,7 @@ from scipy.linalg import eigh
 from strainsight.augmentation.input_models import InputModel, input_intensity
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
@@ -96,6 +97,18 @@ def sine_hold(t: np.ndarray, h: float, amplitude: float, hertz: float) -> np.nda
     """Quadratic hold coefficients (T, 3, 1) of a sine through the ends and the middle of every step."""
     start, middle, end = (amplitude * np.sin(2 * np.pi * hertz * (t + shift)) for shift in (0, h / 2, h))
     return np.stack([start, 4 * middle - 3 * start - end, 2 * start + 2 * end - 4 * middle], axis=1)[..., None]
+
+
+def plain_models(A, Q, H, D=None, A_nu=None) -> LinearModels:
+    """One filter, nothing known; nuisances by D (d, m, n) of the readings and A_nu (e, n, n) of the step."""
+    (m, n), D = H.shape, np.zeros((0, *H.shape)) if D is None else D
+    A_nu = np.zeros((0, n, n)) if A_nu is None else A_nu
+    d, e = len(D), len(A_nu)
+    motion = plain_motion(A[None], np.zeros((1, n, 0)), A_nu[None], np.zeros((1, e, n, 0)))
+    return LinearModels(
+        motion, Q[None], H[None], np.zeros((1, m, 0)), D, np.zeros((d, m, 0)), np.zeros((d, m)), np.zeros((d, m, 0)),
+        np.zeros((0, n)), np.zeros((0, 0)), np.zeros(d), np.zeros((1, d)), np.zeros(d, dtype=bool),
+    )  # fmt: skip
 
 
 class StepToy:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -41,17 +41,9 @@ def measured():
     return model, P, truth[:, 0], y[:, 0]
 
 
-@dataclass(frozen=True)
-class Square:
-    """Bayes by brute force: log of prior times likelihood on a square of points, 0.8 σ apart."""
-
-    point: np.ndarray
-    log_density: np.ndarray
-    cell: float
-
-
 @pytest.fixture(scope="module")
 def square(measured):
+    """Bayes by brute force: log of prior times likelihood on a square of points, 0.8 σ apart."""
     model, P, _, y = measured
     found = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.6, depth=20.0)
     mean, std = found.run.mean[-1, 0, 5:], found.run.std[-1, 0, 5:]
@@ -60,29 +52,21 @@ def square(measured):
     prior_std = np.sqrt(np.diag(P)[5:])
     size = np.log(2 * np.pi * prior_std.prod())
     density = [log_normal(y.ravel(), *joint(p, P)) - 0.5 * np.sum((p / prior_std) ** 2) - size for p in point]
-    return found, Square(point, np.array(density), 0.8**2 * std.prod())
+    return found, point, np.array(density), 0.8**2 * std.prod()
 
 
 def test_is_bayes_by_brute_force(square):
-    found, own = square
-    w = np.exp(own.log_density - own.log_density.max())
+    found, point, log_density, cell = square
+    w = np.exp(log_density - log_density.max())
     edge = w.reshape(19, 19)[[0, -1]].max(), w.reshape(19, 19)[:, [0, -1]].max()
     assert max(edge) < 1e-8
     w /= w.sum()
-    mean = w @ own.point
-    std = np.sqrt(w @ (own.point - mean) ** 2)
+    mean = w @ point
+    std = np.sqrt(w @ (point - mean) ** 2)
     np.testing.assert_allclose(found.run.mean[-1, 0, 5:] / std, mean / std, atol=1e-6)
     np.testing.assert_allclose(found.run.std[-1, 0, 5:], std, rtol=1e-6)
-    evidence = np.logaddexp.reduce(own.log_density) + np.log(own.cell)
+    evidence = np.logaddexp.reduce(log_density) + np.log(cell)
     assert found.run.log_likelihood[0] == pytest.approx(evidence, abs=1e-3)
-
-
-def test_the_lattice_used_by_default_is_fine_enough(measured):
-    model, P, _, y = measured
-    coarse = filter_bank(model, np.zeros(7), P, forces(), y)
-    fine = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.6, depth=20.0)
-    np.testing.assert_allclose(coarse.run.mean[-1], fine.run.mean[-1], atol=0.01 * fine.run.std[-1].max())
-    np.testing.assert_allclose(coarse.run.std[-1, 0, 4:], fine.run.std[-1, 0, 4:], rtol=0.01)
 
 
 @pytest.mark.parametrize("accelerometers", [0, 1])
@@ -100,7 +84,6 @@ def test_without_parameters_it_is_the_filter(make_beam, make_filter, acceleromet
 
 
 def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_filter, sine):
-    """Known loads, accelerometers and frequencies that the parameters change."""
     beam = make_beam(modes=4, graded=True)
     model = make_filter(
         beam, inputs=(), parameters=("E", "rho"), known=("tip",), accelerometers=1, q_parameter=0.0, q_velocity=1e-4
@@ -141,7 +124,6 @@ def crescent():
 
 
 def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step(monkeypatch):
-    """A crescent, narrower at its peak than its covariance says: by lattices and by columns, against a lattice twice as fine."""
     quiet, P, slow, y = crescent()
     fine = filter_bank(quiet, np.zeros(7), P, slow, y, spacing=0.5, depth=10.0)
     expected, std = fine.posterior[0], np.sqrt(np.diag(fine.posterior[1]))
@@ -155,7 +137,6 @@ def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step
 
 
 def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without_growth():
-    """Between 0 and 1 along every direction, one matrix that grows among many that do not."""
     rng = np.random.default_rng(4)
     axes = np.linalg.qr(rng.normal(size=(6, 5, 5)))[0]
     left = rng.uniform(0, 1, (6, 5))
@@ -189,7 +170,6 @@ def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
 
 @pytest.mark.parametrize(("source", "sizes"), [("damping", (0.1, 0.0)), ("stiffness", (0.0, 0.1))])
 def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
-    """Exact readings of chains whose damping, mode by mode, or stiffness is a little off, under a known load."""
     model = driven_chain(noise=5e-5, parameters=())
     P, steps, size = driven_start()[:4, :4], 80, 1e-3
     nuisances = replace(no_nuisances(model), damping=sizes[0], stiffness=sizes[1])
@@ -220,7 +200,6 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
 
 @pytest.mark.slow
 def test_constants_that_are_learned_are_states_of_the_filter():
-    """Offsets of both channels, learned as nuisances or estimated as states: the same posterior, evidence and innovations."""
     model, P, std = chain(noise=2e-4), start(), np.array([2e-3, 5e-3])
     _, y = draw_truth(model, np.zeros(7), P, forces(), [3])
     y = y[:, 0] + np.array([1.5e-3, -4e-3])

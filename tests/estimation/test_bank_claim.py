@@ -26,14 +26,9 @@ from strainsight.rom.modal_step import simulate
 from ..shared import slowly
 from .conftest import drawn
 from .two_masses import (
-    DAMPING,
-    DRIFT,
-    GAIN,
     LOAD,
     NOISE,
-    OFFSET,
     ROWS,
-    SHARE,
     STEPS,
     STIFFER,
     believed,
@@ -143,7 +138,6 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
     ("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)]
 )
 def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
-    """Near the guess the posterior is normal; the lattice is right to a hundredth of σ."""
     model = replace(chain(("k1", "k2")), free_loads=free)
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
@@ -155,7 +149,6 @@ def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
 
 
 def test_known_constants_and_samples_without_end_leave_nothing():
-    """σ falls with the noise where nothing else is unknown, and a gauge that says nothing counts for none."""
     model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
     P = np.zeros((6, 6))
     P[5, 5] = 0.2**2
@@ -181,7 +174,6 @@ def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
 
 
 def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them(make_beam, make_filter, sine):
-    """Sixty gauges and nine states: what they say together is said by nine rows."""
     gauges = tuple(np.linspace(0.02, 1.9, 60))
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=gauges)
     std = covariance_recursion(model, np.zeros((61, 8)), np.zeros((60, 3, 1)), P0).std
@@ -189,7 +181,6 @@ def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them(make_be
 
 
 def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models(make_beam, make_filter, sine):
-    """As above, with an accelerometer whose rows vary along the motion, an oscillator load and samples every third step."""
     beam, h, steps = make_beam(modes=5, graded=True, load_nodes=(16, 8)), 5e-4, 240
     model = make_filter(
         beam, ("tip",), ("E",), ("middle",), h, models={"tip": Oscillator(20.0)}, accelerometers=2, every=3, q_velocity=0.1
@@ -260,37 +251,6 @@ def test_what_constants_add_is_the_slope_of_the_error():
     np.testing.assert_allclose(budget["stiffness"] / total.max(axis=0), total / total.max(axis=0), atol=2e-4)
 
 
-def test_drawn_constants_and_noise_err_as_claimed():
-    """RMS error of the plain filter over many chains, with both gauges and with one, is the expected σ; without the constants
-    it is not."""
-    rng, draws = np.random.default_rng(3), 4000
-    model, P, known = chain(), start(), forces()[..., :1]
-    nuisances = replace(constants(model), stiffness=0.0)
-    A, B = steps_of(np.exp(DAMPING * rng.standard_normal((draws, 2))))
-    factor = np.linalg.cholesky(model.process)
-    x = np.zeros((STEPS + 1, draws, 5))
-    x[0] = believed(model) + rng.standard_normal((draws, 5)) @ np.sqrt(P)
-    for k, u in enumerate(known[:, 0, 0]):
-        x[k + 1] = x[k]
-        x[k + 1, :, :4] = (A @ x[k, :, :4, None])[..., 0] + B[..., 0] * u + B[..., 1] * LOAD * x[k, :, 4:]
-        x[k + 1] += rng.standard_normal((draws, 5)) @ factor.T
-    y = x[1:, :, :2] @ ROWS.T * (1 + GAIN * rng.standard_normal((draws, 2))) + OFFSET * rng.standard_normal((draws, 2))
-    y += NOISE * rng.standard_normal(y.shape) + DRIFT * SHARE[:, None] * rng.standard_normal((draws, 2))
-
-    sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
-    claim = covariance_recursion(sets, nominal(), forces(), P, nuisances)
-    one = replace(model, H=model.H[:1], r=model.r[:1])
-    late = slice(STEPS // 2, None)
-    for b, (own, samples) in enumerate(((model, y), (one, y[..., :1]))):
-        rms = np.sqrt(np.mean((run_filter(own, believed(model), P, known, samples).mean - x)[late] ** 2, axis=(0, 1)))
-        expected = np.sqrt(np.mean(claim.std[late, b] ** 2, axis=0))
-        np.testing.assert_allclose(rms, expected, rtol=0.03)
-    plain = covariance_recursion(sets, nominal(), forces(), P).std[late]
-    assert np.all(np.mean(claim.std[late, :, 4] ** 2, axis=0) > 1.5 * np.mean(plain[..., 4] ** 2, axis=0))
-    share = {name: np.mean(part[late, 4]) / np.mean(claim.std[late, 0, 4] ** 2) for name, part in claim.budget.items()}
-    assert min(share[name] for name in ("noise", "process noise", "gain", "offset", "drift", "damping")) > 0.02, share
-
-
 @pytest.fixture
 def loaded(make_beam, make_filter, sine):
     """A beam under a constant unknown load and a known sine, with strain gauges and accelerometers: beam, filter model with its
@@ -310,7 +270,6 @@ def full_state(x):
 
 
 def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_read(loaded):
-    """Each channel in turn scaled a little."""
     _, model, mean, P, u, x = loaded
     gain, size, channels = 0.03, 1e-3, len(model.H)
     y = measure(model, full_state(x), u[:, :, 1].sum(axis=1)[:, None])[0]
@@ -335,7 +294,6 @@ def test_gains_of_accelerometers_scale_what_known_and_unknown_loads_make_them_re
 
 
 def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
-    """Loads push the coordinates otherwise than the filter believes, and strain a gauge besides."""
     beam, model, mean, P, u, x = loaded
     size, shape, channels, moving = 1e-4, beam.model.input_shape, len(model.H), model.accelerometers
     changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])

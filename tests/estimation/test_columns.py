@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.model import FilterModel
-from strainsight.fem.affine import AffineOperator
-from strainsight.rom.model import Damping, ReducedModel
 
 from ..shared import slowly
 from .chain import NOISE, REFERENCE, chain, forces, joint, log_normal, start
@@ -25,8 +21,6 @@ from .two_masses import chain as gauged_chain
 from .two_masses import constants
 from .two_masses import forces as both_forces
 from .two_masses import start as gauged_start
-
-SPRINGS, STEP, STEPS, PRIOR = 5, 0.01, 60, 0.1
 
 
 def normal(k, seed=0):
@@ -77,30 +71,6 @@ def test_of_equally_weak_directions_the_first_parameter_decides():
     np.testing.assert_allclose(np.abs(f), [0, 1, 0, 0], atol=1e-6)
 
 
-def springs(k=SPRINGS, noise=2e-3):
-    """Masses in a row on k springs, a known force on the last one, and the elongation of every second spring."""
-    names = tuple(f"k{i}" for i in range(k))
-    terms = {}
-    for i, name in enumerate(names):
-        stretch = np.zeros((1, k))
-        stretch[0, i], stretch[0, max(i - 1, 0)] = 1.0, -1.0 if i else 1.0
-        terms[name] = stretch.T @ stretch
-    reference = {name: 900.0 - 100.0 * i for i, name in enumerate(names)}
-    masses = AffineOperator(np.eye(k), {})
-    inner = ReducedModel(
-        masses, AffineOperator(np.zeros((k, k)), terms), np.eye(k)[:, -1:], ("known",), reference, Damping(ratio=0.03)
-    )
-    rows = (np.eye(k) - np.eye(k, k=-1))[::2]
-    H = np.hstack([rows, np.zeros((len(rows), 2 * k))])
-    Q = np.diag([*[0.0] * k, *[1e-5] * k, *[0.0] * k])
-    unknowns = Unknowns((), names, {}, reference)
-    model = FilterModel(inner, unknowns, ("known",), {}, H, Q, np.full(len(rows), noise**2 * STEP), STEP)
-    P = np.diag([*[1e-6] * k, *[1e-4] * k, *[PRIOR**2] * k])
-    known = np.zeros((STEPS, 3, 1))
-    known[:, 0, 0] = 20 * np.sin(0.3 * np.arange(STEPS)) + 5
-    return model, P, known
-
-
 def five(std):
     """Four springs in parallel in place of the chain's first, of this σ each: with it they share what samples say."""
     whole, names = chain(), tuple(f"k{i}" for i in range(1, 6))
@@ -147,7 +117,6 @@ def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelih
 
 @pytest.mark.parametrize("learned", [True, *slowly(False)])
 def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
-    """Motion, load, readings and innovations all along, and the constants, of two parameters."""
     model, P, known = gauged_chain(("k1", "k2")), gauged_start(7), both_forces()[:40, :, :1]
     own = replace(constants(model), learned=learned)
     _, y = draw_truth(model, np.zeros(7), P, known, [4])
@@ -170,20 +139,18 @@ def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
     np.testing.assert_allclose(np.sqrt(np.diag(left)), np.sqrt(np.diag(spread)), rtol=0.03)
 
 
-def test_the_smoother_begins_where_the_filter_ends():
-    model, P, known = springs(4)
-    _, y = draw_truth(model, np.zeros(model.size), P, known, [3])
+def test_the_smoother_begins_where_the_filter_ends(likelihood):
+    (y, _), (model, P) = likelihood, five(0.1)
     own = no_nuisances(model)
-    bank = filter_bank(model, np.zeros(model.size), P, known, y[:, 0], own)
-    later = smooth_bank(model, np.zeros(model.size), P, known, y[:, 0], own, bank)
+    bank = filter_bank(model, np.zeros(10), P, forces(), y, own)
+    later = smooth_bank(model, np.zeros(10), P, forces(), y, own, bank)
     std = bank.run.std[-1, 0]
     np.testing.assert_allclose(later.mean[-1, 0] / std, bank.run.mean[-1, 0] / std, atol=0.05)
     np.testing.assert_allclose(later.std[-1, 0], std, rtol=0.03)
     assert (later.std[1:, 0] < 1.05 * bank.run.std[1:, 0]).all()
 
 
-def test_readings_of_another_model_are_refused_and_not_followed_without_end():
-    model, P, known = springs()
-    _, y = draw_truth(model, np.zeros(model.size), P, known, [3])
+def test_readings_of_another_model_are_refused_and_not_followed_without_end(likelihood):
+    (y, _), (model, P) = likelihood, five(0.2)
     with pytest.raises(NumericalError):
-        filter_bank(model, np.zeros(model.size), P, known, 1e3 * y[:, 0])
+        filter_bank(model, np.zeros(10), P, forces(), 1e3 * y)

@@ -18,14 +18,14 @@ from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.filter import filter_runs, run_filter
+from strainsight.estimation.filter import run_filter
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 
 from ..shared import slowly
-from .chain import ROWS, STIFFNESS, continuous, forces, gathered, influence, joint, loaded_chain, log_normal, start
+from .chain import ROWS, STIFFNESS, continuous, forces, gathered, joint, loaded_chain, log_normal, start, states
 from .chain import STEPS as LONG
 from .chain import H as STEP
 from .chain import chain as unknown_chain
@@ -46,7 +46,6 @@ def offsets(learned=False):
 
 
 def both(model, y, nuisances):
-    """Filter and smoother, (STEPS + 1, 5) each."""
     y = y.copy()
     for at in MISSING:
         y[at] = np.nan
@@ -90,7 +89,6 @@ def test_sigma_is_that_of_the_error_that_every_source_makes():
 
 
 def test_the_first_samples_are_read_as_by_all_of_bayes():
-    """Before there is anything to learn of a constant, considering it is as good as estimating it."""
     model = loaded_chain()
     _, y = draw_truth(model, np.zeros(5), P, forces(STEPS), [3])
     (own, _), (all_of_it, _) = (both(model, y[:, 0] + 2e-3, offsets(learned)) for learned in (False, True))
@@ -101,13 +99,11 @@ def test_the_first_samples_are_read_as_by_all_of_bayes():
 def test_smoother_that_learns_constants_is_bayes_where_samples_are_missing():
     """Motion, load and constants are one normal vector, conditioned on the samples that are there."""
     model = loaded_chain()
-    F = continuous(REFERENCE)[0]
-    states = influence(expm(F * STEP), STEPS).reshape(5 * STEPS + 5, -1)
-    prior = states @ block_diag(P, *[gathered(F, model.Q)] * STEPS) @ states.T
+    _, O, read_states, Q = states(np.zeros(2), forces(STEPS), np.diag(model.Q))
+    prior = O @ block_diag(P, *[Q] * STEPS) @ O.T
     constants_read = OFFSETS[:, None] + DRIFTS[:, None] * np.arange(1, STEPS + 1)[:, None] / STEPS
     there = np.ones((STEPS, 2), dtype=bool)
     there[tuple(np.transpose(MISSING))] = False
-    read_states = np.kron(np.eye(STEPS + 1)[1:], np.hstack([ROWS, np.zeros((2, 3))]))
     rows = np.hstack([read_states, constants_read.reshape(len(OFFSETS), -1).T])[there.ravel()]
     whole = block_diag(prior, np.eye(len(OFFSETS)))
     S = rows @ whole @ rows.T + model.noise[0] * np.eye(len(rows))
@@ -141,7 +137,6 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
 def test_a_quieter_gauge_makes_no_load_worse(learned):
-    """With gains of 2 % on its way, which an extended filter takes for exact, so that the quieter they are the worse it is."""
     model = chain()
     gains = replace(constants(model), damping=0.0, stiffness=0.0, learned=learned)
     noises = 10.0 ** np.arange(0, -4, -0.5)
@@ -156,7 +151,6 @@ def test_a_quieter_gauge_makes_no_load_worse(learned):
 
 
 def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
-    """Gains of 2 % and damping that is off, and readings up to a hundred times quieter than they."""
     model, first = chain(), start_of()
     own, known = constants(model), both_forces()[:, :, :1]
     for noise in (1.0, 1e-1, 1e-2):
@@ -169,7 +163,6 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
 
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
-    """What is kept of the covariance is what all of it says, to rounding, however the record is cut."""
     model = chain(tuple(REFERENCE)[:1])
     own, mean, first, known = replace(constants(model), learned=learned), believed(model), start_of(6), both_forces()[..., :1]
     _, y = draw_truth(model, mean, first, known, [3])
@@ -211,7 +204,6 @@ def drifts(learned=False):
 
 
 def measured():
-    """The samples of a truth with a drift of nearly two σ of all three."""
     model = unknown_chain()
     _, y = draw_truth(model, np.zeros(7), start(), forces(), [5])
     return model, y[:, 0] + np.tensordot([1.8, -1.6, 1.7], FELT, axes=1)
@@ -244,7 +236,6 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
 
 
 def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
-    """At known stiffness, what the gauges read at the end without noise and drift, by filter and smoother."""
     model, P = loaded_chain(), start()[:5, :5]
     y, own = measured()[1], drifts(learned=True)
     bank = filter_bank(model, np.zeros(5), P, forces(), y, own)
@@ -267,7 +258,6 @@ RECORD = 150
 
 @pytest.fixture(scope="module")
 def filters(make_beam, make_filter):
-    """The linear filter model of a tip force, and one of the modulus too, under a known force in the middle."""
     beam = make_beam(modes=3, load_nodes=(16, 8))
     known = np.tile(np.array([50.0, 20.0, -10.0])[:, None], (RECORD, 1, 1))
     return {
@@ -280,7 +270,6 @@ def filters(make_beam, make_filter):
 
 @pytest.mark.parametrize("unknown", [(), ("E",)])
 def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown):
-    """Linear in b, so differences are exact; the rest is the plain model's."""
     plain = filters[unknown]
     model, n = Biased(plain, AT), plain.size
     rng = np.random.default_rng(4)
@@ -298,23 +287,3 @@ def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown)
         moved = function(np.hstack([x, b + 1.0]), 3)[0] - value
         np.testing.assert_allclose(moved, np.broadcast_to(slope[..., n:].sum(axis=-1), moved.shape), atol=1e-12)
     np.testing.assert_array_equal(model.step(both, 3)[0][:, n:], b)
-
-
-def test_a_known_offset_is_one_taken_from_the_record(filters):
-    """b known without doubt: the filter on y is the plain filter on y − E b."""
-    unknown = ("E",)
-    plain = filters[unknown]
-    model, b = Biased(plain, AT), np.array([3e-5, -2e-5])
-    mean = np.zeros(plain.size)
-    P = np.diag([0.0] * 6 + [1e-2] + [1e-6] * len(unknown))
-    _, y = draw_truth(plain.model, mean, P, plain.known, [0])
-    read = y.copy()
-    read[..., AT] += b
-    expected = filter_runs(plain, mean, P, y, keep="all")
-    corner = np.zeros((model.size, model.size))
-    corner[: plain.size, : plain.size] = P
-    found = filter_runs(model, np.append(mean, b), corner, read, keep="all")
-    scale = np.abs(expected.mean).max(axis=(0, 1))
-    assert np.all(np.abs(found.mean[..., : plain.size] - expected.mean) <= 1e-9 * scale)
-    np.testing.assert_allclose(found.log_likelihood, expected.log_likelihood, rtol=1e-9)
-    assert np.all(found.mean[..., plain.size :] == b)

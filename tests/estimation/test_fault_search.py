@@ -106,7 +106,6 @@ def test_a_turned_gauge_is_judged_by_the_row_it_has_then(short, monkeypatch):
 
 
 def test_laplace_at_the_peak_is_what_the_bank_integrates():
-    """Over two stiffnesses that the record knows well."""
     model, P = driven_chain(), driven_start()
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
@@ -120,7 +119,6 @@ def test_laplace_at_the_peak_is_what_the_bank_integrates():
 
 @pytest.fixture(scope="module")
 def four():
-    """Four gauges on two masses, one load unknown."""
     model, P = loaded_chain(), start()[:5, :5]
     H = np.hstack([FOUR, np.zeros((4, 3))])
     model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
@@ -129,7 +127,7 @@ def four():
 
 
 def broken(kind, y):
-    y, t = y.copy(), np.arange(1, LONG + 1) / LONG
+    y, t = y.copy(), np.arange(1, len(y) + 1) / len(y)
     rms = np.sqrt(np.mean(y**2, axis=0))
     if kind == "sign":
         y[:, 2] *= -1
@@ -141,7 +139,7 @@ def broken(kind, y):
         y[:, 0] += rms[0] * t
         return y, Fault("drift", 0)
     if kind == "dead":
-        y[:, 3] = NOISE * np.random.default_rng(3).standard_normal(LONG)
+        y[:, 3] = NOISE * np.random.default_rng(3).standard_normal(len(y))
         return y, Fault("dead", 3)
     if kind == "clipped":
         y[:, 2] = np.clip(y[:, 2], -0.6 * np.abs(y[:, 2]).max(), 0.6 * np.abs(y[:, 2]).max())
@@ -158,7 +156,6 @@ def broken(kind, y):
 
 @pytest.mark.parametrize("kind", [1e-6, "late", *slowly("dead", "clipped")])
 def test_a_fault_of_one_channel_is_named(four, kind):
-    """The others are named in test_record_check."""
     model, P, y = four
     samples, fault = broken(kind, y[:, 3])
     found = examined(suspect(model, P, forces(LONG), samples))
@@ -177,7 +174,6 @@ def mohr(degrees):
 
 
 def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
-    """One that is turned by an angle beside those that are tried is by the nearest, here without a tolerance of the angle."""
     model, P, _ = four
 
     def read(angle):
@@ -202,7 +198,6 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
 
 
 def test_a_search_for_faults_in_a_sound_record_finds_none(four):
-    """Neither of ten, nor where one is looked at as closely as a wrong one."""
     model, P, y = four
     for one in range(y.shape[1]):
         assert not examined(suspect(model, P, forces(LONG), y[:, one])).contradicts, one
@@ -213,7 +208,6 @@ def test_a_search_for_faults_in_a_sound_record_finds_none(four):
 
 
 def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
-    """Two equal gauges and no other, under an unknown load: the one may be late or the other early."""
     model, P, _ = four
     twin = replace(model, H=model.H[[0, 0]], r=model.r[:2])
     calm = 0 * forces(LONG)
@@ -226,7 +220,6 @@ def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
 
 
 def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
-    """One gauge for one unknown load, and a load far larger than stated: the record contradicts the model, and no channel."""
     model, P, y = four
     one = replace(model, H=model.H[:1], r=model.r[:1])
     samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]

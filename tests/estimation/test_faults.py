@@ -153,7 +153,6 @@ FORCE = WIDE[4:-3]
 
 @pytest.fixture(scope="module")
 def record():
-    """Four gauges, a force and a stiffness that is not known."""
     model, P = driven_chain(parameters=("k1",)), driven_start()[:5, :5]
     H = np.hstack([FOUR, np.zeros((4, 3))])
     model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
@@ -176,7 +175,6 @@ def test_a_sound_record_is_consistent(record):
 
 @pytest.mark.parametrize("name", ["sign", "kilonewtons", "late", *slowly("early")])
 def test_the_fault_of_a_load_is_named(record, name):
-    """A large one without a search among channels."""
     wrong, fault = WRONG[name]
     found = examined(replace(record, known=held(wrong)))
     assert found.contradicts
@@ -217,7 +215,6 @@ def test_evidence_is_that_of_the_record_with_the_right_load(record):
 
 
 def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
-    """Of a load four samples late, beside gauges ten times as quiet, the posterior moves by many σ from sample to sample."""
     quiet = replace(record.model, r=1e-2 * record.model.r)
     late = bank_record(quiet, held(WIDE[:-7]), record.samples, record.nuisances, None)
     claimed, widened = (
@@ -241,7 +238,6 @@ def test_swapped_loads_are_exchanged_with_their_tones():
 
 @pytest.mark.parametrize("n", [3, -3])
 def test_a_delay_moves_steps_and_tones_alike(n):
-    """Of a sine both are the same, inside of the record."""
     w, model = 2.0, driven_chain()
     t = model.h * np.arange(41)
     sine = held(np.cos(w * t)[:, None])

@@ -58,8 +58,6 @@ class Toy(StepToy):
 
 
 class Bent(Toy):
-    """Nonlinear in both."""
-
     def f(self, x):
         return np.stack([x[:, 0] + 0.1 * x[:, 1], x[:, 1] - 0.4 * np.sin(2 * x[:, 0]), 0.9 * x[:, 2] ** 2], axis=-1)
 
@@ -143,7 +141,6 @@ def test_the_filter_iterates_behind_its_step_as_the_textbook_does():
 
 
 def test_where_the_start_is_known_the_disturbance_is_iterated():
-    """No doubt about the state before the step, noise in one direction after it: a problem of one unknown."""
     direction = np.array([0.5, -0.3, 0.4])
     model = Bent(np.outer(direction, direction), np.array([1e-4, 1e-2]))
     x = np.array([[0.4, -0.2, 0.5]])
@@ -159,7 +156,6 @@ def test_where_the_start_is_known_the_disturbance_is_iterated():
 
 
 def test_a_corrected_state_keeps_to_the_constraint():
-    """Rod length and tangent velocity after every update; the one-shot update leaves the circle."""
     start = np.diag([0, 0, 0, 0, 1e-2, 0.05])
     model = Pendulum(np.zeros((6, 6)), np.array([1e-4]), start, h=0.05)
     steps, rng = 50, np.random.default_rng(1)
@@ -194,7 +190,6 @@ def test_a_corrected_state_keeps_to_the_constraint():
 
 
 def test_where_the_constraint_is_restored_the_last_increment_needs_no_step():
-    """Fewer steps, and an end within 3e-6 σ of the one that takes them all: along the circle, in ten updates."""
     taken, ends = {}, {}
     for restored in (False, True):
         model, steps, found = Pendulum(np.zeros((6, 6)), np.array([1e-4]), np.eye(6), h=0.05), [], []
@@ -276,7 +271,6 @@ def test_a_projection_keeps_the_update_in_one_shot_on_the_constraint():
 
 @pytest.mark.parametrize(("form", "through_step"), [("joseph", True), ("square_root", False)])
 def test_iterating_a_parameter_ends_where_one_shot_ends(make_beam, make_filter, sine, through_step, form):
-    """Where E is known to 1e-4 the problem is all but linear; what differs is of second order in σ. Filtered and smoothed."""
     model = make_filter(
         make_beam(modes=4), parameters=("E",), known=("tip",), accelerometers=1, q_velocity=0.1, q_parameter=0.0
     )

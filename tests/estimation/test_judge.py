@@ -25,6 +25,7 @@ from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.noise_alone import noise_alone
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, joint, log_normal, start
+from .conftest import plain_models
 
 
 def line(steps):
@@ -158,7 +159,6 @@ LOADS = [
 
 
 def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
-    """κ of a walk, rule and tuning scale its intensity: below that of a line it is that of the line, above it is as stated."""
     model, at = chain(), 4
     for factor in (1e-3, 1.0, 30.0):
         Q = with_free_loads(replace(model, Q=model.Q * factor), STEPS).Q
@@ -217,27 +217,11 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
         y = np.zeros((steps, m))
         y[t, c] = np.sqrt(R[t, c])
         expected += form(y)
-    nothing = np.zeros((1, n, 0)), np.zeros((1, e, n, 0))
-    models = LinearModels(
-        plain_motion(A[None], nothing[0], A_nu[None], nothing[1]),
-        (C @ C.T)[None],
-        rows[None],
-        np.zeros((1, m, 0)),
-        D,
-        np.zeros((d, m, 0)),
-        np.zeros((d, m)),
-        np.zeros((d, m, 0)),
-        np.zeros((0, n)),
-        np.zeros((0, 0)),
-        np.zeros(d),
-        np.zeros((1, d)),
-        np.zeros(d, dtype=bool),
-    )
+    models = plain_models(A, C @ C.T, rows, D, A_nu)
     np.testing.assert_allclose(noise_alone(models, P0, R).sum(axis=0), expected, rtol=1e-10)
 
 
 def test_where_nothing_changes_any_more_steps_are_those_before():
-    """A sample at every second step: a long record adds the same for each, and takes the way that is short."""
     model = replace(chain(), free_loads=True)
     problem = bank_filters.BankProblem(
         (bank_filters.bank_record(replace(model, every=2), forces(800), np.zeros((400, 2)), damping(model), None),),
@@ -258,8 +242,6 @@ def damping(model, spread=0.5):
 
 
 def test_noise_does_not_speak_for_a_damping():
-    """Of a chain whose unknown load is at rest: ν of both modes, beside a spring, is zero on average over two records. It was
-    2.3 and 1.5 of its σ where the walk that is not there was expected to ring."""
     whole, kept, steps = chain(), [0, 1, 2, 3, 4, 6], 150
     unknowns = replace(whole.unknowns, parameters=("k2",))
     Q, P = whole.Q[np.ix_(kept, kept)], start()[np.ix_(kept, kept)]

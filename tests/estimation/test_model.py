@@ -96,7 +96,6 @@ def test_a_singular_covariance_has_a_factor_of_its_rank(unit):
 
 
 def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
-    """A sine of amplitude a has an RMS of a/√2, whatever it did before."""
     truth = 4.0 * np.sin(2 * np.pi * np.arange(100) / 30)
     truth[:10] = 1e6
     scale, zero = load_scale(truth, 1e9)
@@ -109,14 +108,11 @@ def test_the_error_of_a_load_is_over_its_own_rms_after_the_first_tenth():
 
 @pytest.mark.parametrize("left", [0.0, 1e-12])
 def test_the_error_of_a_load_that_is_zero_is_over_its_amplitude(left):
-    """In a file that another program turned, zero may be 1e-16 of what it was."""
     truth = np.concatenate([np.full(10, 3.0), np.full(90, left)])
     assert load_scale(truth, 50.0) == (50.0, True)
 
 
 def test_an_estimate_has_settled_from_when_on_it_stays_near():
-    """Within 1 % of 2: never where the last sample is outside, and at the last one where it alone is inside; a truth of zero
-    settles where it is met."""
     time = np.arange(5.0)
     assert settling_time(time, np.array([3.0, 2.0, 2.4, 2.01, 2.0]), 2.0, 0.01) == 3.0
     assert settling_time(time, np.array([3.0, 3.0, 3.0, 3.0, 2.0]), 2.0, 0.01) == 4.0
@@ -127,7 +123,6 @@ def test_an_estimate_has_settled_from_when_on_it_stays_near():
 
 
 def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter, sine):
-    """And a step without any sample is a prediction, nothing else."""
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
     y[10:15], y[30, :, 2] = np.nan, np.nan
     run = run_filter(model, mean, P0, u, y, keep="all")
@@ -145,7 +140,6 @@ def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter
 
 @pytest.mark.parametrize("parameters", [(), ("E",)])
 def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter, sine, parameters):
-    """The same intensity r then means a fourth of the variance a sample."""
     inputs, known = ((), ("tip",)) if parameters else (("tip",), ())
     model = make_filter(make_beam(modes=4), inputs, parameters, known, every=4)
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)[:, :, : len(known)]
@@ -161,7 +155,6 @@ def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter
 
 
 def test_noise_by_a_schedule(make_beam, make_filter, sine):
-    """Twice the noise from step 30 on, told step by step, is two filters one after the other."""
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
     schedule = np.where(np.arange(60)[:, None, None] < 30, 1.0, 2.0) * model.r
     run = run_filter(replace(model, r=schedule), mean, P0, u, y)

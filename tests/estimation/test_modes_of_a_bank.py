@@ -111,7 +111,6 @@ def test_the_motion_that_is_learned_is_too(case):
 
 
 def test_a_damping_that_is_as_it_is_meant_to_be_is_not_looked_for():
-    """Little of the damping is in question: slopes at what is meant to be do."""
     model, P, y, tolerances = damped(driven=True)
     assert not filter_bank(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3)).about.any()
 
@@ -129,8 +128,6 @@ def damped(driven):
 
 @pytest.mark.parametrize("driven", [True, False])
 def test_the_end_alone_says_what_a_whole_pass_does(driven, monkeypatch):
-    """The damping is looked for by filters without states along the samples: as by those with them, to rounding; under a load
-    that is unknown, too, where these states are those of second filters."""
     model, P, y, nuisances = damped(driven)
     quick = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
     monkeypatch.setattr(bank, "_end_of", lambda problem: None)

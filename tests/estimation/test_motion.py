@@ -46,7 +46,6 @@ def state(model, rng):
     ("inputs", "parameters", "graded"), [((), ("rho",), False), ((), ("rho", "E"), True), (("tip",), ("E", "rho"), True)]
 )
 def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, parameters, graded):
-    """Under a known load, which parameters turn; the others are below."""
     beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
     model = make_filter(beam, inputs=inputs, parameters=parameters, known=("middle",))
     x, scale = state(model, np.random.default_rng(3))
@@ -142,7 +141,6 @@ def rows_at(k1):
 
 
 def unknown(noise=2e-3):
-    """The chain under its known force, k1 unknown, with rows that change with it."""
     return replace(driven_chain(noise, ("k1",)), change=of_k1(MORE))
 
 
@@ -216,7 +214,6 @@ def by_brute_force(model, y):
 
 
 def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
-    """The rows alone say more of k1 here than the motion: without their change the estimate is 3σ off."""
     model = unknown()
     y = samples(model, 0.12, 7)
     mean, std = by_brute_force(model, y)

@@ -14,10 +14,11 @@ from strainsight.estimation import parallel_filters
 from strainsight.estimation.compiled import motion, nuisances, readings, vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
-from strainsight.estimation.linear import LinearModels, plain_motion
+from strainsight.estimation.linear import plain_motion
 from strainsight.estimation.parallel_filters import advance, filters_of
 from strainsight.sweep.where import Where, opened
 
+from .conftest import plain_models
 from .two_masses import REFERENCE, chain, constants
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
@@ -26,27 +27,17 @@ A = np.array([[0.8, 0.1], [-0.1, 0.7]])
 Q, H, R = np.diag([0.5, 0.2]), np.array([[1.0, 0.0], [0.5, 1.0]]), np.array([0.3, 0.4])
 
 
-def models() -> LinearModels:
-    """One filter of two states and two channels, nothing known and no nuisance."""
-    none = np.zeros((0, 0))
-    plain = plain_motion(A[None], np.zeros((1, 2, 0)), np.zeros((1, 0, 2, 2)), np.zeros((1, 0, 2, 0)))
-    return LinearModels(
-        plain, Q[None], H[None], np.zeros((1, 2, 0)), np.zeros((0, 2, 2)), np.zeros((0, 2, 0)), np.zeros((0, 2)),
-        np.zeros((0, 2, 0)), np.zeros((0, 2)), none, np.zeros(0), np.zeros((1, 0)), np.zeros(0, dtype=bool),
-    )  # fmt: skip
-
-
 def passed(filters, samples, keep):
     L = len(samples)
     known = np.zeros((L, 0))
-    return advance(models(), filters, known, known, samples, np.tile(R, (L, 1)), np.zeros(2), keep)
+    return advance(plain_models(A, Q, H), filters, known, known, samples, np.tile(R, (L, 1)), np.zeros(2), keep)
 
 
 @pytest.mark.parametrize("before", [0, 30, 200])
 def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_kept_before(before):
     """S = H P⁻Hᵀ + R, P⁻ by SciPy; a filter that had become steady in a part that was not kept had S = 0."""
     samples = np.random.default_rng(3).standard_normal((before + 300, 2))
-    filters = filters_of(models(), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = filters_of(plain_models(A, Q, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     passed(filters, samples[:before], keep=False)
     found = passed(filters, samples[before:], keep=True)
     P = solve_discrete_are(A.T, H.T, Q, np.diag(R))
@@ -56,7 +47,6 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
 
 
 def test_threads_change_no_bit(monkeypatch):
-    """Each filter is taken through all samples by one thread."""
     monkeypatch.setattr(parallel_filters, "APART", 1)
     model = chain(tuple(REFERENCE)[:1])
     own, rng = constants(model), np.random.default_rng(6)
@@ -74,12 +64,11 @@ def test_threads_change_no_bit(monkeypatch):
 
 
 def test_loops_are_compiled_once_for_arrays_of_any_kind():
-    """Of transposed, repeated and constant ones numba knows other types: it would take its seconds for each."""
     samples = np.asfortranarray(np.random.default_rng(1).standard_normal((5, 2)))
-    filters = filters_of(models(), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    filters = filters_of(plain_models(A, Q, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known, noise = np.zeros((5, 0)), np.broadcast_to(R, (5, 2))
-    advance(models(), filters, known, known, samples, noise, np.zeros(2), True)
-    advance(models(), filters, known, known, samples[::-1], np.tile(R, (5, 1)), np.zeros(2), False)
+    advance(plain_models(A, Q, H), filters, known, known, samples, noise, np.zeros(2), True)
+    advance(plain_models(A, Q, H), filters, known, known, samples[::-1], np.tile(R, (5, 1)), np.zeros(2), False)
     assert len(take_steps.signatures) == 1
 
 
@@ -91,7 +80,6 @@ def test_loops_that_are_kept_notice_a_change_of_every_file():
 
 
 def test_a_step_of_modes_apart_is_that_of_full_matrices():
-    """With damping, stiffness and gains that nobody estimates, samples missing, and gains that consider ν."""
     model = chain(tuple(REFERENCE)[:1])
     own = replace(constants(model), stiffness=0.01)
     apart = linear_models(model, np.array([[-0.2], [0.0], [0.1]]), own)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
+from scipy.linalg import block_diag
 
 from strainsight.damage.curve import Curve
 from strainsight.damage.intervals import interval_of
@@ -22,8 +22,7 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.smoother import smooth
 
 from ..shared import slowly
-from .chain import ROWS, continuous, forces, gathered, loaded_chain
-from .chain import H as STEP
+from .chain import forces, loaded_chain, states
 from .chain import start as chain_start
 from .two_masses import REFERENCE, believed, chain, constants, start
 from .two_masses import forces as both_forces
@@ -42,27 +41,10 @@ def measured(model, known, first, mean):
 
 
 def dense(model, y):
-    """The posterior of the whole history (STEPS + 1)·5 by conditioning one normal vector, of a step by the textbook: its
-    covariance."""
-    F = continuous(REFERENCE)[0]
-    A, Q = expm(F * STEP), gathered(F, model.Q)
-    n, T = 5, STEPS
-    prior = np.zeros(((T + 1) * n, (T + 1) * n))
-    now = P
-    for t in range(T + 1):
-        if t:
-            now = A @ now @ A.T + Q
-        here = now
-        for s in range(t, T + 1):
-            if s > t:
-                here = A @ here
-            prior[s * n : s * n + n, t * n : t * n + n] = here
-            prior[t * n : t * n + n, s * n : s * n + n] = here.T
-    H = np.zeros((T, 2, T + 1, n))
-    H[range(T), :, range(1, T + 1), :2] = ROWS
-    rows = H.reshape(2 * T, -1)[np.isfinite(y).ravel()]
-    R = np.diag(np.full(len(rows), model.noise[0]))
-    gain = prior @ rows.T @ np.linalg.inv(rows @ prior @ rows.T + R)
+    """Covariance of the whole history (STEPS + 1)·5 given the samples, by conditioning one normal vector."""
+    _, O, rows, Q = states(np.zeros(2), forces(STEPS), np.diag(model.Q))
+    prior, rows = O @ block_diag(P, *[Q] * STEPS) @ O.T, rows[np.isfinite(y).ravel()]
+    gain = prior @ rows.T @ np.linalg.inv(rows @ prior @ rows.T + model.noise[0] * np.eye(len(rows)))
     return prior - gain @ rows @ prior
 
 
@@ -72,7 +54,6 @@ def correlation(covariance, std):
 
 @pytest.mark.parametrize("by", ["bank", "moments"])
 def test_instants_belong_together_as_in_the_whole_posterior(by):
-    """Of a linear model without constants, where the posterior of the history is one normal vector of 130 numbers."""
     model, known = loaded_chain(), forces(STEPS)
     y = measured(model, known, P, np.zeros(5))
     expected = dense(model, y)

@@ -89,7 +89,6 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
 
 @pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)])
 def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
-    """The last of these has two peaks, of half of the probability each."""
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
     weight = np.exp(density - density.max())
@@ -108,7 +107,6 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
 
 @pytest.mark.parametrize("noise", [1e-5, 1e-6])
 def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
-    """σ of the posterior is a thousandth of that of the prior and less."""
     truth, phase = -0.3, 0.7
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
@@ -195,7 +193,6 @@ def damped_model(parameters):
 
 
 def constants(model):
-    """Gains of both gauges, damping mode by mode, stiffness."""
     D = np.zeros((2, 2, 4))
     D[[0, 1], [0, 1], :2] = GAIN * ROWS
     return Nuisances(("gain", "gain"), D, np.zeros((2, 2, 1)), np.zeros((2, 2)), damping=0.3, stiffness=0.01)

@@ -16,24 +16,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
 from strainsight.estimation.draws import draw_truth
 
-from .chain import (
-    KAPPA,
-    NOISE,
-    REFERENCE,
-    ROWS,
-    STEPS,
-    H,
-    chain,
-    continuous,
-    driven_chain,
-    driven_start,
-    forces,
-    gathered,
-    influence,
-    loaded_chain,
-    start,
-    step_at,
-)
+from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
 
 LENGTHS = 10, 14
 SHARED, OWN = np.array([2e-3, -3e-3]), np.array([[4e-3, 0.0], [0.0, 3e-3]])
@@ -46,13 +29,8 @@ def held_of(record):
 
 def dense(p, record):
     """Mean of all states (5 (T + 1)) of a record at θ = reference·exp(p), their covariance, and the rows of the readings."""
-    steps = LENGTHS[record]
-    A, drive = step_at(p)
-    Q = gathered(continuous(REFERENCE)[0], np.diag([0, 0, 1e-4, 1e-4, KAPPA]))
-    O = influence(A, steps).reshape(5 * (steps + 1), 5 * (steps + 1))
-    mean = O[:, 5:] @ np.concatenate([drive * own for own in held_of(record)[:, 0, 0]])
-    rows = np.kron(np.eye(steps + 1)[1:], np.hstack([ROWS, np.zeros((2, 3))]))
-    return mean, O @ block_diag(start()[:5, :5], *[Q] * steps) @ O.T, rows
+    mean, O, rows, Q = states(p, held_of(record))
+    return mean, O @ block_diag(start()[:5, :5], *[Q] * LENGTHS[record]) @ O.T, rows
 
 
 def both(p):
@@ -169,7 +147,6 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
 
 
 def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
-    """Constants that are not learned: motion and loads of a record are those that it has alone."""
     model, P, own = loaded_chain(), start()[:5, :5], nuisances(learned=False)
     alone = Nuisances(
         ("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN])
@@ -206,7 +183,6 @@ def test_histories_have_the_moments_of_the_smoother_and_the_constants_in_common(
 
 
 def test_the_order_of_records_does_not_matter(measured):
-    """To the accuracy of the lattice, which is laid for what came before: 1e-2 σ with points one σ apart, 1e-6 with 0.5."""
     model = chain()
 
     def posterior(order, **more):
@@ -221,7 +197,6 @@ def test_the_order_of_records_does_not_matter(measured):
 
 
 def test_records_may_differ_in_step_and_noise(measured):
-    """Half of the step, samples in every second: the same record to the accuracy of the held noise."""
     model, own = driven_chain(), no_nuisances(driven_chain())
     fine = replace(model, h=H / 2, every=2)
     known = held_of(1)
@@ -260,7 +235,6 @@ def slow(steps=STEPS):
 
 
 def driven(noise):
-    """The chain under its known force, of one unknown stiffness, from rest, in long steps, without process noise."""
     whole = driven_chain(noise, ("k1",))
     whole = replace(whole, Q=np.zeros_like(whole.Q), h=25 * H, r=25 * whole.r)
     return whole, np.diag([1e-12, 1e-12, 1e-12, 1e-12, 0.3**2])
@@ -288,7 +262,6 @@ def test_errors_of_gauges_that_all_records_share_do_not_average_away():
 
 @pytest.mark.slow
 def test_sigma_of_a_campaign_holds():
-    """120 campaigns of three records, gains drawn once for each: 90 to 98 % within 2σ, error over σ 0.85 to 1.15."""
     model, P = driven(1e-4)
     off = []
     rng = np.random.default_rng(3)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
@@ -173,7 +172,6 @@ def test_is_the_kalman_filter_where_parameters_are_known_exactly(make_beam, make
 
 
 def test_channels_of_each_run_are_its_own(make_beam, make_filter, sine):
-    """Runs with other rows, kinds of channels and noise, side by side and one by one."""
     beam = make_beam(modes=3, graded=True, load_nodes=(16, 8))
     model = make_filter(
         beam, ("tip",), ("E", "rho"), known=("middle",), accelerometers=1, gauges=(0.05, 0.3), q_velocity=1e-2, h=1e-3
@@ -227,36 +225,6 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel(make_beam, make_filter,
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
         np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
-
-
-def test_joseph_and_square_root_agree_and_stay_positive(make_beam, make_filter, sine):
-    model, mean, P, u, _, y = drawn(
-        make_filter, make_beam(modes=3, graded=True), sine, (), ("E", "rho"), steps=100, runs=1, q_parameter=0.0
-    )
-    one, two = (run_sigma_points(model, mean, P, u, y, keep="all", form=form) for form in ("joseph", "square_root"))
-    p = model.parameter_states
-    np.testing.assert_allclose(one.mean[1:, :, p], two.mean[1:, :, p], atol=1e-6 * one.std[1:, :, p].min())
-    for run in (one, two):
-        std = np.where(run.std[1:, 0] > 0, run.std[1:, 0], 1.0)
-        correlation = run.covariance[1:, 0] / (std[:, :, None] * std[:, None, :])
-        assert np.linalg.eigvalsh(correlation).min() > -1e-12
-        assert np.all(np.diff(run.std[:, 0, p], axis=0) <= 1e-12)  # constants are never known less well
-
-
-def test_is_the_bank_where_a_parameter_is_strongly_seen(make_beam, make_filter, sine):
-    """A modulus known to 0.03 % in the end has a normal posterior: the same σ, and a mean that is off by little of it where the
-    prior is narrow, in which the filter takes the motion as normal that is not."""
-    wide, far = 0.01, 0.02
-    model = make_filter(
-        make_beam(modes=3, graded=True), (), ("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-3
-    )
-    u = sine(model.h * np.arange(300), model.h, 1e4, 20.0)
-    P = np.diag(np.concatenate([np.full(3, 1e-10), np.full(3, 1e-6), [wide**2]]))
-    _, y = draw_truth(model, np.zeros(7), P, u, range(1))
-    run, bank = run_sigma_points(model, np.zeros(7), P, u, y), filter_bank(model, np.zeros(7), P, u, y[:, 0]).run
-    std = bank.std[-1, 0, 6]
-    assert run.mean[-1, 0, 6] == pytest.approx(bank.mean[-1, 0, 6], abs=far * std)
-    assert run.std[-1, 0, 6] == pytest.approx(std, rel=0.01)
 
 
 def test_a_filter_whose_runs_all_diverge_says_so(make_beam, make_filter, sine):

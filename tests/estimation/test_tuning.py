@@ -25,24 +25,11 @@ def drawn(make_beam, make_filter, **options):
 
 @pytest.fixture(scope="module")
 def best(make_beam, make_filter):
-    """The most likely factor of the stated noise."""
     model, *rest = drawn(make_beam, make_filter)
     return tune(model, *rest, parts=("noise",)).factors["noise"]
 
 
-def test_factors_of_both_noises_are_found(make_beam, make_filter):
-    """σ of the log of a factor is about √(2/samples): one a step for Q, four for R."""
-    process, noise = 5.0, 0.1
-    model, *rest = drawn(make_beam, make_filter)
-    found = tune(replace(model, Q=process * model.Q, r=noise * model.r), *rest)
-    assert np.log(found.factors["process"] * process) == pytest.approx(0, abs=4 * np.sqrt(2 / STEPS))
-    assert np.log(found.factors["noise"] * noise) == pytest.approx(0, abs=4 * np.sqrt(2 / (4 * STEPS)))
-    assert not found.undecided
-    assert found.gained >= 0
-
-
 def test_no_other_factors_are_more_likely(make_beam, make_filter):
-    """Against a grid about the optimum, each evaluated by a run of its own; two records add up."""
     model, mean, P0, known, y = drawn(make_beam, make_filter)
     _, other = draw_truth(model, mean, P0, known, [7])
     both = np.concatenate([y, other], axis=1)
@@ -82,7 +69,6 @@ def test_a_part_without_noise_cannot_be_tuned(make_beam, make_filter):
 
 
 def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
-    """A load that does not move, measured without its walk: the factor goes down as far as it may, and that is said."""
     model, mean, P0, known, _ = drawn(make_beam, make_filter)
     _, y = draw_truth(replace(model, Q=0 * model.Q), mean, P0, known, [0])
     found = tune(model, mean, P0, known, y, limit=1e3)
@@ -91,8 +77,6 @@ def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
 
 
 def test_where_every_run_diverges_the_search_turns_back(make_beam, make_filter, best, monkeypatch):
-    """The stated noise is 100 times the real one, and a filter told half of the real one or less is lost. The search steps
-    there on its way, and finds the same factor all the same."""
     model, *rest = drawn(make_beam, make_filter)
     stated, lost = replace(model, r=100 * model.r), []
 
@@ -108,7 +92,6 @@ def test_where_every_run_diverges_the_search_turns_back(make_beam, make_filter, 
 
 
 def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, make_filter, sine):
-    """One of two records; the other does not."""
     model = make_filter(make_beam(modes=3), parameters=("E",), known=("tip",))
     u = sine(model.h * np.arange(60), model.h, 1e4, 20.0)
     mean, P0 = np.zeros(7), np.diag([0.0] * 6 + [0.01])
@@ -120,7 +103,6 @@ def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, mak
 
 
 def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(make_beam, make_filter, best, monkeypatch):
-    """The stated noise is a quarter of the real one, and a filter told any less is lost."""
     model, *rest = drawn(make_beam, make_filter)
     stated = replace(model, r=model.r / 4)
 

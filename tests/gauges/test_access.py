@@ -81,7 +81,6 @@ def test_the_first_exit_of_a_tube_is_its_inner_wall_from_outside_and_its_outer_o
 
 
 def test_a_large_facet_between_small_ones_is_met():
-    """Facets of 1 to 40 in size: the step is that of the largest, and none is passed over."""
     edges = np.array([0, 0.01, 0.02, 0.03, 0.43, 0.44])
     mesh = body(
         "hex8", (5, 5, 1), lambda u, v, w: (np.interp(u, range(6), edges), np.interp(v, range(6), edges), 0.05 * w)
@@ -127,7 +126,6 @@ def test_patterns_read_what_they_are_for_in_uniform_and_linear_strain(pattern, s
 
 
 def test_of_two_bridges_that_are_one_the_lower_number_stays():
-    """With angles of 0° and 45°, and of torsion of 0° and 90°, which is one bridge with its signs turned."""
     mesh = box()
     facets = exterior_facets(mesh)
     skin, every = skin_of(mesh.position, facets), np.arange(len(facets.element_id))
@@ -175,7 +173,6 @@ def test_a_side_that_admits_no_gauge_leaves_its_bridges_out():
 
 
 def test_a_direction_that_is_steep_on_the_other_side_leaves_the_bridge_out():
-    """Through a wedge whose upper side rises by a half: d is laid on it, and left out where it is its normal."""
     mesh = body("hex20", (4, 2, 2), lambda u, v, w: (u, v, w * (0.2 + u / 4)))  # z rises by 2 u/4 on top
     facets = exterior_facets(mesh)
     skin = skin_of(mesh.position, facets)
@@ -247,7 +244,6 @@ def test_on_the_floor_of_a_groove_it_is_the_way_to_the_farther_wall_and_on_a_wal
 
 @pytest.mark.parametrize("shift", [0.0, 0.25])
 def test_below_a_part_that_touches_there_is_no_room(shift):
-    """Two boxes of 6 × 3 × 2 cells, one on the other without a common node, meshed alike or not."""
     one = box("hex8")
     size = np.ptp(one.position, axis=0)
     mesh = stacked(one, np.array([shift, 0.0, size[2]]))
@@ -268,7 +264,6 @@ def test_below_a_part_that_touches_there_is_no_room(shift):
 
 
 def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
-    """Walls of one cell: the slanted ray from 1.5 cells away passes over the farther one. One wall leaves a side."""
     for mesh, first, width in ((*channel("hex8", 2, 1), 2), (*channel("hex8", 2, 3, (True, False)), 2)):
         gauges, found = over(mesh)
         floor = floor_of(gauges, first, width)
@@ -281,13 +276,11 @@ L, W, H = 1.0, 0.3, 0.2
 
 
 def test_the_carrier_of_a_grid_whose_length_is_not_stated_is_the_one_that_the_manual_states():
-    """8 × 4.5 mm, and half its diagonal, 4.6 mm."""
     assert carrier(0.0) == pytest.approx((0.008, 0.0045))
     assert carrier_clearance(0.0) == pytest.approx(0.0046, abs=5e-5)
 
 
 def test_the_clearance_holds_the_carrier_however_it_is_turned():
-    """The farthest of its corners, turned in steps of 1°, is on the circle of the clearance."""
     length, width = carrier(0.006)
     corners = 0.5 * np.array([[length, width], [length, -width], [-length, width], [-length, -width]])
     turns = np.deg2rad(np.arange(360))
@@ -323,7 +316,6 @@ def test_what_is_too_near_is_found_by_straight_lines(box_mesh, distance):
 
 
 def test_room_counts_places_that_are_so_far_apart():
-    """Eleven places 0.1 m apart: six of them 0.2 m apart; two gauges in one place are one place."""
     line = np.zeros((11, 3))
     line[:, 0] = 0.1 * np.arange(11)
     twice = np.repeat(line, 2, axis=0)

@@ -18,7 +18,7 @@ from strainsight.gauges.export import uff_text
 from strainsight.gauges.installation import InstallationStd, drawn_installation, installation_variance, installed_rows
 from strainsight.gauges.rows import channel_matrix, channel_rows
 from strainsight.gauges.screening import screen
-from strainsight.gauges.sensitivity import CALIBRATION_POISSON, sensitivity_rows
+from strainsight.gauges.sensitivity import sensitivity_rows
 from strainsight.mesh.facets import exterior_facets
 
 from ..bodies import NU, E, body, held, moved
@@ -40,7 +40,6 @@ TORSION = [(x, diagonal(sign, n), sign) for x, n in ((TOP, 1), (BELOW, -1)) for 
 
 @pytest.fixture(scope="module")
 def beam():
-    """A slender cantilever, held at x = 0, with the arms of BENDING and TORSION in the middle of facets."""
     mesh = body("hex20", (9, 7, 6), lambda u, v, w: (LENGTH * u / 9, WIDTH * v / 7, HEIGHT * w / 6))
     mesh = held(mesh, mesh.position[:, 0] == 0)
     return mesh, exterior_facets(mesh)
@@ -135,62 +134,34 @@ def test_bridges_stay_whole_among_other_gauges_in_any_order(beam, motions):
 
 def to_bond(pool):
     """The same gauges as candidates, which no tolerance spares."""
-    bare = np.zeros(len(pool), dtype=bool)
-    grid = pool.arms.grid
-    return replace(
-        pool, bonded=bare, arms=replace(pool.arms, grid=replace(grid, bonded=np.zeros(len(grid), dtype=bool)))
-    )
+    if pool.arms is not None:
+        grid = pool.arms.grid
+        pool = replace(pool, arms=replace(pool.arms, grid=replace(grid, bonded=np.zeros(len(grid), dtype=bool))))
+    return replace(pool, bonded=np.zeros(len(pool), dtype=bool))
 
 
 STD = InstallationStd(position=0.001, angle=0.03, gain=0.01, transverse=0.01)
 
 
-def drawn_by_hand(beam, arms, z, draws):
-    """Readings (draws,) of a bridge of single gauges, each moved, turned, with a gain and a transverse sensitivity of its own."""
-    mesh, facets = beam
-    rng, total = np.random.default_rng(5), np.zeros(draws)
-    for x, d, sign in arms:
-        one = single(beam, x, d)
-        many = concatenate([one] * draws)
-        place, turn = STD.position * rng.standard_normal((draws, 2)), np.rad2deg(STD.angle) * rng.standard_normal(draws)
-        aside = concatenate([single(beam, x, np.cross(one.normal[0], one.direction[0]))] * draws)
-        along = channel_rows(mesh.position, many, z, facets=facets, offset=place, rotation=turn)
-        # Offsets are along the direction and across it: those of a gauge that lies across are turned by 90°.
-        offset = np.column_stack([place[:, 1], -place[:, 0]])
-        across = channel_rows(mesh.position, aside, z, facets=facets, offset=offset, rotation=turn)
-        K = STD.transverse * rng.standard_normal(draws)
-        gain = 1 + STD.gain * rng.standard_normal(draws)
-        total += sign * gain * (along[:, 0] + K * across[:, 0]) / (1 - CALIBRATION_POISSON * K)
-    return total
-
-
-@pytest.mark.slow
-def test_the_variance_by_tolerances_is_that_of_drawn_single_gauges(beam, motions):
+def test_the_variance_by_tolerances_is_the_sum_of_those_of_single_gauges(beam, motions):
     """3000 draws know a variance to 1/√1500, 2.6 %; three of that are asked."""
     mesh, facets = beam
-    z, arms = motions[1], TORSION
-    own = bridge(beam, arms)
-    free = replace(
-        own, bonded=~own.bonded, arms=replace(own.arms, grid=replace(own.arms.grid, bonded=~own.arms.grid.bonded))
-    )
-    slopes = sensitivity_rows(mesh.position, free, z, STD.position, facets=facets)
-    assert len(slopes.gain) == len(arms)
-    one = np.ones((1, 1))
-    variance = installation_variance(slopes, STD, free, one, one)[0]
-    drawn = drawn_by_hand(beam, arms, z, 3000)
-    assert variance == pytest.approx(
-        np.mean((drawn - channel_rows(mesh.position, own, z, facets=facets)[0, 0]) ** 2), rel=0.08
-    )
+    z, one = motions[1], np.ones((1, 1))
 
-    many = concatenate([free] * 3000)
+    def variance(pool):
+        slopes = sensitivity_rows(mesh.position, pool, z, STD.position, facets=facets)
+        return installation_variance(slopes, STD, pool, one, one)[0]
+
+    whole = to_bond(bridge(beam, TORSION))
+    parts = [variance(to_bond(single(beam, x, d))) for x, d, _ in TORSION]
+    assert variance(whole) == pytest.approx(sum(parts), rel=1e-9)
+    many = concatenate([whole] * 3000)
     installation = drawn_installation(many, STD, np.random.default_rng(2))
-    assert np.var(installed_rows(mesh.position, many, z, installation, facets=facets)[0]) == pytest.approx(
-        variance, rel=0.08
-    )
+    drawn = installed_rows(mesh.position, many, z, installation, facets=facets)[0]
+    assert np.var(drawn) == pytest.approx(variance(whole), rel=0.08)
 
 
 def test_zeros_belong_to_the_channel_and_temperature_to_the_arms(beam):
-    """What all gauges read of a kelvin cancels where arms of either sign are as many; what each reads beside does not."""
     std = InstallationStd(offset=2e-6, temperature=10.0, thermal_output=1e-6, thermal_spread=1e-7)
     half, two = bridge(beam, BENDING[:2]), bridge(beam, [BENDING[0], (TOP, ALONG, 1)])
     both, rng = concatenate([half, two]), np.random.default_rng(1)
@@ -216,7 +187,6 @@ def test_arms_of_opposite_sign_in_one_place_are_refused_and_of_one_sign_are_two_
 
 
 def test_every_arm_counts_for_spacing_and_zones(beam):
-    """A gauge at the second arm of a bridge is too near to it, and the bridge is in a zone of that arm."""
     mesh, _ = beam
     pool = to_bond(
         concatenate(

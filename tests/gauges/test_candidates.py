@@ -55,7 +55,6 @@ def test_facets_on_clamped_and_rigid_nodes_are_left_out(beam):
 
 
 def test_rotations_of_solid_nodes_hold_nothing(beam):
-    """MSC decks hold components 4 to 6 of all nodes, which solids do not have."""
     mesh, facets = beam
     turned = np.array([(node, component) for node in np.unique(mesh.blocks[0].nodes) for component in (3, 4, 5)])
     same = replace(mesh, fixed=np.vstack([mesh.fixed, turned]))
@@ -116,7 +115,6 @@ def test_zones_are_kept_out(beam):
 
 
 def test_near_edges_are_kept_out(beam):
-    """Facet centres are 0.05 m from the edges of the box, those of the middle rows of top and bottom 0.15 m."""
     assert len(candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0499),))) == 80
     inner = candidates(*beam, (1, 0, 0), exclude=(NearEdges(0.0501),))
     np.testing.assert_allclose(inner.position[:, 1], 0.15)
@@ -195,7 +193,6 @@ def test_distances_to_segments_are_those_of_a_fine_sampling():
 
 
 def test_rounding_of_a_normal_chooses_no_other_tangent():
-    """All axes across a normal are as far from it; the first one is taken, whatever the last digits of the normal say."""
     rng = np.random.default_rng(0)
     for normal, tangent in ((np.eye(3)[0], [0, 1, 0]), (np.eye(3)[1], [1, 0, 0]), (-np.eye(3)[2], [1, 0, 0])):
         shaken = normal + 1e-15 * rng.standard_normal((50, 3))
@@ -221,7 +218,6 @@ def test_on_a_beam_every_gauge_along_it_has_the_one_across(scale, box_mesh):
 
 
 def test_oblique_directions_mirror_into_those_of_the_other_sense(box_mesh):
-    """On the top, 30° right-handed has its image at −30°; 0° and 90° are their own up to sign."""
     facets = exterior_facets(box_mesh)
     pool = candidates(box_mesh, facets, (1, 0, 0), (0.0, 30.0, -30.0, 90.0))
     partner = mirror_partners(pool, MIDDLE, (0, 1, 0))
@@ -233,7 +229,6 @@ def test_oblique_directions_mirror_into_those_of_the_other_sense(box_mesh):
 
 
 def test_rosettes_mirror_as_wholes(box_mesh):
-    """±45° with 0° is its own image turned over; 0/45/90 is not: its 45° grid has none."""
     facets = exterior_facets(box_mesh)
     even = candidates(box_mesh, facets, (1, 0, 0), (-45.0, 0.0, 45.0), rosette=True)
     partner = mirror_partners(even, MIDDLE, (0, 1, 0))
@@ -276,7 +271,6 @@ def test_a_plane_that_is_none_of_the_mesh_pairs_nothing(box_mesh):
 
 
 def test_pairs_are_those_of_a_plain_double_loop():
-    """Random places and directions, each with its image to 1e-7, and as many without."""
     rng = np.random.default_rng(0)
     n = rng.standard_normal(3)
     n /= np.linalg.norm(n)

@@ -92,7 +92,6 @@ def test_the_axis_of_a_bend_means_its_inner_face_and_a_radius_both_of_that_radiu
 
 @pytest.mark.parametrize("sense", [1, -1])
 def test_of_two_faces_as_near_the_normal_says_which(strip, sense):
-    """A point halfway between both sides of the plate, as one on a contact is of both parts."""
     _, mesh, facets, faces = strip
     up = tuple(TURNED @ [0.0, 0.0, float(sense)])
     middle = tuple(TURNED @ [1.0, -0.5, 0.55] + SHIFT)
@@ -120,7 +119,6 @@ def test_what_means_no_face_or_two_is_refused(strip, pick, what):
 
 
 def test_a_very_finely_meshed_bend_is_not_flat():
-    """Neighbours of 0.2° lie in one plane by themselves, all of them together do not."""
     def chart(u, v, w):
         return (1 + 0.1 * v) * np.cos(u / 286.5), (1 + 0.1 * v) * np.sin(u / 286.5), -w
 
@@ -130,7 +128,6 @@ def test_a_very_finely_meshed_bend_is_not_flat():
 
 
 def test_a_coarse_cylinder_meshed_without_order_is_one_all_the_same():
-    """Sixteen chords a turn, nodes shifted along the axis at random: normals of the triangles are tilted."""
     rng = np.random.default_rng(3)
     shift = {}
 
@@ -147,7 +144,6 @@ def test_a_coarse_cylinder_meshed_without_order_is_one_all_the_same():
 
 
 def test_every_listed_point_means_its_face_on_a_thin_part_far_from_the_origin():
-    """0.6 mm thick, 12 m away: with four digits its rims and its underside would be named by points of its top."""
     mesh = body("hex8", (4, 4, 1), lambda u, v, w: (12.3456 + u / 4, v / 4, 2.3456 + 6e-4 * w))
     facets = exterior_facets(mesh)
     faces = faces_of(mesh.position, facets)
@@ -198,7 +194,6 @@ def instead(mesh):
 
 
 def test_of_both_sides_of_a_plate_one_is_in_place_of_the_other_unless_it_is_known():
-    """A bore that ends on something higher, facets that are held: what lies there is known, and the other side is in doubt."""
     plate, higher = half_disc(0), half_disc(2)
     bolted = held(plate, radius(plate) < 1.01)
     ((first, other),) = instead(bolted)
@@ -221,7 +216,6 @@ def test_a_bolted_plate_may_lie_on_both_sides_and_what_stands_on_it_says_which(r
 
 @pytest.mark.parametrize("of_what", ["a rim", "a tie", "springs"])
 def test_however_the_bolt_is_modelled(of_what):
-    """Held on the rim of its bore alone, by a tie to a held node, on springs; a tie to a node that is not held is a load."""
     mesh = half_disc(2)
     bore = radius(mesh) < 1.01
     nodes = np.flatnonzero(bore)
@@ -270,7 +264,6 @@ def test_the_lug_has_its_bores_and_stands_on_its_underside():
 
 
 def test_a_plate_of_shells_that_is_held_in_places_lies_on_neither_of_its_faces():
-    """Its nodes are held, not one of its faces: both would go, and no gauge had a place."""
     mesh = strip_of_shells(clamped=False)
     patch = np.flatnonzero(mesh.position[: mesh.own_nodes, 0] < 0.35)
     mesh = replace(mesh, fixed=np.array([(node, c) for node in patch for c in range(3)]))
@@ -304,7 +297,6 @@ def test_a_plane_does_not_bend(plate, kind):
 
 
 def test_a_sphere_bends_by_its_radius_in_every_direction():
-    """A belt of 60° around it; at its ends half of what it bends along is seen."""
     step = 2 * np.pi / 36
     position, facets = surface(
         "quad4", 36, 6,
@@ -319,7 +311,6 @@ def test_a_sphere_bends_by_its_radius_in_every_direction():
 
 @pytest.mark.parametrize(("fold", "bends"), [(25.0, True), (35.0, False)])
 def test_a_fold_of_more_than_30_degrees_is_an_edge_and_no_bend(fold, bends):
-    """A roof of cells of 1 m: its ridge is seen from the cells beside it, and from no other."""
     slope = np.deg2rad(fold / 2)
     position, facets = surface("quad4", 6, 2, lambda u, v: (u * np.cos(slope), v, -abs(u - 3) * np.sin(slope)))
     centre, _ = facet_centres(position, facets.kind, facets.nodes)

@@ -201,7 +201,6 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
 
 @pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])
 def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
-    """A large facet beside small ones: its centre is far, itself near."""
     position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
@@ -276,7 +275,6 @@ def test_what_cannot_be_bonded_is_refused_by_its_number(entry, says, box_mesh):
 
 
 def test_facets_of_several_kinds_lie_side_by_side():
-    """A quad4 and a tri6 that share an edge's corners only in space."""
     position = np.array(
         [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0.0], [1.5, 0, 0], [1.5, 0.5, 0], [1, 0.5, 0]]
     )

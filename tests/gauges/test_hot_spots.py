@@ -245,7 +245,6 @@ def test_on_a_box_they_are_the_distances_to_two_sides(box_mesh):
 
 @pytest.mark.parametrize("turn", [-89.0, -30.0, 0.0, 17.0, 90.0])
 def test_the_angle_is_counter_clockwise_as_seen_from_outside(box_mesh, turn):
-    """0.02 m from the side along x, so that side is the edge, and its sense does not matter."""
     d = [np.cos(np.deg2rad(turn)), np.sin(np.deg2rad(turn)), 0.0]
     found = on_top(box_mesh, [[0.5, 0.02, H], [0.5, W - 0.02, H]], [d, d])
     np.testing.assert_allclose(found.angle[:, 0], turn, atol=1e-9)
@@ -255,7 +254,6 @@ def test_the_angle_is_counter_clockwise_as_seen_from_outside(box_mesh, turn):
 
 
 def test_a_direction_along_the_normal_has_distances_and_no_angle(box_mesh):
-    """As of an accelerometer; one that leans out of the surface has the angle of its shadow there."""
     found = on_top(box_mesh, [[0.5, 0.02, H]] * 3, [TOP, -TOP, [0.5, 0.5, 2**-0.5]])
     assert np.isfinite(found.distance).all()
     assert np.isnan(found.angle[:2]).all()
@@ -263,7 +261,6 @@ def test_a_direction_along_the_normal_has_distances_and_no_angle(box_mesh):
 
 
 def test_an_edge_of_another_face_does_not_count(box_mesh):
-    """A thin plate: below its middle the other side's edges are as near as its own, which are the ones to measure from."""
     thin = box_mesh.position * [1, 1, 1e-3]
     facets = exterior_facets(box_mesh)
     own = np.all(box_mesh.position[facets.nodes[:, :4]][..., 2] == H, axis=1)
@@ -280,7 +277,6 @@ def test_an_edge_of_another_face_does_not_count(box_mesh):
 
 @pytest.mark.parametrize("kind", ["quad4", "quad8", "tri3", "tri6"])
 def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(tube, kind):
-    """Rims run round, so a gauge along the axis is at 90° to them; the skin is smooth all the way round."""
     position, facets = tube(kind, 24, 5, 2.0)
     place, normal = np.array([[2.0, 0.0, 1.3]]), np.array([[1.0, 0.0, 0.0]])
     found = edge_dimensions(position, facets, facets.key[:1], place, np.array([[0.0, 0.0, 1.0]]), normal)
@@ -291,7 +287,6 @@ def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(tube, kind):
 
 @pytest.mark.parametrize(("half", "there"), [(50.0, True), (70.0, False)])
 def test_an_edge_far_round_a_bent_face_is_none_to_measure_across_to(half, there):
-    """In the middle of a shell of radius 2 m over ±50° its straight sides are 2r sin 25° away, 25° out of the tangent plane."""
     step = np.deg2rad(half) / 10
     chart = lambda u, v: (2 * np.cos(step * (u - 10)), 2 * np.sin(step * (u - 10)), v)  # noqa: E731
     position, facets = surface("quad8", 20, 8, chart)

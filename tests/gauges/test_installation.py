@@ -62,7 +62,6 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently(p
 
 
 def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each(plate, bare):
-    """Over 2000 draws: mean products of what two channels read at the end are T²κ² between gauges, T²(κ² + s²) within one."""
     pool = pool_of(*plate("quad4", 4, 3), bare)
     std = InstallationStd(temperature=5.0, thermal_output=1e-6, thermal_spread=7e-7)
     draws = [drawn_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
@@ -136,7 +135,6 @@ def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(
 
 
 def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
-    """100 installations of small errors, read in a motion of two fields whose second rates are another motion."""
     position, facets = plate("quad8", 7, 6)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 5), axis=1))
@@ -174,7 +172,6 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
 
 
 def test_small_errors_of_installation_change_readings_by_their_sensitivities(plate, bare):
-    """What is left of the change falls with the square of the errors; strain that varies linearly, away from the edge."""
     position, facets = plate("quad8", 9, 8)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 7), axis=1))
@@ -238,7 +235,6 @@ def _crossings(a, b, width, height):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_the_surface_it_stops_at_the_edge_of_its_facet(kind, plate, bare):
-    """Along x from the centre, the triangle's hypotenuse is a third away, the square's edge a half."""
     position, facets = plate(kind, 1, 1)
     one = replace(facets, **{n: getattr(facets, n)[:1] for n in ("element_id", "facet", "kind", "nodes", "region")})
     gauges = candidates(bare(position), one, (1, 0, 0))
@@ -284,7 +280,6 @@ def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not(tube, bare
 
 
 def test_a_grid_stays_within_the_edges_by_less_of_the_same(plate, bare):
-    """2 m from the edge with half a grid of 0.8 m, it may go 1.2 m of 1.8 m, and turn by as much of its rotation."""
     position, facets = plate("quad8", 5, 4)
     gauges = candidates(bare(position), facets, (1, 0, 0), length=1.6)
     gauges = gauges.take(np.flatnonzero(np.all(np.isclose(gauges.position, [2.5, 1.5, 0]), axis=1)))

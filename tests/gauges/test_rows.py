@@ -103,7 +103,6 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
 # Channels and gauges: rosettes, triaxial sensors, several families in one pool.
 @pytest.fixture
 def pool(plate, bare) -> Candidates:
-    """Nine rosettes and nine triaxial accelerometers."""
     position, facets = plate("quad4", 3, 3)
     rosettes = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=0.1)
     sensors = motion_candidates(bare(position), facets, ACCELERATION, ("normal", (1, 0, 0), (0, 3.0, 0)), array=2)

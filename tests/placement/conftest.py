@@ -14,10 +14,10 @@ from strainsight.augmentation.linearisation import Unknowns, augment_rows, linea
 from strainsight.augmentation.noise import gauge_intensity, process_intensity
 from strainsight.fem.affine import AffineOperator
 from strainsight.placement.elimination import Scenario, whole_pool_weight
+from strainsight.placement.scenario import solve_pool
 from strainsight.rom.model import Damping, ReducedModel
 
 from ..structures import beam_curvature, beam_matrices, clamped_beam
-from .wandering import COMBINED
 
 E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
 
@@ -100,6 +100,29 @@ def blind_sideways(beam: Beam, scenario: Scenario, gauges: np.ndarray) -> Scenar
     H, shape = scenario.H.copy(), np.abs(beam.model.input_shape)
     H[np.ix_(gauges, np.flatnonzero(shape[:, 1] > 1e-6 * shape.max()))] = 0.0
     return replace(scenario, H=H)
+
+
+COMBINED = {"mean": np.mean, "worst": np.max}
+
+
+def pools_of(H, levels, weight):
+    """Unknowns that wander, ẋ = w and y = H x + v, a pool a scenario: H (scenarios, pool, unknowns) at unit noise, q of each
+    scenario, W (unknowns,). P = √q G^(−1/2) for Q = q I and G = Hᵀ R⁻¹ H."""
+    n = H.shape[2]
+    return [
+        solve_pool(Scenario(np.zeros((n, n)), q * np.eye(n), h, np.ones(len(h)), weight))
+        for h, q in zip(H, levels, strict=True)
+    ]
+
+
+def costs_of(H, levels, weight, v):
+    """tr(W P) of every scenario with gauge weights v (pool,); inf where G is singular."""
+    found = []
+    for h, q in zip(H, levels, strict=True):
+        lam, U = np.linalg.eigh((h.T * v) @ h)
+        told = lam[0] > 1e-9 * lam[-1]
+        found.append(np.sqrt(q) * weight @ (U**2 / np.sqrt(lam)).sum(axis=1) if told else np.inf)
+    return np.array(found)
 
 
 def last(size: int, count: int) -> np.ndarray:

@@ -18,8 +18,8 @@ from strainsight.placement.limits import Swaps, as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 
 from ..shared import slowly
+from .conftest import COMBINED
 from .rules import CASES, NEAR, POOL, Rules
-from .wandering import COMBINED
 
 EVERY = [units for k in range(1, 6) for units in combinations(range(POOL), k)]
 
@@ -160,7 +160,6 @@ def test_a_robust_layout_breaks_no_limit_and_no_move_helps(every_cost, case):
 
 @pytest.mark.parametrize("case", ["budget", "pairs, odd", "generous budget", "zones", "spacing"])
 def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, oracle, case):
-    """Every step against all candidates, in the words of the docstring."""
     rules = CASES[case]()
     scenarios, pools, _ = every_cost("mean", paired(rules))
     found = eliminate(scenarios, rules.limits)
@@ -184,17 +183,6 @@ def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, oracle, case)
             held += 1
         left.remove(out)
     assert held <= 3
-
-
-def test_a_plain_count_and_its_limits_are_one_thing(beam_of, scenarios_of):
-    scenarios = scenarios_of(beam_of(30), ("Fz",), ("E",))
-    plain, limited = eliminate(scenarios, 4), eliminate(scenarios, limits_of(30, 4))
-    assert plain.removed.tolist() == limited.removed.tolist()
-    assert limits_of(30, 4).plain
-    assert not limits_of(30, 4, near=np.array([[1, 2]])).plain
-    assert limits_of(30, 4, near=np.array([[1, 2]]), fixed=(1, 2)).plain
-    # any two more beside the pair that is bonded; but those are three rows of four gauges
-    assert not limits_of(30, 4, size=np.where(np.arange(30) == 3, 2, 1), fixed=(3,)).plain
 
 
 def test_what_is_bonded_later_is_no_conflict_but_closes_its_surroundings():

@@ -20,10 +20,9 @@ from strainsight.placement.remaining import Remaining
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 
-from .conftest import blind_sideways
+from .conftest import COMBINED, blind_sideways, costs_of, pools_of
 from .rules import PAIRS, POOL, PRICE, Rules, zone
 from .variances import variance
-from .wandering import COMBINED, costs_of, pools_of
 
 
 def wandering(channels, unknowns):
@@ -82,7 +81,6 @@ def test_a_start_far_from_the_solution_does_not_show():
 
 
 def test_what_no_process_noise_reaches_is_named():
-    """A mass on a spring, which a load pushes: undamped with a load that is not unknown, or damped with one that is."""
     H, weight = np.eye(3), np.array([0.0, 0.0, 1.0])
     F = np.array([[0.0, 1.0, 0.0], [-4.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
     with pytest.raises(InfeasibleError, match="undamped motion"):
@@ -217,7 +215,6 @@ class Left:
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 @pytest.mark.parametrize("seed", range(6))
 def test_the_least_rise_per_relief_of_all_is_found(aggregate, seed):
-    """Relief of any size, none at all for some gauges: they stay. A bound is never above the rise."""
     rng = np.random.default_rng(seed)
     H = rng.normal(size=(2, SIZE, 3))
     H[:, [4, 9]] = -H[:, [2, 6]]

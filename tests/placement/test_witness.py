@@ -112,16 +112,6 @@ def test_rosettes_that_share_their_unknowns_badly_are_no_dead_end(six_loads):
     assert eliminate([six_loads], 2).kept.tolist() == [1, 2]
 
 
-def test_a_plain_count_pays_nothing_for_it(monkeypatch, beam_of, scenarios_of):
-    scenarios = scenarios_of(beam_of(30), ("Fz",), ("E",))
-
-    def refuse(*_):
-        raise AssertionError("a guard where none is needed")
-
-    monkeypatch.setattr(room, "Guard", refuse)
-    assert len(eliminate(scenarios, 4).kept) == 4
-
-
 def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
     # either strong gauge alone makes rounding of the weak one, which sees both unknowns
     F, Q = np.zeros((2, 2)), np.eye(2)
@@ -191,7 +181,6 @@ def two_loads(count, see_second):
 
 @pytest.mark.parametrize("reach", [5, 40])
 def test_another_layout_is_looked_for_among_those_that_see_what_is_lost(monkeypatch, reach):
-    """Three of forty gauges see the second load; no limit joins them, and they are worth least of all."""
     monkeypatch.setattr(witness, "REACH", reach)
     sees = np.isin(np.arange(40), [3, 17, 29])
     limits = limits_of(40, 4, near=np.array([(10, 11), (12, 13)]))
