@@ -19,13 +19,14 @@ SEVEN = ("input", "E", "rho", "input+E", "input+rho", "E+rho", "input+E+rho")
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
 
 
+def matrices(model):
+    at = model.reference
+    return model.mass.at(at), model.stiffness.at(at), damping_matrix(model, at)
+
+
 def motion(model, ratio, *, steps=400):
     """Steady response to 1 kN at the tip with `ratio` times the first frequency: x (steps, 2n), u (steps, 2)."""
-    M, K, C = (
-        model.mass.at(model.reference),
-        model.stiffness.at(model.reference),
-        damping_matrix(model, model.reference),
-    )
+    M, K, C = matrices(model)
     omega = ratio * np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min())
     t = np.arange(steps) / steps * 2 * np.pi / omega
     gain = np.linalg.solve(K - omega**2 * M + 1j * omega * C, model.input_shape[:, 0] * 1e3)
@@ -41,11 +42,7 @@ def sensors(model, x, u, *, seed=0, accelerometers=0):
     rows = rng.normal(size=(8 + accelerometers, model.size))
     quantity = np.repeat([STRAIN, ACCELERATION], [8, accelerometers])
     n = model.size
-    M, K, C = (
-        model.mass.at(model.reference),
-        model.stiffness.at(model.reference),
-        damping_matrix(model, model.reference),
-    )
+    M, K, C = matrices(model)
     a = np.linalg.solve(M, (u @ model.input_shape.T - x[:, n:] @ C - x[:, :n] @ K).T).T
     reading = np.where(quantity == STRAIN, np.abs(x[:, :n] @ rows.T).max(axis=0), np.abs(a @ rows.T).max(axis=0))
     largest = np.array([reading[quantity == kind].max() for kind in quantity])
@@ -96,7 +93,6 @@ def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_n
     expected = "tip, E and rho together: fix one of them, or make one known"
     assert found["input+E+rho"].found.null_direction == expected
     assert all(case.found.condition < 1e8 for label, case in found.items() if label != "input+E+rho")
-    # a stiffness and a mass that are known remove it
     assert at(chain_of(), ratio)["input+E+rho"].found.condition < 1e6
 
 
@@ -181,7 +177,6 @@ def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_ar
         pbh = np.vstack([np.linalg.inv(D) @ F @ D / omega.min(), H @ D / given["largest"][:, None]])
         condition.append(np.linalg.cond(pbh))
     np.testing.assert_allclose(case.found.condition, np.median(condition), rtol=1e-8)
-    # half a period later everything has the other sign, and the same condition
     np.testing.assert_allclose(condition[chosen.tolist().index(case.instant)], np.median(condition), rtol=1e-8)
 
 

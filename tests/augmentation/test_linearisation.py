@@ -22,7 +22,7 @@ from strainsight.augmentation.observability import (
 )
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import Coefficient, Newton
-from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN
 from strainsight.rom.model import Damping, damping_matrix
 
 AMPLITUDE = {"tip": 40.0, "side": 7.0}
@@ -34,14 +34,14 @@ def unknowns_of(theta, inputs=("tip",), parameters=("E", "rho")):
 
 def augmented_rate(model, unknowns, theta, x_star, known_u):
     """ẋ* written out, with the damping from a matrix square root."""
-    n = model.size
-    q, v, rest = x_star[:n], x_star[n : 2 * n], x_star[2 * n :]
+    n, at = model.size, unknowns.position(model)
+    q, v = x_star[:n], x_star[n : 2 * n]
     u = known_u.copy()
     for i, name in enumerate(unknowns.inputs):
-        u[model.inputs.index(name)] = unknowns.amplitude[name] * rest[i]
+        u[model.inputs.index(name)] = unknowns.amplitude[name] * x_star[at[i]]
     value = dict(theta)
     for i, name in enumerate(unknowns.parameters):
-        value[name] = unknowns.guess[name] * np.exp(rest[len(unknowns.inputs) + i])
+        value[name] = unknowns.guess[name] * np.exp(x_star[at[len(unknowns.inputs) + i]])
     M = model.mass.constant + model.mass.terms["rho"] * value["rho"]
     ((label, slope),) = model.stiffness.terms.items()
     K = model.stiffness.constant + slope * (value["E"] if label == "E" else value["E"] ** 3 / theta["E"] ** 2)
@@ -51,7 +51,7 @@ def augmented_rate(model, unknowns, theta, x_star, known_u):
         C = model.damping.alpha * M + model.damping.beta * K
     S = model.input_shape + model.input_slope.get("rho", 0.0) * (value["rho"] - model.reference["rho"])
     a = np.linalg.solve(M, S @ u - C @ v - K @ q)
-    return np.concatenate([v, a, np.zeros(len(rest))])
+    return np.concatenate([v, a, np.zeros(len(x_star) - 2 * n)])
 
 
 @pytest.mark.parametrize(("on_mass", "cubic"), [(False, False), (True, True)])
@@ -76,15 +76,37 @@ def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inp
     u = rng.normal(size=(3, 2)) * 50
     F = linearise(model, unknowns, theta, x, u)
     for s in range(3):
-        hidden = [u[s, model.inputs.index(i)] / AMPLITUDE[i] for i in inputs]
-        centre = np.concatenate([x[s], hidden, np.zeros(len(parameters))])
-        difference = np.empty_like(F[s])
-        for j in range(len(centre)):
-            step = np.zeros_like(centre)
-            step[j] = 1e-4 if j >= 2 * model.size else 1e-4 * max(abs(centre[j]), 1e-6)
-            plus, minus = (augmented_rate(model, unknowns, theta, centre + sign * step, u[s]) for sign in (1, -1))
-            difference[:, j] = (plus - minus) / (2 * step[j])
+        difference = slopes(lambda z, s=s: augmented_rate(model, unknowns, theta, z, u[s]), model, unknowns, x[s], u[s])
         assert np.all(np.abs(F[s] - difference) <= 2e-6 * np.abs(F[s]).max(axis=0))
+
+
+def slopes(function, model, unknowns, x, u):
+    """Central differences of function(x*) at x and the loads u, in every component of x*."""
+    centre = np.zeros(unknowns.size(model))
+    centre[: 2 * model.size] = x
+    for name, at in zip(unknowns.inputs, unknowns.position(model), strict=False):
+        centre[at] = u[model.inputs.index(name)] / unknowns.amplitude[name]
+    size = np.where(np.arange(len(centre)) < 2 * model.size, 1e-4 * np.maximum(np.abs(centre), 1e-6), 1e-4)
+    return np.transpose([(function(centre + e) - function(centre - e)) / (2 * e.sum()) for e in np.diag(size)])
+
+
+@pytest.mark.parametrize("models", [{}, {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}])
+def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta, models):
+    model = chain_of()
+    unknowns = Unknowns(("side", "tip"), ("E", "rho"), AMPLITUDE, theta, models)
+    rng, n = np.random.default_rng(1), model.size
+    x, u = rng.normal(size=(2, 2 * n)) * np.repeat([1e-3, 1.0], n), rng.normal(size=(2, 2)) * 50
+    rows, quantity = rng.normal(size=(3, n)), np.array([STRAIN, ACCELERATION, DISPLACEMENT])
+    H = measurement_rows(rows, quantity, linearise(model, unknowns, theta, x, u))
+    assert H.shape == (2, 3, unknowns.size(model))
+
+    def reading(z):
+        q, a = z[:n], augmented_rate(model, unknowns, theta, z, np.zeros(2))[n : 2 * n]
+        return np.array([rows[0] @ q, rows[1] @ a, rows[2] @ q])
+
+    for s in range(2):
+        largest = np.abs(H[s]).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(H[s] / largest, slopes(reading, model, unknowns, x[s], u[s]) / largest, atol=1e-6)
 
 
 @pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
@@ -153,7 +175,6 @@ def test_instants_are_seeded_and_avoid_where_a_parameter_does_not_act(chain_of, 
     found = linearisation_instants(model, unknowns, theta, x, u, 20, 3)
     assert len(set(found)) == 20
     assert np.all(np.diff(found) > 0)
-    # the damping force moves the threshold by 2ζ at most
     assert np.abs(x[found, 0]).min() > 0.45
     assert found.tolist() == linearisation_instants(model, unknowns, theta, x, u, 20, 3).tolist()
     assert found.tolist() != linearisation_instants(model, unknowns, theta, x, u, 20, 4).tolist()

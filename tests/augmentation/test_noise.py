@@ -19,8 +19,7 @@ from strainsight.augmentation.measurement import measurement_rows
 from strainsight.augmentation.noise import channel_intensity, gauge_intensity, process_intensity
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
-from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN
-from strainsight.rom.model import damping_matrix
+from strainsight.gauges.candidates import ACCELERATION, STRAIN
 
 UNKNOWNS = Unknowns(("F",), ("E",), {"F": 1e4}, {"E": 2e11})
 
@@ -111,42 +110,6 @@ def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term
     assert np.all(claimed < 1.6 * real)
     claimed, real = claimed_and_real(gauge_intensity(std, 1e-3))
     assert np.min(claimed / real) < 0.25
-
-
-@pytest.mark.parametrize("models", [{}, {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}])
-def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta, models):
-    model = chain_of()
-    unknowns = Unknowns(("side", "tip"), ("E", "rho"), {"tip": 40.0, "side": 7.0}, theta, models)
-    rng = np.random.default_rng(1)
-    n = model.size
-    x, u = rng.normal(size=(2, 2 * n)) * np.repeat([1e-3, 1.0], n), rng.normal(size=(2, 2)) * 50
-    rows, quantity = rng.normal(size=(3, n)), np.array([STRAIN, ACCELERATION, DISPLACEMENT])
-    H = measurement_rows(rows, quantity, linearise(model, unknowns, theta, x, u))
-    assert H.shape == (2, 3, unknowns.size(model))
-
-    def reading(state):
-        value, loads = dict(theta), np.zeros(2)
-        at = unknowns.position(model)
-        for i, name in enumerate(unknowns.inputs):
-            loads[model.inputs.index(name)] = unknowns.amplitude[name] * state[at[i]]
-        for i, name in enumerate(unknowns.parameters):
-            value[name] = unknowns.guess[name] * np.exp(state[at[2 + i]])
-        q, v = state[:n], state[n : 2 * n]
-        force = model.input_shape @ loads - damping_matrix(model, value) @ v - model.stiffness.at(value) @ q
-        return np.array([rows[0] @ q, rows[1] @ np.linalg.solve(model.mass.at(value), force), rows[2] @ q])
-
-    for s in range(2):
-        centre = np.zeros(unknowns.size(model))
-        centre[: 2 * n] = x[s]
-        for name, at in zip(unknowns.inputs, unknowns.position(model), strict=False):
-            centre[at] = u[s, model.inputs.index(name)] / unknowns.amplitude[name]
-        difference = np.empty_like(H[s])
-        for j in range(len(centre)):
-            step = np.zeros_like(centre)
-            step[j] = 1e-4 if j >= 2 * n else 1e-4 * max(abs(centre[j]), 1e-6)
-            difference[:, j] = (reading(centre + step) - reading(centre - step)) / (2 * step[j])
-        largest = np.abs(H[s]).max(axis=1, keepdims=True)
-        np.testing.assert_allclose(H[s] / largest, difference / largest, atol=1e-6)
 
 
 STATIONARY = [Matern(8.0, 0.5), Matern(8.0, 1.5), Matern(8.0, 2.5), Oscillator(20.0), Oscillator(20.0, 0.7)]

@@ -150,8 +150,7 @@ def test_what_samples_remove_of_a_covariance_is_one_less_what_they_leave_without
 
 
 def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
-    """Offsets of both channels that no sample corrects the motion for, all loads known: at every parameter the plain filter's
-    states, and σ that holds how an offset of one σ moves them."""
+    """At every parameter the plain filter's states, and σ that holds how an offset of one σ moves them."""
     model = driven_chain(parameters=())
     P = driven_start()[:4, :4]
     _, y = draw_truth(model, np.zeros(4), P, forces(), [5])
@@ -221,7 +220,6 @@ def test_constants_that_are_learned_are_states_of_the_filter():
             (np.zeros(9), whole, no_nuisances(model), states, np.arange(2)),
         )
     )
-    # the smoothers take different points of the parameters: equal to second order in their σ
     std = other.std[:, 0, :7]
     np.testing.assert_allclose(one.mean[:, 0] / std, other.mean[:, 0, :7] / std, atol=0.03)
     np.testing.assert_allclose(one.std[:, 0] / std, 1.0, atol=0.01)
@@ -261,8 +259,7 @@ def acting_otherwise(model, load, column):
 
 @pytest.mark.slow
 def test_sigma_holds_where_an_unknown_load_acts_otherwise():
-    """Over draws of chains whose unknown load acts on the second mass, too, by a constant: σ of the parameters, and of the load
-    by all samples, holds it integrated out, and does not hold without."""
+    """Chains whose unknown load acts on the second mass, too, by a drawn constant."""
     model, P, draws, mean = chain(noise=5e-4), start(), 60, np.zeros(7)
     nuisances = acting_otherwise(model, "unknown", [0.0, 0.15])
     rng, with_it, without, of_load = np.random.default_rng(4), [], [], []
@@ -285,8 +282,7 @@ def test_sigma_holds_where_an_unknown_load_acts_otherwise():
     ("column", "parameters"), [([0.0, 0.1], ()), ([0.2, 0.0], ("k1", "k2"))], ids=["gain", "direction"]
 )
 def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, parameters):
-    """ν ΔS F of a force F that does not change is a load of shape ΔS, unknown and constant, with σ = F: the same posterior,
-    evidence, innovations and smoothed motion."""
+    """ν ΔS F of a force F that does not change is a load of shape ΔS, unknown and constant, with σ = F."""
     noise = 5e-5
     whole, force, states = chain(noise), np.zeros((STEPS, 3, 1)), 4 + len(parameters)
     force[:, 0, 0] = 5.0
@@ -315,7 +311,6 @@ def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, paramet
     smoothed = smooth_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, found)
     by_states = smooth_bank(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other), expected)
     std = by_states.std[1:, 0, there]
-    # the smoothers take different points of the parameters: equal to second order in their σ
     off = (0.03, 0.01) if parameters else (1e-6, 1e-6)
     np.testing.assert_allclose(smoothed.mean[1:, 0] / std, by_states.mean[1:, 0, there] / std, atol=off[0])
     np.testing.assert_allclose(smoothed.std[1:, 0] / std, 1.0, atol=off[1])

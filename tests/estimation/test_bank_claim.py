@@ -66,8 +66,7 @@ def slopes(parameters):
 
 
 def everything(model, parameters):
-    """All that is unknown as columns of unit size: the states (STEPS, 5, N) and the readings (2·STEPS, N) that each makes, with
-    one source each, the constants last."""
+    """All that is unknown in columns of unit size: states (STEPS, 5, N), readings (2·STEPS, N) and sources, constants last."""
     A, B = steps_of(np.ones((1, 2)))
     whole = np.eye(5)
     whole[:4, :4], whole[:4, 4] = A[0], LOAD * B[0, :, 1]
@@ -88,8 +87,7 @@ def everything(model, parameters):
 
 
 def considering(states, y, whole, considered):
-    """The state at the end that each column makes a filter believe (5, N), by the gains of least variance over the first
-    `considered` columns, none of which it learns."""
+    """The state at the end (5, N) by the gains of least variance over the first `considered` columns, none of them learned."""
     believed = np.zeros(states.shape[1:])
     for k, x in enumerate(states):
         believed = whole @ believed
@@ -101,8 +99,7 @@ def considering(states, y, whole, considered):
 @pytest.mark.parametrize("learned", [False, True])
 @pytest.mark.parametrize("parameters", [("k1", "k2"), ("k2",), ()])
 def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
-    """Samples, steps of the process, states at the start, constants and parameters, as one regression without any recursion;
-    states that do not follow ν by the gains of a filter that considers it, and beside them what parameters leave."""
+    """One regression without any recursion; states that do not follow ν by the gains of a filter that considers it."""
     model = chain(parameters)
     k = len(parameters)
     P = start(model.size)
@@ -253,8 +250,7 @@ def test_what_constants_add_is_the_slope_of_the_error():
 
 @pytest.fixture
 def loaded(make_beam, make_filter, sine):
-    """A beam under a constant unknown load and a known sine, with strain gauges and accelerometers: beam, filter model with its
-    mean and covariance, both loads and the motion."""
+    """A beam under a constant unknown load and a known sine: beam, filter model, mean, covariance, loads and motion."""
     beam, steps = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 20
     model = make_filter(beam, ("tip",), ("E",), ("middle",), accelerometers=2, q_velocity=0.1)
     u = np.zeros((steps, 3, 2))

@@ -55,8 +55,7 @@ def both(model, y, nuisances):
 
 
 def sources(model):
-    """Every source of the truth one after the other, of unit variance: the states (N, STEPS + 1, 5) and readings (N, STEPS, 2)
-    that it makes, by the exponential of the textbook's matrix."""
+    """Each source of the truth by itself, of unit variance: states (N, STEPS + 1, 5) and readings (N, STEPS, 2), by expm."""
     F = continuous(REFERENCE)[0]
     A = expm(F * STEP)
     noise = np.linalg.cholesky(gathered(F, model.Q))
@@ -84,7 +83,6 @@ def test_sigma_is_that_of_the_error_that_every_source_makes():
     for which, (_, std) in enumerate(nothing):
         real = np.sqrt(np.sum(errors[which] ** 2, axis=0))
         np.testing.assert_allclose(std[1:], real[1:], rtol=1e-6)
-    # by the smoother less than by the filter, where the filter has least to go by
     assert (nothing[1][1][: STEPS // 2, 4] < nothing[0][1][: STEPS // 2, 4]).all()
 
 
@@ -210,8 +208,7 @@ def measured():
 
 
 def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
-    """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression. Without them the
-    same readings mislead."""
+    """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression."""
     model, y = measured()
     P, columns = start(), FELT.reshape(3, -1).T
     bank = filter_bank(model, np.zeros(7), P, forces(), y, drifts(), spacing=0.6, depth=20.0)

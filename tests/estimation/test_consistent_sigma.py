@@ -285,8 +285,7 @@ def test_starts_must_agree_within_what_one_draw_may_be_off():
 
 
 def test_a_layout_that_is_like_random_ones_is_rarely_called_better():
-    """Layouts and sets from one distribution: the layout's rank among n + 1 is uniform, and "shown" are the ranks of the sign
-    test, counted here by binomial coefficients."""
+    """The rank among n + 1 is uniform, and "shown" are the ranks of the sign test, by binomial coefficients."""
     rng, n = np.random.default_rng(10), 10
     words = [benefit_of(draw[0], draw[1:]).verdict for draw in rng.exponential(size=(5000, n + 1))]
     tails = np.cumsum([comb(n, k) for k in range(n + 1)]) / 2**n

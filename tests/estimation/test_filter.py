@@ -64,8 +64,7 @@ def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, input
 
 
 def test_what_is_known_is_predicted(make_beam, make_filter, sine):
-    """A filter that is told the load and starts at the truth predicts every strain and acceleration, whatever it doubts.
-    Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
+    """Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
     beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 25
     model = make_filter(beam, parameters=("E",), known=("tip",), h=h, accelerometers=1)
     u = sine(h * np.arange(steps), h, 1e4, 200.0)
@@ -103,8 +102,7 @@ def test_what_is_known_is_predicted(make_beam, make_filter, sine):
     ],
 )
 def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, inputs, parameters, load_model):
-    """Fixed intensities, one frozen linearisation, A_u of an input model in F: CARE (5.14), the placement's, is the limit of the
-    discrete filter for h → 0."""
+    """CARE (5.14), the placement's, is the limit of the discrete filter for h → 0: one frozen linearisation."""
     beam = make_beam(modes=3)
     n, load = 3, np.array([1e4])
     q = np.linalg.solve(beam.model.stiffness.at(beam.model.reference), beam.model.input_shape @ load)
@@ -314,8 +312,6 @@ def test_a_long_run_stays_symmetric_and_positive(make_beam, make_filter, form):
 
 
 def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_it():
-    """Of P with states that nearly tell each other: the same digits alone and among two thousand; of rank 6 no seventh column
-    that counts; and what is not finite is no zero."""
     near = np.array([[1.0, 1 - 1e-13], [1 - 1e-13, 1.0]])
     alone = pivoted_factors(near[None])[0]
     among = pivoted_factors(np.concatenate([np.tile(np.eye(2), (2000, 1, 1)), near[None]]))[-1]
@@ -330,8 +326,7 @@ def test_a_factor_with_pivots_is_that_of_its_own_matrix_whatever_stands_beside_i
 
 @pytest.mark.parametrize("form", ["joseph", "square_root"])
 def test_what_innovations_are_expected_to_be_is_their_covariance(form):
-    """L Lᵀ = H (A (P + before) Aᵀ + process) Hᵀ + R, multiplied out, L lower with a positive diagonal; sensors that are the same
-    and have no noise are refused."""
+    """L Lᵀ = H (A (P + before) Aᵀ + process) Hᵀ + R, multiplied out, L lower with a positive diagonal."""
     rng = np.random.default_rng(3)
     n, m = 6, 2
     P, before, process = (X @ X.T for X in rng.normal(size=(3, n, 3)))

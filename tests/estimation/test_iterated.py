@@ -66,8 +66,7 @@ class Bent(Toy):
 
 
 class Pendulum(Toy):
-    """A point mass on a rod in Cartesian coordinates: x = [position, velocity, w, torque]. Implicit Euler along the circle;
-    w is a random torque that the step uses up and `before` draws anew."""
+    """A point mass on a rod: x = [position, velocity, w, torque], implicit Euler along the circle; w is drawn by `before`."""
 
     def f(self, x):
         angle = np.arctan2(x[:, 0], -x[:, 1])
@@ -286,8 +285,7 @@ def test_iterating_a_parameter_ends_where_one_shot_ends(make_beam, make_filter, 
 
 @dataclass(frozen=True)
 class Changing(StepToy):
-    """A `StepModel` without memory of its last step: A, H and all noise are others in every one. a, c factor the noise
-    before and after the step (T, 3, 1); r (T, 2) variances."""
+    """A, H and all noise are others in every step: a, c factor it before and after (T, 3, 1); r (T, 2) variances."""
 
     A: np.ndarray
     H: np.ndarray
@@ -323,8 +321,7 @@ class Changing(StepToy):
     ],
 )
 def test_what_changes_from_step_to_step_is_taken_from_its_own_step(way):
-    """Oracle: every xₖ is a linear map of unit normals z (start, noise before and after every step). What the filter says
-    is the posterior of z given y up to k, what the smoother says that given all. Two runs, each with its own gaps."""
+    """Every xₖ is a linear map of unit normals z (start and noise): posteriors of z given y up to k, and given all."""
     rng, steps, n = np.random.default_rng(11), 12, 3
     A = 0.9 * np.linalg.qr(rng.normal(size=(steps, n, n)))[0]
     model = Changing(

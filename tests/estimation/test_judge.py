@@ -75,9 +75,7 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
 
 
 def test_gains_beside_them_are_integrated_out():
-    """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities. The known
-    force tells gains to a tenth of their σ: linear about gains of zero the mean is 0.28 σ off. (Of gains of which samples say
-    little it is 0.14 σ off with 5 %: what second order does with them.)"""
+    """Of both gauges, 5 %, drawn 1.6 and −1.3 of that, beside k₂: Bayes over all three on a grid of dense densities."""
     spread, true, states, steps, force = 0.05, np.array([0.06, 1.6, -1.3]), [0, 1, 2, 3, 4, 6], STEPS // 2, 30.0
     whole, P = chain(), start()
     model = replace(
@@ -116,8 +114,7 @@ def test_gains_beside_them_are_integrated_out():
 
 
 def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
-    """All matrices at random: two ν of the damping, about which they are already, a stiffness, two loads, a gauge, and what adds
-    to readings, which stays at zero. Central differences of a bilinear function are exact."""
+    """All matrices at random; central differences of a bilinear function are exact."""
     rng, (n, m, p, p1, e, f, d) = np.random.default_rng(8), (5, 3, 6, 2, 5, 2, 7)
     A, G, Q, H, F = (rng.standard_normal((2, *shape)) for shape in ((n, n), (n, p), (n, n), (m, n), (m, p1)))
     A_nu, G_nu = rng.standard_normal((2, e, n, n)), rng.standard_normal((2, e, n, p))
@@ -188,8 +185,7 @@ def test_a_line_has_the_energy_of_the_noise_that_drives_a_load_along_it(model):
 
 
 def test_the_mean_is_that_of_unit_readings_one_after_the_other():
-    """All matrices at random, four ν of which two act on the motion, a channel that is missing now and then, noise that changes.
-    Σ εᵀS⁻¹e is a quadratic form of the readings: its mean is the sum over readings of one σ in one sample of one channel."""
+    """Σ εᵀS⁻¹e is a quadratic form of the readings: its mean is the sum over readings of one σ in one sample and channel."""
     rng, (n, m, d, e, steps) = np.random.default_rng(3), (4, 2, 4, 2, 30)
     A = rng.standard_normal((n, n))
     A /= 1.05 * np.abs(np.linalg.eigvals(A)).max()

@@ -103,8 +103,7 @@ def test_both_jacobians_for_every_input_model_scheme_and_sensor(make_beam, make_
 
 @pytest.mark.parametrize("models", MODELS)
 def test_the_step_follows_the_load_of_its_input_model(make_beam, make_filter, models):
-    """Against an ODE solver on M q̈ + C q̇ + K q = S u(t), ζ̇ = A_u ζ: exact for walks; the quadratic hold of the others
-    errs by less than (sh)³, s the fastest rate of the model."""
+    """By an ODE solver: exact for walks; the quadratic hold of the others errs by less than (sh)³, s their fastest rate."""
     beam, h = make_beam(modes=4, load_nodes=(16, 8)), 5e-4
     model = make_filter(beam, ("tip", "middle"), models=MODELS[models], h=h)
     x, scale = state(model, np.random.default_rng(5))

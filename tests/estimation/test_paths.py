@@ -73,17 +73,21 @@ def test_instants_belong_together_as_in_the_whole_posterior(by):
     assert np.abs(off.T @ off / COUNT - correlation(expected, std)).max() < 1.5 * SAMPLING
 
 
+def drawn_paths(model, known, own):
+    """The bank, what its smoother claims, and histories (COUNT, T + 1, n) and parameters (COUNT, k) drawn from it."""
+    first, mean = start(model.size), believed(model)
+    given = model, mean, first, known, measured(model, known, first, mean), own
+    bank = filter_bank(*given)
+    parts = list(bank_paths(*given, bank, COUNT, 1))
+    x, p = (np.concatenate([getattr(part, name) for part in parts]) for name in ("state", "parameter"))
+    return given, bank, smooth_bank(*given, bank), x, p
+
+
 @pytest.mark.parametrize("learned", [*slowly(False), True])
 def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(learned):
     model, known = chain(("k1", "k2")), both_forces()[:, :, :1]
     own = replace(constants(model), learned=learned)
-    first, mean = start(model.size), believed(model)
-    y = measured(model, known, first, mean)
-    bank = filter_bank(model, mean, first, known, y, own)
-    claimed = smooth_bank(model, mean, first, known, y, own, bank)
-    parts = list(bank_paths(model, mean, first, known, y, own, bank, COUNT, 1))
-    x = np.concatenate([part.state for part in parts])
-    p = np.concatenate([part.parameter for part in parts])
+    *_, claimed, x, p = drawn_paths(model, known, own)
     assert claimed.covariance is not None
     whole = np.concatenate([x, np.repeat(p[:, None], x.shape[1], axis=1)], axis=2)
     off = (whole - claimed.mean[:, 0]) / claimed.std[:, 0]
@@ -95,8 +99,7 @@ def test_every_instant_has_the_mean_and_covariance_that_the_smoother_claims(lear
 
 @pytest.mark.parametrize(("parameters", "learned"), [((), False), (("k1",), True)])
 def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_claims(parameters, learned):
-    """z = ν u of a known and of an unknown load, behind the states: mean and covariance with all other states, as claimed; of the
-    known load z is its history times one normal number."""
+    """z = ν u of a known and of an unknown load, behind the states; of the known load its history times one normal number."""
     model, known = chain(parameters), both_forces()[:, :, :1]
     both = constants(model)
     changes = np.array([[[0.05, 0.0], [0.0, 0.0]], [[0.0, 0.02], [0.0, 0.03]]])
@@ -105,12 +108,7 @@ def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_cla
         both, source=("load", "load", *both.source), D=rows[0], E=rows[1], offset=rows[2], shape=changes,
         load=np.array([0, 1]), behind=True, learned=learned,
     )  # fmt: skip
-    first, mean = start(model.size), believed(model)
-    y = measured(model, known, first, mean)
-    bank = filter_bank(model, mean, first, known, y, own)
-    claimed = smooth_bank(model, mean, first, known, y, own, bank)
-    parts = list(bank_paths(model, mean, first, known, y, own, bank, COUNT, 1))
-    x = np.concatenate([part.state for part in parts])
+    *_, claimed, x, _ = drawn_paths(model, known, own)
     n = model.parameter_states.start
     at = np.concatenate([np.arange(n), [-2, -1]])
     std = np.where(claimed.std[:, 0, at] > 0, claimed.std[:, 0, at], 1.0)
@@ -124,31 +122,19 @@ def test_what_loads_displace_beyond_the_coordinates_is_drawn_as_the_smoother_cla
     which = n + model.model.inputs.index(model.known_inputs[0])
     nu = x[:, -1, which] / force[-1]
     np.testing.assert_allclose(x[:, :, which], np.outer(nu, force), atol=1e-9 * np.abs(x[:, :, which]).max())
-    # what samples say of ν is not used where it is not learned: σ is that of the tolerance
     assert nu.std() == pytest.approx(1.0, abs=4 * SAMPLING) if not learned else nu.std() < 1.0
 
 
 def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
-    """By differences over its two points, at a parameter two standard deviations off, against smoothing there: within a twentieth
-    of σ."""
+    """At a parameter two standard deviations off, against smoothing there: within a twentieth of σ."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
-    none, first, mean = no_nuisances(model), start(model.size), believed(model)
-    y = measured(model, known, first, mean)
-    bank = filter_bank(model, mean, first, known, y, none)
-    claimed = smooth_bank(model, mean, first, known, y, none, bank)
+    given, bank, claimed, x, p = drawn_paths(model, known, no_nuisances(model))
     centre, spread = bank.posterior
     for side in (2.0, -2.0):
         there = centre + side * np.sqrt(spread[0])
-        narrow = replace(
-            bank,
-            point=np.array([there - 1e-6, there + 1e-6]),
-            weight=np.full(2, 0.5),
-            nu=np.zeros((2, 0)),
-            left=np.zeros((2, 0, 0)),
-        )
-        exact = smooth_bank(model, mean, first, known, y, none, narrow).mean[:, 0, :5]
-        parts = list(bank_paths(model, mean, first, known, y, none, bank, COUNT, 1))
-        x, p = (np.concatenate([getattr(part, f) for part in parts]) for f in ("state", "parameter"))
+        points = {"point": np.array([there - 1e-6, there + 1e-6]), "weight": np.full(2, 0.5)}
+        narrow = replace(bank, **points, nu=np.zeros((2, 0)), left=np.zeros((2, 0, 0)))
+        exact = smooth_bank(*given, narrow).mean[:, 0, :5]
         z = (p[:, 0] - centre[0]) / np.sqrt(spread[0, 0])
         near = np.abs(z - side) < 0.1
         off = (x[near].mean(axis=0) - exact) / claimed.std[:, 0, :5]
@@ -179,8 +165,7 @@ def spring_forces(x, p):
 
 @pytest.mark.slow
 def test_the_interval_holds_the_truth_in_95_of_100_records():
-    """Truths of the filter's own model with a stiffness of their own, damage of the forces in both springs: of 100 records 95
-    within 2.2 one σ. The damage of the smoothed history alone is too small in most."""
+    """Damage in both springs of truths of the filter's own model; that of the smoothed history is too small in most."""
     model, known = chain(("k1",)), both_forces()[:, :, :1]
     none, first, mean = no_nuisances(model), start(model.size), np.zeros(model.size)
     inside, low = [], []

@@ -120,8 +120,7 @@ def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
 
 @pytest.mark.parametrize("factor", [2.0, 1.3])
 def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(factor):
-    """At a resonance the amplitude goes as one over the damping, which is `factor` times smaller than stated: the evidence is
-    that of the true damping, but for what it costs not to know it."""
+    """At a resonance, with a damping `factor` times too large: evidence of the true one, but for what not knowing it costs."""
     noise, truth, steps = 1e-3, 0.2, 300
     values = REFERENCE | {"k1": REFERENCE["k1"] * np.exp(truth)}
     first = np.sqrt(np.linalg.eigvalsh(sum(values[name] * STIFFNESS[name] for name in values))[0])

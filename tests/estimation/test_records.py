@@ -91,7 +91,6 @@ def square(measured):
     axis = 0.8 * np.arange(-9, 10)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
     y = np.concatenate([own.ravel() for own in measured])
-    # the last states of the second record, and ν
     found = [conditioned(p, y, slice(-10, None)) for p in point]
     prior = np.array([0.3, 0.2])
     density = np.array([own[0] for own in found]) - 0.5 * np.sum((point / prior) ** 2, axis=1)
@@ -248,8 +247,7 @@ def stiffness_of(model, P, y, renewed=()):
 
 
 def test_errors_of_gauges_that_all_records_share_do_not_average_away():
-    """Quiet readings, whose gains are all that is not known: F/k is, and ln k with σ of the gain, however many records there
-    are; where each record had gains of its own, it would fall."""
+    """Quiet readings, whose gains are all that is not known: F/k is, and ln k with σ of the gain."""
     model, P = driven(2e-5)
     _, y = draw_truth(model, np.zeros(5), np.diag([*np.diag(P)[:4], 1e-30]), slow(), range(4))
     records = [y[:, 0]] * 4

@@ -102,8 +102,7 @@ def test_every_step_of_the_filter_is_brute_force():
 
 
 def test_an_accelerometer_is_brute_force(make_beam, make_filter, sine):
-    """What it reads is a product of parameters and motion: mean and covariance of the reading by dense quadrature over E and ρ,
-    its rows by evaluation at unit vectors, the update by the textbook. The extended filter is 0.4 σ off."""
+    """Moments of its reading by dense quadrature over E and ρ, its rows at unit vectors, the update by the textbook."""
     beam = make_beam(modes=2, graded=True, load_nodes=(16, 8))
     model = make_filter(
         beam, ("tip",), ("E", "rho"), known=("middle",), accelerometers=2, gauges=(0.05,), q_velocity=1.0, q_parameter=0.0,

@@ -21,7 +21,6 @@ from strainsight.mesh.joins import Relation
 
 from ..bodies import body, stacked
 
-# Candidate bridges on both sides of a body: where the line through it leaves, which are one, what they read.
 KINDS = ("tet10", "hex8", "wedge15")
 INNER, OUTER = 0.8, 1.0
 UPRIGHT = [NormalCone((1, 0, 0), 10.0), NormalCone((0, 1, 0), 10.0)]
@@ -190,8 +189,6 @@ def facets_of(skin, where):
     return np.flatnonzero(where(skin.normal))
 
 
-# The room over a gauge: bores, grooves and gaps by their widths, and places that are free.
-
 def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
     """Gauges along an axis on every facet that it does not stand on, and the room over them; of: a part of the mesh."""
     facets = exterior_facets(mesh)
@@ -201,8 +198,7 @@ def over(mesh, reach=10.0, axis=(1, 0, 0), of=None):
 
 
 def test_in_a_bore_it_is_the_chord_at_45_degrees_and_outside_there_is_no_end():
-    """Of rays from a point of a circle of diameter D the one along the normal goes D, those slanted by 45° to both sides
-    D cos 45°, on the circle. Slanted along the bore they go farther or out of its end."""
+    """Rays from a point of a circle of diameter D: D along the normal, D cos 45° slanted."""
     mesh = tube("hex8")
     gauges, found = over(mesh)
     inside = np.sum(gauges.position[:, 1:] * gauges.normal[:, 1:], axis=1) < 0
@@ -271,7 +267,6 @@ def test_over_a_shallow_groove_and_beside_one_wall_alone_a_hand_comes_in():
         assert np.isinf(found[floor]).all()
 
 
-# A gauge's carrier keeps off edges, supports and loads.
 L, W, H = 1.0, 0.3, 0.2
 
 

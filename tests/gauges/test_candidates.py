@@ -23,7 +23,6 @@ from strainsight.mesh.model import Mesh
 from ..refusals import expect_refusal
 from .conftest import bricks
 
-# Candidates are the exterior facets that are wanted, free and reachable, with an axis laid on each.
 NX, NY, NZ = 10, 3, 2
 
 
@@ -48,7 +47,6 @@ def beam() -> tuple[Mesh, Facets]:
 
 def test_facets_on_clamped_and_rigid_nodes_are_left_out(beam):
     gauges = candidates(*beam, (1, 0, 0))
-    # Between the first and the last ring of elements: 8 rings of 2 · (3 + 2) facets.
     assert len(gauges) == 8 * 2 * (NY + NZ)
     assert gauges.position[:, 0].min() == pytest.approx(0.15)
     assert gauges.position[:, 0].max() == pytest.approx(0.85)
@@ -201,7 +199,6 @@ def test_rounding_of_a_normal_chooses_no_other_tangent():
     np.testing.assert_allclose(tangents(diagonal), np.tile(np.array([2, -1, -1]) / np.sqrt(6), (50, 1)), atol=1e-14)
 
 
-# Mirror images among gauges.
 MIDDLE = (0.0, 0.15, 0.0)
 
 

@@ -24,7 +24,6 @@ from ..bodies import body, held
 from ..fem.test_thin import strip as strip_of_shells
 from .conftest import KINDS, surface
 
-# Faces are those of the drawing, whatever meshes them, and a face is what a point, a normal, a box or a radius means.
 TURNED = Rotation.random(random_state=4).as_matrix()
 SHIFT = np.array([3.0, -1.0, 2.0])
 
@@ -53,7 +52,6 @@ def test_a_bent_plate_has_the_ten_faces_of_its_drawing(strip):
     faces = strip[3]
     flat = faces.normal.any(axis=1)
     assert (np.count_nonzero(flat), len(flat)) == (8, 10)
-    # two long flats of 2 m², two short ones of 1 m², two sides, two ends of 0.1 m²
     areas = np.sort(faces.area[flat])
     chords = 12 * np.sin(np.pi / 24)  # six of 15°, over the radius
     side = 0.1 * (2 + 1) + 0.5 * 6 * np.sin(np.pi / 12) * (0.6**2 - 0.5**2)
@@ -154,7 +152,6 @@ def test_every_listed_point_means_its_face_on_a_thin_part_far_from_the_origin():
         np.testing.assert_array_equal(chosen, np.flatnonzero(faces.of == face))
 
 
-# A part stands on the face into which its bolts run, and on what is held in places; not on a plane of symmetry.
 LUG = Path(__file__).parents[2] / "meshes" / "lug.bdf.gz"
 
 
@@ -271,7 +268,6 @@ def test_a_plate_of_shells_that_is_held_in_places_lies_on_neither_of_its_faces()
     assert not len(contact_faces(mesh, facets, faces_of(mesh.position, facets)).face)
 
 
-# How tightly a surface bends: tubes, a sphere, a plane, and what is an edge.
 R = 3.0
 
 

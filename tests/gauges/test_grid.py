@@ -21,7 +21,6 @@ from strainsight.mesh.kinds import FACETS
 
 from ..refusals import expect_refusal
 
-# A gauge with a grid averages the strain along it, over as many facets as it covers.
 KINDS = ("tri3", "tri6", "quad4", "quad8")
 
 
@@ -53,8 +52,7 @@ def waves(x: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)])
 def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
-    """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field, as it is continuous from facet to facet. Gauges through
-    the corners of the cells (45°) and along their edges are among them."""
+    """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field; through corners of cells (45°) and along their edges, too."""
     position, facets = plate(kind, 7, 5, shake)
     rough = shake == 0 or kind == "tri3"
     z = np.random.default_rng(1).standard_normal(position.shape) if rough else waves(position)
@@ -100,8 +98,7 @@ def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
 
 @pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
-    """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid. The
-    grid spans a quarter of a facet to a facet and a half; the tube of parabolas is its circle's to 1 %."""
+    """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid."""
     R = 2.0
     position, facets = tube(kind, 32, 6, R, 0.1)
     gauges = candidates(bare(position), facets, (0, 0, 1), (0.0, 30.0, 90.0))
@@ -114,12 +111,10 @@ def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tu
 
 
 def test_a_grid_does_not_climb_over_a_sharp_edge_and_not_far_round_a_smooth_one(tube, bare):
-    """A tube of eight flat sides has edges of 45°, one of 16 edges of 22.5°: there a grid may run from its side (0°) over the
-    second (45°), and ends where the third (67.5°) begins."""
+    """Edges of 45° and 22.5°: over the latter a grid runs to the second side, and ends where the third (67.5°) begins."""
     for sides, over in ((8, 0), (16, 2)):
         position, facets = tube("quad4", sides, 3, 1.0)
         step = 2 * np.pi / sides
-        # Half a side, and the sides beyond as they are seen from above the first.
         reach = np.sin(step / 2 + over * step)
         gauges = candidates(bare(position), facets, (0, 0, 1), (90.0,))
         assert fits(position, long(gauges, 2 * 0.999 * reach), facets).all()
@@ -148,7 +143,6 @@ def test_units_of_length_do_not_matter(scale, tube, bare):
     np.testing.assert_allclose(scale * (b @ z), a @ z, rtol=1e-7, atol=1e-9)
 
 
-# The nearest point of a surface, and gauges that are bonded there.
 FACET_KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
 
@@ -178,7 +172,6 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
     brute = np.linalg.norm(lattice[None] - points[:, None], axis=2).min(axis=1)
     own = np.linalg.norm(x - points, axis=1)
     assert np.all(own <= brute * (1 + 1e-12))
-    # And not nearer than a lattice of 0.01 can miss.
     assert np.all(own >= brute - 0.03)
 
 
@@ -229,7 +222,6 @@ def test_a_bonded_gauge_lies_on_the_surface_along_its_direction(tube, bare):
     np.testing.assert_allclose(pool.position[:2], [[R, 0, 2.1], [0, R, 1.3]], atol=1e-4)
     expected = [[0, 0, 1], [1, 0, 0], np.array([1, 0, -1]) / np.sqrt(2), [0, 0, -1]]
     np.testing.assert_allclose(pool.direction, expected, atol=2e-3)
-    # Off the centres of the facets, and read there.
     assert np.abs(pool.local).max() > 0.1
     G = np.random.default_rng(0).standard_normal((3, 3))
     rows = channel_rows(position, pool, (position @ G.T).reshape(-1, 1), facets=facets)

@@ -15,7 +15,6 @@ from strainsight.mesh.facets import exterior_facets
 from ..bodies import NU, E, body, held, moved
 from .conftest import surface
 
-# The strain at a gauge is that of the part where it hardly changes on a finer mesh, and with loads spread.
 SHARE = 0.05
 
 
@@ -51,8 +50,7 @@ def test_a_beam_at_mid_span_is_no_hot_spot(kind, n):
 
 @pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_beside_a_uniform_traction_uniform_strain_stays(kind):
-    """Patch test: a block pulled along z, u = σ/E (−νx, −νy, z), by a traction on its top, of which each node has its share.
-    Forces at nodes on parts of the elements would be another load."""
+    """Patch test: u = σ/E (−νx, −νy, z), by a traction on its top; forces at nodes of parts would be another load."""
     size = np.array([0.3, 0.2, 0.1])
     mesh = body(kind, (3, 2, 2), lambda u, v, w: size * (u / 3, v / 2, w / 2))
     x, y, z = mesh.position.T
@@ -69,8 +67,6 @@ def test_beside_a_uniform_traction_uniform_strain_stays(kind):
 
 @pytest.mark.parametrize("kind", ["hex8", pytest.param("tet10", marks=pytest.mark.slow)])
 def test_a_state_that_the_elements_hold_exactly_does_not_change(kind):
-    """Uniform strain of any direction, on a body whose surface moves so, of elements that are no bricks: nothing changes beyond
-    rounding."""
     rng = np.random.default_rng(3)
     shift = {}
 
@@ -136,8 +132,7 @@ def slope(mesh, field, place, axis, size):
 @pytest.mark.slow
 @pytest.mark.parametrize(("kind", "n"), [("hex8", 4), ("hex20", 4)])
 def test_what_is_expected_of_refinement_is_what_a_finer_mesh_of_the_whole_brings(kind, n):
-    """Beside the corner, on whole meshes of half and a quarter of the size: the sign of both changes, and the one that decides
-    within a factor of two."""
+    """Whole meshes of half and a quarter of the size: signs, and the change that decides within a factor of two."""
     mesh, field = bracket(kind, n)
     own = gauges_at(mesh, [(0, -0.05 / n, 0)], (1, 0, 0), (0, 1, 0))
     expected = found(mesh, field, own)
@@ -212,7 +207,6 @@ def test_the_side_of_a_hole_is_a_hot_spot_on_a_coarse_mesh_and_none_on_a_fine_on
     assert strain == pytest.approx(1e8 / E * (1 - 2 * np.cos(2 * angle)), rel=0.05)
 
 
-# Distances and angles of gauges to the edges of their face, against hand geometry.
 L, W, H = 1.0, 0.3, 0.2
 TOP = np.array([0.0, 0.0, 1.0])
 

@@ -21,7 +21,6 @@ from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.sensitivity import COMMON, OWN, SECOND, sensitivity_rows
 
-# Gauges as installed: drawn with the σ that is stated, and read where and how they lie.
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
 FIRST = tuple(name for name in (*COMMON, *OWN) if name not in SECOND)
 
@@ -196,7 +195,6 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities(pla
     assert left[1] == pytest.approx(left[0] / 100, rel=0.2)
 
 
-# A gauge bonded beside its place moves on over the surface, up to a sharp edge.
 KINDS = ("tri3", "tri6", "quad4", "quad8")
 
 
@@ -214,11 +212,9 @@ def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind, plat
     expected = Rotation.from_euler("z", rotation[:, None], degrees=True).apply(gauges.direction)
     np.testing.assert_allclose(moved.direction, expected, atol=1e-12)
     assert np.count_nonzero(moved.element != gauges.element) > 0.5 * len(gauges)
-    # The others stop where the straight line to their place leaves the plate.
     share = np.nanmin(_crossings(gauges.position, meant, 8, 6)[~on], axis=1)
     stop = gauges.position[~on] + share[:, None] * (meant - gauges.position)[~on]
     np.testing.assert_allclose(moved.position[~on], stop, atol=1e-9)
-    # And what they read is the field at that place: a linear one needs no oracle but itself.
     G = rng.standard_normal((3, 3))
     rows = channel_rows(
         position, gauges, (position @ G.T).reshape(-1, 1), facets=facets, offset=offset, rotation=rotation

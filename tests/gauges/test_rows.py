@@ -16,7 +16,6 @@ from strainsight.mesh.model import CellBlock, Mesh
 
 from ..refusals import expect_refusal
 
-# A gauge reads the strain of the field it is bonded to, on every kind of facet, however it is bent or misplaced.
 KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
 
@@ -100,7 +99,6 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
         assert rows[i] == pytest.approx(d @ gradient @ d, abs=1e-11)
 
 
-# Channels and gauges: rosettes, triaxial sensors, several families in one pool.
 @pytest.fixture
 def pool(plate, bare) -> Candidates:
     position, facets = plate("quad4", 3, 3)

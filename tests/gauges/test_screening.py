@@ -21,7 +21,6 @@ from ..bodies import body, stacked
 from ..refusals import expect_refusal
 
 
-# Screening keeps the strongest signals that are not too near to one another.
 def on_a_line(x) -> np.ndarray:
     return np.column_stack([x, np.zeros(len(x)), np.zeros(len(x))])
 
@@ -82,7 +81,6 @@ def test_a_gauge_with_a_channel_beyond_its_range_is_dropped_unless_it_is_bonded(
         largest=np.array([7.0, 10.1, 10.0, 2.0, 99.0, 99.0]),
         limit=np.array([10.0, 10.0, 10.0, 10.0, np.inf, 10.0]),
     )
-    # What is dropped for its range crowds out nobody.
     np.testing.assert_array_equal(result.reason, ["range", "", "spacing", ""])
     with expect_refusal(InfeasibleError, "all 4 candidates read more than their range", key="gauges.range"):
         screen(np.ones(4), 1.0, on_a_line(np.arange(4)), 3, 0.0, largest=np.array([2, 2, 3, 4]), limit=np.ones(4))
@@ -127,11 +125,9 @@ def test_each_load_case_takes_in_turn_the_strongest_that_is_free():
     np.testing.assert_array_equal(result.reason, ["", "spacing", "spacing", "", "snr", "", "snr", ""])
     np.testing.assert_allclose(result.snr, [18.0, 16.0, 14.0, 8.0, 6.0, 0.2, 0.4, 0.18])
     np.testing.assert_array_equal(screen(rms * [[1.0], [1e6]], 0.5, position, 4, 0.25).kept, result.kept)
-    # what one case has no more of goes to the other
     assert len(screen(rms, 0.5, position, None, 0.25).kept) == 6
 
 
-# Zones take in what their words say.
 MESHES = Path(__file__).parents[2] / "meshes"
 
 
@@ -204,7 +200,6 @@ def test_of_parts_that_touch_the_facets_of_one_are_its_own(name):
     np.testing.assert_array_equal(inside(On(name), mesh, facets, centre, normal), there)
 
 
-# What a draughtsman would draw of a box and of a tube.
 SIZE = np.array([1.0, 0.3, 0.2])
 
 

@@ -21,7 +21,6 @@ from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 
 from ..fem.test_thin import B, L, T, strip
 
-# How a reading changes with the place, turn and imperfection of its gauge is what moved and turned gauges read.
 KINDS = ("tri3", "tri6", "quad4", "quad8")
 NU = 0.3
 
@@ -94,7 +93,6 @@ def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to
         _, held = misplaced(position, gauges, facets, np.tile([0.0, 3**0.5 * std], (gauges.gauges, 1)))
         assert held.any()
         assert not held.all()
-    # Both grids of a rosette move along the first one and across it.
     for slope, axis in zip((found.along, found.across), installation_axes(gauges), strict=True):
         expected = slopes_of_quadratic(gauges.direction, axis[gauges.gauge], 2)
         np.testing.assert_allclose(slope, expected, rtol=1e-3, atol=1e-3)
@@ -115,8 +113,7 @@ def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of
 
 
 def test_second_differences_of_a_quadratic_strain_are_its_second_derivatives(plate, bare):
-    """ε = xy, which these facets hold exactly, and (x − x₀)³ nearly: 1 along both, 6(x − x₀) twice along; the mean over normal
-    places of (x − x₀)² is σ² more than at the gauge."""
+    """ε = xy, exact here, and (x − x₀)³ nearly; E[(x − x₀)²] is σ² more than at the gauge."""
     position, facets = plate("quad8", 16, 6)
     x, y = position[:, 0], position[:, 1]
     fields = [x**2 * y / 2, (x - 8) ** 4 / 4, (x - 8) ** 3 / 3]
@@ -177,7 +174,6 @@ def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plat
             np.testing.assert_allclose(rows[:, 0], slope, atol=1e-8)
 
 
-# The direction in which the training run strains a place most.
 def rms(rows: np.ndarray, q: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """RMS (len(angle),) over the run of what a gauge at φ reads, from its strain tensor: d·ε·d in every instant."""
     e = q @ rows.T
@@ -241,7 +237,6 @@ def test_candidates_turned_by_it_read_the_most_on_every_facet(tube, bare):
         assert np.all(np.sqrt(np.mean((q @ channel_rows(position, other, field).T) ** 2, axis=0)) <= read * (1 + 1e-12))
 
 
-# Gauges on shells: bridges through their thickness, and which of two faces a place is on.
 STRETCH, CURVATURE = 2e-4, 0.03
 
 

@@ -62,7 +62,6 @@ def make_beam(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: in
     z, y = rng.choice([-1, 1], gauges) * HEIGHT / 2, rng.uniform(-1, 1, gauges) * WIDTH / 2
     bend = beam_curvature(place, elements, LENGTH)
     rows = np.hstack([-z[:, None] * bend, -y[:, None] * bend]) @ Psi
-    # steady response to the two sines, mode by mode
     t = np.linspace(0, 1, 2001)
     omega = 2 * np.pi * np.array([frequency, 40.0])
     x = np.zeros((len(t), 2 * model.size))
@@ -216,8 +215,7 @@ def scenarios_of():
 
 @pytest.fixture
 def six_loads():
-    """A load on each of six oscillators, unknown all; five rosettes, of which 1 and 2 read all six, but badly, and 0, 3 and
-    4 read two or three of them well: the only two that tell all are not those missed most."""
+    """Six oscillators with a load each; rosettes 1 and 2 read all six, but badly, 0, 3 and 4 two or three of them well."""
     modes = 6
     size, stiffness = 3 * modes, np.arange(1, modes + 1) ** 2.0
     F = np.zeros((size, size))

@@ -28,7 +28,6 @@ class Rules:
             total <= self.keep
             and (not least or self.budget is not None or total >= self.keep - spare)
             and set(self.fixed) <= set(units)
-            # two that are bonded are as they are
             and not any({a, b} <= set(units) and (a == b or not {a, b} <= set(self.fixed)) for a, b in self.near)
             and all(sum(int(members[u]) for u in units) <= most for _, members, most in self.zones)
             and (self.budget is None or sum(self.price[u] for u in units) <= self.budget * (1 + 2e-9))

@@ -74,7 +74,6 @@ def test_efi_removes_the_block_of_the_smallest_trace_of_its_hat_block():
     while len(left) > 5:
         hat = np.linalg.inv(sum(channels[g].T @ channels[g] for g in left))
         leverage = [np.trace(channels[g] @ hat @ channels[g].T) for g in left]
-        # no mode is lost by it
         assert (
             np.linalg.matrix_rank(np.vstack([channels[g] for i, g in enumerate(left) if i != np.argmin(leverage)])) == 4
         )
@@ -142,7 +141,6 @@ def test_efi_uses_as_many_modes_as_any_gauges_left_have_channels():
     rosettes[:, :, 6] = 0.0
     left = list(range(9))
     while len(left) > 2:
-        # two of two channels are four readings
         hat = np.linalg.inv(sum(rosettes[g, :, :4].T @ rosettes[g, :, :4] for g in left))
         leverage = [np.trace(rosettes[g, :, :4] @ hat @ rosettes[g, :, :4].T) for g in left]
         left.pop(int(np.argmin(leverage)))
@@ -168,8 +166,7 @@ def test_an_impossible_count_is_refused_and_the_whole_pool_is_none(rule):
 
 @pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
 def test_qr_takes_what_is_independent_in_any_unit(unit):
-    """Two motions, and a third that shows in one gauge by 1e-5 of what it reads; a gauge reads nothing. Beyond what is
-    independent the pivots of LAPACK are rounding: those of the gauges left are taken, and there are two."""
+    """Two motions, and a third that shows in one gauge by 1e-5; beyond these the pivots of LAPACK are rounding."""
     rng = np.random.default_rng(9)
     rows = rng.normal(size=(12, 2)) @ rng.normal(size=(2, 5))
     rows[3] = 0.0

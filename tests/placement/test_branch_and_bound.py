@@ -126,7 +126,6 @@ def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     monkeypatch.setattr(room, "exchange", lambda pools, gauges, *rest, **more: SimpleNamespace(gauges=gauges))
     found = branch_and_bound(pools, 3, aggregate, start=max(costs, key=costs.get))
     agrees(found, costs)
-    # a clock that ticks once a look
     monkeypatch.setattr(module, "monotonic", count().__next__)
     stopped = branch_and_bound(pools, 3, aggregate, start=max(costs, key=costs.get), time_limit=2)
     assert stopped.nodes == min(2, found.nodes)
@@ -315,7 +314,6 @@ def test_the_largest_weights_are_offered_unless_the_cuts_say_that_they_cost_too_
     search.cost = claimed * (1 + 1e-5)
     search._round(cuts, weights, inside)
     assert offered == [packed]
-    # too few are left for a layout
     search._round(cuts, weights, mask([0, 3, 4, 5, 8]))
     search.cost = np.inf
     assert offered == [packed]
@@ -332,7 +330,6 @@ def test_a_cut_is_made_halfway_to_equal_weights_where_there_is_none():
     for w, touched in ((good, good), (alone, 0.5 * (alone + equal))):
         (cut,) = search._cut(w, inside, free, None)
         np.testing.assert_allclose(np.mean(cut.cost), cost(H, touched, "mean"), rtol=1e-9)
-    # where the cost is a hundred times the incumbent, too
     thin = np.where(free, 1e-6, inside)
     search.cost = cost(H, thin, "mean") / 50
     (cut,) = search._cut(thin, inside, free, None)

@@ -142,7 +142,6 @@ def test_within_limits_the_bound_of_planes_is_attained_by_weights_and_passed_by_
     for seed, unit in enumerate([1.0, 1e-12, 1e12]):
         cuts, inside, free = drawn(seed, unit)
         model, low = model_of(cuts, aggregate), lowest(cuts, inside, free, limits, aggregate)
-        # weights within the limits that cost as much as the bound: no higher one is possible
         assert np.all(limits.rows @ low.weights <= limits.most * (1 + 1e-8) + 1e-8)
         assert limits.size @ low.weights >= limits.least - 1e-8
         np.testing.assert_array_equal(low.weights[[2, 5]], [1, 0])

@@ -86,7 +86,6 @@ def test_bound_proof_and_swaps_hold_against_every_set(case_of, criterion, aggreg
     certificate = certify(pools, chosen, swapped.cost[-1], aggregate)
     assert certificate.lower_bound <= best * (1 + 1e-8)
     assert certificate.relaxed - certificate.lower_bound <= 2e-3 * certificate.relaxed
-    # also where it is stopped on the way
     for budget in (1, 5, 9):
         assert certify(pools, chosen, swapped.cost[-1], aggregate, budget=budget).lower_bound <= best * (1 + 1e-8)
     proof = branch_and_bound(pools, 3, aggregate, start=[0, 1, 2])

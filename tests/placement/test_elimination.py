@@ -169,8 +169,7 @@ def cost_in_fifty_digits(scenario, gauges, start):
 
 
 def algorithm_2(cost, count, keep):
-    """Remove the gauge of the smallest trace without it, every candidate evaluated; order, traces, and how close the
-    second candidate came, relative to the rise."""
+    """Order, traces, and how close the second candidate came, relative to the rise; every candidate evaluated."""
     left = list(range(count))
     order, trace, margin = [], [cost(left)], []
     while len(left) > keep:
@@ -192,7 +191,6 @@ def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_o
             lambda gauges: cost_in_fifty_digits(scenario, gauges, oracle(scenario, gauges)), 7, 3
         )
         rise = [float(after - before) for before, after in pairwise(trace)]
-    # the order is decided, and not by the last digits
     assert min(margin) > 1e-6
     assert found.removed.tolist() == order
     np.testing.assert_allclose(found.cost, [float(t) for t in trace], rtol=1e-9)
@@ -203,8 +201,7 @@ def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_o
 
 
 def prior_trace(decay, h, sensors):
-    """tr P of Ye, Roy and Sundaram (2018): x⁺ = diag(λ, 0, 0) x + w, W = I, y = C x without noise, the steady covariance
-    before the measurement (a priori), by repeating the filter's recursion in sixty digits."""
+    """Steady tr P before the measurement, Ye, Roy and Sundaram (2018): x⁺ = diag(λ, 0, 0) x + w, W = I, y = C x."""
     A = mpmath.diag([decay, 0, 0])
     rows = [[1, h, h], [1, 0, h], [0, 1, 1]]
     C = mpmath.matrix([rows[i] for i in sensors])
@@ -226,8 +223,7 @@ def forward(cost, pool, keep):
 
 
 def as_printed(cost, pool, keep):
-    """Algorithm 2 to the letter: of all gauges but the last, the one of the least tr P(all) − tr P(without it) leaves, a number
-    that is never positive, so that the one leaves whose loss costs most."""
+    """Algorithm 2 to the letter: of all gauges but the last, the one of the least tr P(all) − tr P(without it) leaves."""
     left = list(range(pool))
     while len(left) > keep:
         whole = cost(left)
@@ -257,9 +253,7 @@ def test_the_published_ratio_is_that_of_forward_selection():
             assert best == [0, 2]
             assert abs(cost(best) - 3) < mpmath.mpf("1e-30")
             short.append(limit - cost(picked) / cost(best))
-            # removing from the whole, as algorithm 2 does, is not misled here: the three know what the best two know
             assert abs(cost([0, 1, 2]) - 3) < mpmath.mpf("1e-30")
-        # the ratio nears its limit with 1/h²
         assert 0 < short[1] < mpmath.mpf("1e-10")
         for coarse, fine in pairwise(short):
             assert abs(coarse / fine / 10**4 - 1) < mpmath.mpf("1e-2")
@@ -278,9 +272,7 @@ def cost_of():
 
 @pytest.mark.parametrize("h", [10.0, 100.0])
 def test_its_continuous_form_misleads_forward_selection_and_nothing_here(cost_of, h):
-    """ẋ = diag(−a, −b, −b) x + w with stationary variances 1/2a, 1, 1: the second and third state, quick, are the white
-    ones of the example. The same rows with r → 0 and h → ∞: gauges 0 and 2 tell the slow state, no other pair does.
-    """
+    """ẋ = diag(−a, −b, −b) x + w with stationary variances 1/2a, 1, 1: gauges 0 and 2 tell the slow state, no other pair does."""
     a, b = 0.05, 20.0
     scenario = Scenario(
         np.diag([-a, -b, -b]),
@@ -302,7 +294,6 @@ def test_its_continuous_form_misleads_forward_selection_and_nothing_here(cost_of
     assert exchange(pools, misled).gauges.tolist() == best
     assert branch_and_bound(pools, 2, start=misled).gauges.tolist() == best
     assert eliminate([scenario], 2).kept.tolist() == best
-    # the printed algorithm takes out the one gauge that cannot be missed
     assert as_printed(cost, 3, 2) == misled
 
 
@@ -343,8 +334,7 @@ def test_where_swaps_are_stuck_branch_and_bound_finds_the_optimum(cost_of):
 
 
 def test_on_a_pool_of_redundant_gauges_the_printed_algorithm_keeps_the_worst(cost_of):
-    """A constant that twelve gauges of different noise read: ẋ = w, y = x + v. The right answer is the two quietest; the letter
-    of the algorithm takes the quietest out first, and keeps the two loudest of all."""
+    """A constant that twelve gauges of different noise read: ẋ = w, y = x + v."""
     noise = 1e-3 * np.arange(1.0, 13.0)
     scenario = Scenario(np.zeros((1, 1)), np.eye(1), np.ones((12, 1)), noise, np.ones(1))
 

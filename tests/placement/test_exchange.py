@@ -139,8 +139,7 @@ def test_the_swaps_are_those_of_its_words_and_no_more_is_solved(oracle, beam_of,
 
 
 def test_a_swap_that_loses_an_unknown_is_no_swap_and_counts_up_to_the_scenario_that_loses_it():
-    """Two walks; 1 and 2 see the second one, 2 far better, and 1 is bonded: 2 for 0 promises much, but 0 alone sees the
-    first walk. Where 2 sees that, too, in the first of two scenarios, it is lost in the second one only."""
+    """1 and 2 see the second walk, 2 far better, and 1 is bonded: 2 for 0 promises much, but 0 alone sees the first walk."""
     H = np.array([[[1.0, 0]], [[0, 1.0]], [[0, 1.0]]])
     sees_both = np.concatenate([H, [[[0, 0.0]]] * 3], axis=1)
     sees_both[2, 1, 0] = 1.0

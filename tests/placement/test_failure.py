@@ -59,7 +59,6 @@ def test_no_single_swap_lowers_the_worst_loss(every_set, beam_of, scenarios_of, 
     assert found.complete
     assert found.fatal == ()
     assert min(worst[other] for other in one_swap_away(found.gauges.tolist(), 11)) >= mine * (1 - 1e-7)
-    # single swaps need not end at the best of all sets, but not far from it
     assert min(worst.values()) * (1 - 1e-7) <= mine <= 1.1 * min(worst.values())
     optimum = branch_and_bound(pools, 4)
     assert found.cost >= optimum.cost * (1 - 1e-6)
@@ -149,7 +148,6 @@ def test_a_search_is_complete_only_where_no_swap_is_left_to_try():
     assert whole.swaps
     ends = {limit: robust_set([pool], 6, start=start, limit=limit) for limit in range(10, whole.solves, 7)}
     assert any(found.gauges.tolist() != whole.gauges.tolist() for found in ends.values())
-    # also where the last solve is the limit itself
     assert any(found.solves == limit for limit, found in ends.items())
     for found in ends.values():
         assert not found.complete
@@ -274,7 +272,6 @@ def test_every_solve_after_a_failure_is_counted_and_none_begins_beyond_the_limit
     for limit in range(1, whole.solves, 11):
         search = case.search(limits_of(8, 4), limit)
         search.swapped(start)
-        # the losses of the set, its bounds and one set that is tried are not left halfway
         assert limit <= search.solves < limit + 3 * 4 * len(case.pools)
     assert case.search(limits_of(8, 4), whole.solves + 1).swapped(start)[0] == whole.swapped(start)[0]
 

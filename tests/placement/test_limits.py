@@ -176,7 +176,6 @@ def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, oracle, case)
             if relief[g] > 0
         }
         assert out in rise
-        # what has a lower one is in every layout that is left
         for g in (g for g, value in rise.items() if value < rise[out] * (1 - 1e-4) - 1e-7):
             rest = [o for o in left if o != g]
             assert not any(rules.hold(units) for units in combinations(rest, rules.keep))
@@ -197,7 +196,6 @@ def test_what_is_bonded_later_is_no_conflict_but_closes_its_surroundings():
 
 
 def test_spacing_that_leaves_room_for_exactly_as_many(every_cost):
-    # a path of eleven: no more than six, and those in one way only
     near = [(i, i + 1) for i in range(POOL - 1)]
     scenarios, _, _ = every_cost()
     rules = Rules(6, near=near)

@@ -82,7 +82,6 @@ def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, sc
     P = subset_covariance(pool, gauges)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[gauges, 0])
     np.testing.assert_allclose(P, truth, rtol=0, atol=1e-9 * truth.max())
-    # the loop as well: its slowest motion is what rounding of the sum reaches first
     h = pool.rows[gauges, 0]
     with mpmath.workdps(40):
         H, exact = mpmath.matrix(h.tolist()), mpmath.matrix(truth.tolist())
@@ -101,7 +100,6 @@ def test_residual_of_21_to_31_states_is_below_1e10(beam_of, scenarios_of, noise,
     assert np.linalg.eigvalsh(pool.P).min() > -1e-12 * len(pool.P)
     reached = np.diag(pool.P) > 1e-6
     np.testing.assert_allclose(np.diag(pool.P)[reached], 1.0, rtol=1e-5)
-    # the same matrices in the coordinates they came in
     np.testing.assert_allclose(pool.scenario.F * pool.scale[:, None] / pool.scale, scenario.F, rtol=1e-12)
 
 
@@ -199,7 +197,6 @@ def test_a_filter_without_process_noise_is_refused():
 
 
 def test_an_undamped_motion_without_process_noise_has_no_steady_filter(beam_of, scenarios_of):
-    # Fz leaves the sideways modes alone, so nothing drives them and nothing damps them
     with pytest.raises(InfeasibleError, match="reached by no process noise"):
         scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ())
     (driven,) = scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ("E",))

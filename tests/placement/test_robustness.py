@@ -107,7 +107,6 @@ def test_a_pool_of_duplicates_is_brute_force_and_evaluates_one_of_each(oracle, b
     (scenario,) = scenarios_of(beam_of(8, 5), ("Fz",), ("E",))
     rng = np.random.default_rng(5)
     copy = rng.permutation(np.repeat(np.arange(8), 2))
-    # a gauge bonded the other way round, or read in another unit, says the same
     factor = rng.choice([-4.0, -1.0, 1.0, 2.0], 16)
     H, r = scenario.H[copy] * factor[:, None], scenario.r[copy] * factor**2
     found = eliminate([Scenario(scenario.F, scenario.Q, H, r, scenario.weight)], 4)
@@ -149,7 +148,6 @@ def test_a_motion_that_no_gauge_sees_changes_nothing_for_the_others(oracle, beam
     beam = beam_of(12, 6)
     (scenario,) = scenarios_of(beam, ("Fz",), ())
     H = scenario.H.copy()
-    # the sideways modes, which Fz does not move
     H[:, : beam.model.size][:, np.abs(beam.model.input_shape[:, 0]) < 1e-6 * np.abs(beam.model.input_shape).max()] = 0.0
     assert not np.array_equal(H, scenario.H)
     follow(oracle, eliminate([Scenario(scenario.F, scenario.Q, H, scenario.r, scenario.weight)], 2))

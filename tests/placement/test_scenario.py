@@ -49,7 +49,6 @@ def wandering(channels, unknowns):
 )
 def test_as_many_channels_as_unknowns_are_had_from_the_largest_gauges(channels, fewest):
     assert fewest_gauges([wandering(channels, 6)]) == (6, fewest)
-    # every scenario has to be told
     few = solve_pool(Scenario(-np.eye(6), np.eye(6), np.ones((len(channels), 6)), np.ones(len(channels)), np.ones(6)))
     assert fewest_gauges([few]) == (0, 0)
     assert fewest_gauges([wandering(channels, 6), few]) == fewest_gauges([few, wandering(channels, 6)]) == (6, fewest)
@@ -318,7 +317,6 @@ def test_a_zone_around_all_that_see_an_unknown_is_named_with_it(beam_of, scenari
     assert rules.hold(kept)
     with pytest.raises(InfeasibleError, match=r"cost 10, place.budget is 9"):
         eliminate([scenario], Rules(4, price=price, budget=9.0).limits)
-    # what is bonded blinds the layout: three gauges of which none sees Fy
     blind = Rules(3, fixed=(0, 1, 2), zones=[zone("place.at_most.0", range(POOL), 9)]).limits
     with pytest.raises(InfeasibleError, match=r"the fewest of the pool .* within place.at_most.0 are 4") as refused:
         eliminate([scenario], blind)

@@ -103,7 +103,6 @@ def test_two_gauges_that_see_one_instant_each_give_way_to_one_that_sees_both(agg
     found = eliminate(scenarios, 1, aggregate)
     assert found.kept.tolist() == [2]
     np.testing.assert_allclose(found.cost[-1], score(found.pools, [2], aggregate), rtol=1e-9)
-    # without that gauge none is enough, and that is what is said
     with pytest.raises(InfeasibleError, match=r"1 gauges asked for; the fewest of the pool .* are 2"):
         eliminate(two_instants([(0, 1), (1, 0), (1, 1)], [1e-3, 1e-3, 1e-1]), 1, aggregate)
 
@@ -125,8 +124,7 @@ def test_beside_far_stronger_gauges_that_have_to_leave_the_weak_one_is_found():
 
 
 def test_another_layout_is_looked_for_around_the_gauge_that_leaves():
-    """Four places in a row, each too near to the next, and 148 pairs elsewhere that are worth more: two of the four are kept,
-    and the only layout without 0 has 1 and 3. It takes two swaps at once, of gauges worth least of all."""
+    """A path of four places beside 148 pairs that are worth more: it takes two swaps at once, of gauges worth least of all."""
     count = 300
     chain, pairs = [(0, 1), (1, 2), (2, 3)], [(i, i + 1) for i in range(4, count, 2)]
     limits = limits_of(count, 2 + len(pairs), near=np.array(chain + pairs))
@@ -196,8 +194,7 @@ def test_another_layout_is_looked_for_among_those_that_see_what_is_lost(monkeypa
 
 
 def test_the_nearest_rows_are_those_that_share_a_limit_with_the_gauge_or_with_one_that_does(monkeypatch):
-    """A path 0 to 5, and 6 beside 2, 3 and 5. Without 0 there are {1, 3, 5} and {1, 4, 6}; of the three rows next to 0, of which
-    3 is worth more than 6, the first is found."""
+    """A path 0 to 5, and 6 beside 2, 3 and 5: without 0 there are {1, 3, 5} and {1, 4, 6}, and 3 is worth more than 6."""
     monkeypatch.setattr(witness, "REACH", 3)
     near = np.array([(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (2, 6), (3, 6), (5, 6)])
     worth = np.array([7.0, 2, 8, 4, 1, 9, 3])
@@ -214,7 +211,6 @@ def test_where_another_gauge_fits_in_its_place_the_rest_of_the_layout_stays():
     worth = np.array([1.0, 0, 9, 0, 8, 0, 7, 0, 6, 0])
     at_hand = witness.Witness(limits, Detection([solve_pool(scenario)]), worth, ())
     assert np.flatnonzero(at_hand.units).tolist() == [2, 4, 6, 8]
-    # by now others are worth more
     assert at_hand.spares(8, np.ones(10, dtype=bool), np.array([1.0, 9, 0, 9, 0, 9, 0, 9, 0, 2]))
     assert np.flatnonzero(at_hand.units).tolist() == [2, 4, 6, 9]
 

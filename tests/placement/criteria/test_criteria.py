@@ -86,8 +86,7 @@ def test_its_gradient_is_that_of_differences_and_positive_semidefinite(criterion
 @pytest.mark.parametrize("gap", [0.0, 1e-7, 0.3])
 @pytest.mark.parametrize("units", [(1, 1, 1), (1, 1e-2, 5)])
 def test_a_rise_has_its_digits_however_small_it_is(criterion, size, gap, units):
-    """Oracle: eigenvalues with 60 digits. Of D = 1e-13 M a difference of doubles knows the first digit; where two
-    eigenvalues lie closer together than D moves them, first-order formulas know none."""
+    """Oracle: eigenvalues with 60 digits."""
     rng = np.random.default_rng(12)
     V = np.linalg.qr(rng.normal(size=(3, 3)))[0] * np.array(units)[:, None]
     B = V @ rng.normal(size=(3, 3))
@@ -113,7 +112,6 @@ def test_no_rise_is_less_than_it_says_that_the_slope_makes_sure(criterion, k):
                 least = criterion.least_rise(M, t)
                 assert rise >= least * (1 - 1e-9)
                 nearest = min(nearest, rise / least if least else np.inf)
-    # a bound that a criterion states is not idle: some increment comes near it
     assert nearest < 1.1 or type(criterion).least_rise is Criterion.least_rise
 
 
