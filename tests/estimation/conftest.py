@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from scipy.linalg import eigh
 
 from strainsight.augmentation.input_models import InputModel, input_intensity
@@ -36,7 +34,7 @@ class Beam:
         return -0.5 * HEIGHT * beam_curvature(np.array(positions), ELEMENTS, LENGTH) @ self.shapes
 
 
-def build_beam(
+def make_beam(
     modes: int = 10, ratio: float = 0.01, graded: bool = False, load_nodes: tuple[int, ...] = (ELEMENTS,)
 ) -> Beam:
     """E and rho belong to the whole beam, or (graded) to its root half, so that they change the mode shapes."""
@@ -60,7 +58,7 @@ def build_beam(
     return Beam(model, shapes)
 
 
-def build_filter(
+def make_filter(
     beam: Beam,
     inputs: tuple[str, ...] = (),
     parameters: tuple[str, ...] = (),
@@ -93,7 +91,7 @@ def build_filter(
     )  # fmt: skip
 
 
-def sine_hold(t: np.ndarray, h: float, amplitude: float, hertz: float) -> np.ndarray:
+def sine(t: np.ndarray, h: float, amplitude: float, hertz: float) -> np.ndarray:
     """Quadratic hold coefficients (T, 3, 1) of a sine through the ends and the middle of every step."""
     start, middle, end = (amplitude * np.sin(2 * np.pi * hertz * (t + shift)) for shift in (0, h / 2, h))
     return np.stack([start, 4 * middle - 3 * start - end, 2 * start + 2 * end - 4 * middle], axis=1)[..., None]
@@ -124,21 +122,6 @@ class StepToy:
 
     def lost(self, x):
         return ~np.isfinite(x).all(axis=1)
-
-
-@pytest.fixture(scope="session")
-def make_beam() -> Callable[..., Beam]:
-    return build_beam
-
-
-@pytest.fixture(scope="session")
-def make_filter() -> Callable[..., FilterModel]:
-    return build_filter
-
-
-@pytest.fixture(scope="session")
-def sine() -> Callable[..., np.ndarray]:
-    return sine_hold
 
 
 def prior(model, std=0.1):

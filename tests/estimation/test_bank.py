@@ -31,7 +31,7 @@ from .chain import (
     log_normal,
     start,
 )
-from .conftest import prior
+from .conftest import make_beam, make_filter, prior, sine
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def test_is_bayes_by_brute_force(square):
 
 
 @pytest.mark.parametrize("accelerometers", [0, 1])
-def test_without_parameters_it_is_the_filter(make_beam, make_filter, accelerometers):
+def test_without_parameters_it_is_the_filter(accelerometers):
     model = make_filter(make_beam(modes=4), inputs=("tip",), parameters=(), known=(), accelerometers=accelerometers)
     mean, P, known = np.zeros(model.size), prior(model), np.zeros((60, 3, 0))
     _, y = draw_truth(model, mean, P, known, [1])
@@ -83,7 +83,7 @@ def test_without_parameters_it_is_the_filter(make_beam, make_filter, acceleromet
         np.testing.assert_allclose(getattr(found, name), getattr(run, name), rtol=1e-8, atol=1e-9)
 
 
-def test_a_point_of_the_bank_is_the_filter_at_these_parameters(make_beam, make_filter, sine):
+def test_a_point_of_the_bank_is_the_filter_at_these_parameters():
     beam = make_beam(modes=4, graded=True)
     model = make_filter(
         beam, inputs=(), parameters=("E", "rho"), known=("tip",), accelerometers=1, q_parameter=0.0, q_velocity=1e-4
@@ -227,7 +227,7 @@ def test_constants_that_are_learned_are_states_of_the_filter():
         np.testing.assert_allclose(getattr(bank.run, name), getattr(states.run, name), atol=tolerance)
 
 
-def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged(make_beam, make_filter, sine):
+def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged():
     model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)

@@ -24,7 +24,7 @@ from strainsight.estimation.motion import measure
 from strainsight.rom.modal_step import simulate
 
 from ..shared import slowly
-from .conftest import drawn
+from .conftest import drawn, make_beam, make_filter, sine
 from .two_masses import (
     LOAD,
     NOISE,
@@ -170,14 +170,14 @@ def test_confounded_constants_stay_unknown_however_quiet_the_readings(quieter):
     np.testing.assert_allclose(sum(found.budget.values())[-1, 5:], expected**2, rtol=4e-4)
 
 
-def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them(make_beam, make_filter, sine):
+def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them():
     gauges = tuple(np.linspace(0.02, 1.9, 60))
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), gauges=gauges)
     std = covariance_recursion(model, np.zeros((61, 8)), np.zeros((60, 3, 1)), P0).std
     np.testing.assert_allclose(std[:, :, -1], run_filter(model, mean, P0, u, y).std[:, :1, -1], rtol=1e-7)
 
 
-def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models(make_beam, make_filter, sine):
+def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models():
     beam, h, steps = make_beam(modes=5, graded=True, load_nodes=(16, 8)), 5e-4, 240
     model = make_filter(
         beam, ("tip",), ("E",), ("middle",), h, models={"tip": Oscillator(20.0)}, accelerometers=2, every=3, q_velocity=0.1
@@ -249,7 +249,7 @@ def test_what_constants_add_is_the_slope_of_the_error():
 
 
 @pytest.fixture
-def loaded(make_beam, make_filter, sine):
+def loaded():
     """A beam under a constant unknown load and a known sine: beam, filter model, mean, covariance, loads and motion."""
     beam, steps = make_beam(modes=4, graded=True, load_nodes=(16, 8)), 20
     model = make_filter(beam, ("tip",), ("E",), ("middle",), accelerometers=2, q_velocity=0.1)

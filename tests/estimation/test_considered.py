@@ -29,6 +29,7 @@ from .chain import ROWS, STIFFNESS, continuous, forces, gathered, joint, loaded_
 from .chain import STEPS as LONG
 from .chain import H as STEP
 from .chain import chain as unknown_chain
+from .conftest import make_beam, make_filter
 from .two_masses import REFERENCE, believed, chain, constants, nominal
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
@@ -254,7 +255,7 @@ RECORD = 150
 
 
 @pytest.fixture(scope="module")
-def filters(make_beam, make_filter):
+def filters():
     beam = make_beam(modes=3, load_nodes=(16, 8))
     known = np.tile(np.array([50.0, 20.0, -10.0])[:, None], (RECORD, 1, 1))
     return {

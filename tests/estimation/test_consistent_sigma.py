@@ -34,6 +34,7 @@ from strainsight.estimation.verdict import (
 )
 
 from ..shared import slowly
+from .conftest import make_beam, make_filter, sine
 
 SEEDS = range(200)
 
@@ -52,7 +53,7 @@ def honesty(error, std):
         (("tip",), (), 6, 600, {"models": {"tip": Matern(10.0, 2.5)}, "every": 2}),
     ],
 )
-def test_claimed_deviation_is_the_real_error(make_beam, make_filter, sine, inputs, parameters, modes, steps, options):
+def test_claimed_deviation_is_the_real_error(inputs, parameters, modes, steps, options):
     beam = make_beam(modes=modes)
     known = () if inputs else ("tip",)
     model = make_filter(beam, inputs=inputs, parameters=parameters, known=known, **options)
@@ -118,7 +119,7 @@ def test_whiteness_tells_white_from_coloured():
         (1, 9, "; lower noise_std"),
     ],
 )
-def test_a_verdict_names_what_was_stated_wrongly(make_beam, make_filter, process, noise, said):
+def test_a_verdict_names_what_was_stated_wrongly(process, noise, said):
     model = make_filter(make_beam(modes=4), ("tip",))
     nothing, P0 = np.zeros((2000, 3, 0)), np.diag([0.0] * 8 + [1.0])
     _, y = draw_truth(model, np.zeros(9), P0, nothing, [0])

@@ -22,7 +22,7 @@ from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import covariance_factor, pivoted_factors
 
-from .conftest import drawn, prior
+from .conftest import drawn, make_beam, make_filter, prior, sine
 
 CASES = [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))]
 
@@ -36,7 +36,7 @@ def modal_scale(model):
 
 @pytest.mark.parametrize("form", ["joseph", "square_root"])
 @pytest.mark.parametrize(("inputs", "parameters"), CASES[1:])
-def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, inputs, parameters, form):
+def test_equals_a_plain_loop_of_the_textbook(inputs, parameters, form):
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, inputs, parameters)
     run = run_filter(model, mean, P0, u, y, keep="all", form=form)
     Q, R, H = model.process, np.diag(model.r / model.h), model.H
@@ -63,7 +63,7 @@ def test_equals_a_plain_loop_of_the_textbook(make_beam, make_filter, sine, input
         np.testing.assert_allclose(run.gauge_std[-1, b], np.sqrt(np.diag(H @ P @ H.T)), rtol=1e-5)
 
 
-def test_what_is_known_is_predicted(make_beam, make_filter, sine):
+def test_what_is_known_is_predicted():
     """Truth: M q̈ = S u − C q̇ − K q of the modes by a general solver of differential equations."""
     beam, h, steps = make_beam(modes=4, graded=True, ratio=0.02), 5e-4, 25
     model = make_filter(beam, parameters=("E",), known=("tip",), h=h, accelerometers=1)
@@ -101,7 +101,7 @@ def test_what_is_known_is_predicted(make_beam, make_filter, sine):
         *[(("tip",), (), own) for own in (IntegratedRandomWalk(20.0), Oscillator(20.0), Matern(20.0, 1.5))],
     ],
 )
-def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam, make_filter, inputs, parameters, load_model):
+def test_steady_covariance_tends_to_the_continuous_one_at_first_order(inputs, parameters, load_model):
     """CARE (5.14), the placement's, is the limit of the discrete filter for h → 0: one frozen linearisation."""
     beam = make_beam(modes=3)
     n, load = 3, np.array([1e4])
@@ -138,7 +138,7 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(make_beam,
     assert abs(rate[-1] - 2) < max(abs(rate[-2] - 2), 0.02)
 
 
-def test_a_batch_is_its_runs_one_by_one(make_beam, make_filter, sine):
+def test_a_batch_is_its_runs_one_by_one():
     beam = make_beam(modes=4, graded=True)
     single, mean, P0, u, _, y = drawn(make_filter, beam, sine, (), ("E",))
     places = [(0.05, 0.3, 0.9, 1.5), (0.1, 0.2, 0.3, 0.4), (0.0, 0.7, 1.1, 1.9)]
@@ -155,7 +155,7 @@ def test_a_batch_is_its_runs_one_by_one(make_beam, make_filter, sine):
             np.testing.assert_allclose(getattr(batch, name)[:, b] / scale, one / scale, atol=1e-8)
 
 
-def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine):
+def test_the_unit_of_strain_changes_no_bit():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ("E",))
     unit = 2.0**40
     other = run_filter(replace(model, H=model.H * unit, r=model.r * unit**2), mean, P0, u, y * unit)
@@ -164,7 +164,7 @@ def test_the_unit_of_strain_changes_no_bit(make_beam, make_filter, sine):
     np.testing.assert_array_equal(other.std, run.std)
 
 
-def test_a_steady_covariance_is_what_it_would_have_become(make_beam, make_filter, monkeypatch):
+def test_a_steady_covariance_is_what_it_would_have_become(monkeypatch):
     model = make_filter(make_beam(modes=4, ratio=0.05), ("tip",), q_velocity=1.0)
     P0, nothing = prior(model), np.zeros((1500, 3, 0))
     _, y = draw_truth(model, np.zeros(9), P0, nothing, [0, 1])
@@ -180,7 +180,7 @@ def test_a_steady_covariance_is_what_it_would_have_become(make_beam, make_filter
     np.testing.assert_allclose(rested.mean / d, restless.mean / d, atol=1e-9)
 
 
-def test_a_diverged_run_is_reported_and_leaves_the_others_alone(make_beam, make_filter, sine):
+def test_a_diverged_run_is_reported_and_leaves_the_others_alone():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, (), ("E",), runs=2)
     wild = y.copy()
     wild[30:, 1] = 1e3
@@ -195,7 +195,7 @@ def test_a_diverged_run_is_reported_and_leaves_the_others_alone(make_beam, make_
         run_filter(model, mean, P0, u, wild[:, 1])
 
 
-def test_a_refusal_names_the_first_sample_without_any_doubt(make_beam, make_filter, sine):
+def test_a_refusal_names_the_first_sample_without_any_doubt():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
     sure = replace(model, r=0 * model.r, Q=0 * model.Q)
     for form in ("joseph", "square_root"):
@@ -212,7 +212,7 @@ kalman = pytest.importorskip("filterpy.kalman")
     ("models", "form"),
     [({}, "joseph"), ({"tip": IntegratedRandomWalk(20.0)}, "square_root"), ({"tip": Matern(10.0, 2.5)}, "joseph")],
 )
-def test_filter_and_smoother_agree(make_beam, make_filter, sine, models, form):
+def test_filter_and_smoother_agree(models, form):
     """In coordinates where the steady deviations are 1, so that filterpy's inverses lose no digits; to 1e-10."""
     beam = make_beam(modes=4, ratio=0.05, load_nodes=(16, 8))
     model = make_filter(
@@ -256,7 +256,7 @@ def test_filter_and_smoother_agree(make_beam, make_filter, sine, models, form):
         np.testing.assert_allclose(smoothed.covariance[1:, 0] / np.outer(scale, scale), wider, atol=1e-10)
 
 
-def test_a_constant_parameter_has_one_value_at_all_times(make_beam, make_filter, sine):
+def test_a_constant_parameter_has_one_value_at_all_times():
     beam = make_beam(modes=4)
     model = make_filter(beam, parameters=("E",), known=("tip",), q_parameter=0.0)
     u = sine(model.h * np.arange(200), model.h, 1e4, 20.0)
@@ -270,7 +270,7 @@ def test_a_constant_parameter_has_one_value_at_all_times(make_beam, make_filter,
 
 
 @pytest.mark.parametrize(("noise", "joseph", "square_root"), [(1e-9, 1e-9, 1e-12), (1e-12, 1e-3, 1e-9)])
-def test_at_tiny_noise_the_factor_keeps_its_digits(make_beam, make_filter, noise, joseph, square_root):
+def test_at_tiny_noise_the_factor_keeps_its_digits(noise, joseph, square_root):
     """Oracle: the textbook recursion with 60 digits, in units of its own deviations. The load is known at first to 1e4 N."""
     model = make_filter(make_beam(modes=3), ("tip",), strain_noise=noise, gauges=(0.05, 0.3, 0.9))
     n, steps, P0 = model.size, 30, np.diag([0.0] * 6 + [1.0])
@@ -297,7 +297,7 @@ def test_at_tiny_noise_the_factor_keeps_its_digits(make_beam, make_filter, noise
 
 
 @pytest.mark.parametrize("form", ["joseph", "square_root"])
-def test_a_long_run_stays_symmetric_and_positive(make_beam, make_filter, form):
+def test_a_long_run_stays_symmetric_and_positive(form):
     model = make_filter(make_beam(modes=8), ("tip",), q_velocity=0.1)
     mean, P = np.zeros(17), np.diag([0.0] * 16 + [1.0])
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ from strainsight.estimation.filter import filter_runs, run_filter
 from strainsight.estimation.iterated import refine
 from strainsight.estimation.smoother import smooth
 
-from .conftest import StepToy
+from .conftest import StepToy, make_beam, make_filter, sine
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def test_a_projection_keeps_the_update_in_one_shot_on_the_constraint():
 
 
 @pytest.mark.parametrize(("form", "through_step"), [("joseph", True), ("square_root", False)])
-def test_iterating_a_parameter_ends_where_one_shot_ends(make_beam, make_filter, sine, through_step, form):
+def test_iterating_a_parameter_ends_where_one_shot_ends(through_step, form):
     model = make_filter(
         make_beam(modes=4), parameters=("E",), known=("tip",), accelerometers=1, q_velocity=0.1, q_parameter=0.0
     )

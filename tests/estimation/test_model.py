@@ -31,10 +31,10 @@ from strainsight.estimation.smoother import smooth
 from strainsight.estimation.tuning import scale_noise, tune
 from strainsight.estimation.update import predict
 
-from .conftest import drawn, prior
+from .conftest import drawn, make_beam, make_filter, prior, sine
 
 
-def test_a_model_that_contradicts_itself_is_refused(make_beam, make_filter):
+def test_a_model_that_contradicts_itself_is_refused():
     beam = make_beam()
     with pytest.raises(ConfigError, match="both known and estimated"):
         make_filter(beam, inputs=("tip",), known=("tip",))
@@ -42,7 +42,7 @@ def test_a_model_that_contradicts_itself_is_refused(make_beam, make_filter):
         make_filter(beam, parameters=("E",), known=("tip",), fixed={"E": 2.1e11})
 
 
-def test_an_input_is_read_where_its_model_puts_it(make_beam, make_filter):
+def test_an_input_is_read_where_its_model_puts_it():
     beam = make_beam(modes=3, load_nodes=(16, 8))
     models = {"tip": Matern(5.0, 2.5), "middle": Oscillator(20.0)}
     model = make_filter(beam, inputs=("tip", "middle"), parameters=("E",), models=models)
@@ -60,7 +60,7 @@ def test_an_input_is_read_where_its_model_puts_it(make_beam, make_filter):
     assert held[0].tolist() == [6e4, 9e4]
 
 
-def test_moments_follow_the_linear_model(make_beam, make_filter):
+def test_moments_follow_the_linear_model():
     model = make_filter(make_beam(modes=2), inputs=("tip",), q_velocity=3.0)
     mean, P0 = np.array([0.0, 0, 0, 0, 0.5]), np.diag([0.0, 0.0, 1e-2, 1e-3, 0.3])
     steps, runs = 3, 10000
@@ -77,7 +77,7 @@ def test_moments_follow_the_linear_model(make_beam, make_filter):
     np.testing.assert_allclose(np.cov(noise.T), np.eye(4), atol=8 / np.sqrt(runs))
 
 
-def test_a_run_depends_on_its_own_seed_alone(make_beam, make_filter):
+def test_a_run_depends_on_its_own_seed_alone():
     model = make_filter(make_beam(modes=2), inputs=("tip",))
     nothing = np.zeros((20, 3, 0))
     together = draw_truth(model, np.zeros(5), np.eye(5), nothing, [5, 6, 7])
@@ -124,7 +124,7 @@ def test_an_estimate_has_settled_from_when_on_it_stays_near():
     assert settling_time(time, np.array([1.0, 1.0, 0.0, 0.0, 0.0]), 0.0, 0.01) == 2.0
 
 
-def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter, sine):
+def test_samples_missing_in_all_runs_leave_one_covariance():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=3)
     y[10:15], y[30, :, 2] = np.nan, np.nan
     run = run_filter(model, mean, P0, u, y, keep="all")
@@ -141,7 +141,7 @@ def test_samples_missing_in_all_runs_leave_one_covariance(make_beam, make_filter
 
 
 @pytest.mark.parametrize("parameters", [(), ("E",)])
-def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter, sine, parameters):
+def test_sampling_every_fourth_step_is_missing_the_others(parameters):
     inputs, known = ((), ("tip",)) if parameters else (("tip",), ())
     model = make_filter(make_beam(modes=4), inputs, parameters, known, every=4)
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)[:, :, : len(known)]
@@ -156,7 +156,7 @@ def test_sampling_every_fourth_step_is_missing_the_others(make_beam, make_filter
     np.testing.assert_array_equal(smooth(model, run).mean, smooth(replace(model, every=1, r=model.r / 4), full).mean)
 
 
-def test_noise_by_a_schedule(make_beam, make_filter, sine):
+def test_noise_by_a_schedule():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), (), runs=2)
     schedule = np.where(np.arange(60)[:, None, None] < 30, 1.0, 2.0) * model.r
     run = run_filter(replace(model, r=schedule), mean, P0, u, y)
@@ -296,12 +296,12 @@ def recorded(make_beam, make_filter, **options):
 
 
 @pytest.fixture(scope="module")
-def best(make_beam, make_filter):
+def best():
     model, *rest = recorded(make_beam, make_filter)
     return tune(model, *rest, parts=("noise",)).factors["noise"]
 
 
-def test_no_other_factors_are_more_likely(make_beam, make_filter):
+def test_no_other_factors_are_more_likely():
     model, mean, P0, known, y = recorded(make_beam, make_filter)
     _, other = draw_truth(model, mean, P0, known, [7])
     both = np.concatenate([y, other], axis=1)
@@ -317,7 +317,7 @@ def test_no_other_factors_are_more_likely(make_beam, make_filter):
         assert likelihood(a, b) < best
 
 
-def test_parts_of_the_process_noise_are_distinguished(make_beam, make_filter):
+def test_parts_of_the_process_noise_are_distinguished():
     model, *rest = recorded(make_beam, make_filter, q_velocity=3.0)
     off = scale_noise(model, {"inputs": 10.0, "model_error": 0.1})
     assert np.allclose(np.diag(off.Q)[3:], np.diag(model.Q)[3:] * np.array([0.1, 0.1, 0.1, 10.0]))
@@ -326,7 +326,7 @@ def test_parts_of_the_process_noise_are_distinguished(make_beam, make_filter):
     assert np.log(0.1 * found.factors["model_error"]) == pytest.approx(0, abs=0.5)
 
 
-def test_a_schedule_of_noise_is_scaled_as_a_whole(make_beam, make_filter, best):
+def test_a_schedule_of_noise_is_scaled_as_a_whole(best):
     model, *rest = recorded(make_beam, make_filter)
     schedule = np.broadcast_to(4 * model.r, (STEPS, 1, 4))
     found = tune(replace(model, r=schedule), *rest, parts=("noise",))
@@ -334,13 +334,13 @@ def test_a_schedule_of_noise_is_scaled_as_a_whole(make_beam, make_filter, best):
     assert best == pytest.approx(1.0, rel=0.15)
 
 
-def test_a_part_without_noise_cannot_be_tuned(make_beam, make_filter):
+def test_a_part_without_noise_cannot_be_tuned():
     model, *rest = recorded(make_beam, make_filter)
     with pytest.raises(ConfigError, match="no process noise of model_error"):
         tune(model, *rest, parts=("model_error",))
 
 
-def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
+def test_noise_that_is_not_there_runs_to_its_limit():
     model, mean, P0, known, _ = recorded(make_beam, make_filter)
     _, y = draw_truth(replace(model, Q=0 * model.Q), mean, P0, known, [0])
     found = tune(model, mean, P0, known, y, limit=1e3)
@@ -348,7 +348,7 @@ def test_noise_that_is_not_there_runs_to_its_limit(make_beam, make_filter):
     assert found.factors["process"] == pytest.approx(1e-3)
 
 
-def test_where_every_run_diverges_the_search_turns_back(make_beam, make_filter, best, monkeypatch):
+def test_where_every_run_diverges_the_search_turns_back(best, monkeypatch):
     model, *rest = recorded(make_beam, make_filter)
     stated, lost = replace(model, r=100 * model.r), []
 
@@ -363,7 +363,7 @@ def test_where_every_run_diverges_the_search_turns_back(make_beam, make_filter, 
     assert lost
 
 
-def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, make_filter, sine):
+def test_a_record_that_loses_the_filter_from_the_start_is_refused():
     model = make_filter(make_beam(modes=3), parameters=("E",), known=("tip",))
     u = sine(model.h * np.arange(60), model.h, 1e4, 20.0)
     mean, P0 = np.zeros(7), np.diag([0.0] * 6 + [0.01])
@@ -374,7 +374,7 @@ def test_a_record_that_loses_the_filter_from_the_start_is_refused(make_beam, mak
     assert run_filter(model, mean, P0, u, y).lost.tolist()[0] == -1
 
 
-def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(make_beam, make_filter, best, monkeypatch):
+def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(best, monkeypatch):
     model, *rest = recorded(make_beam, make_filter)
     stated = replace(model, r=model.r / 4)
 

@@ -22,6 +22,7 @@ from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import damping_matrix
 
 from .chain import REFERENCE, ROWS, H, driven_chain, forces
+from .conftest import make_beam, make_filter, sine
 
 MODELS = {
     "walk": {},
@@ -45,7 +46,7 @@ def state(model, rng):
 @pytest.mark.parametrize(
     ("inputs", "parameters", "graded"), [((), ("rho",), False), ((), ("rho", "E"), True), (("tip",), ("E", "rho"), True)]
 )
-def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, parameters, graded):
+def test_jacobian_is_the_derivative_of_the_step(inputs, parameters, graded):
     beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
     model = make_filter(beam, inputs=inputs, parameters=parameters, known=("middle",))
     x, scale = state(model, np.random.default_rng(3))
@@ -55,7 +56,7 @@ def test_jacobian_is_the_derivative_of_the_step(make_beam, make_filter, inputs, 
     np.testing.assert_allclose(J / largest, found / largest, atol=1e-7)
 
 
-def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam, make_filter, sine):
+def test_without_noise_the_step_is_the_simulation_of_the_reduced_model():
     beam, h = make_beam(), 5e-4
     model = make_filter(beam, inputs=(), parameters=("E", "rho"), known=("tip",), h=h)
     u = sine(h * np.arange(50), h, 1e4, 20.0)
@@ -68,7 +69,7 @@ def test_without_noise_the_step_is_the_simulation_of_the_reduced_model(make_beam
     np.testing.assert_array_equal(x[0, 20:], p)
 
 
-def test_matrices_computed_once_make_the_same_step_and_readings(make_beam, make_filter):
+def test_matrices_computed_once_make_the_same_step_and_readings():
     model = make_filter(make_beam(modes=4), ("tip",), models={"tip": Oscillator(9.0)}, accelerometers=1)
     x, nothing, at_end = np.random.default_rng(0).normal(size=(3, model.size)), np.zeros((3, 0)), np.zeros(0)
     once = *step(model, x, nothing, constant_step(model)), *measure(model, x, at_end, constant_acceleration(model))
@@ -89,7 +90,7 @@ def differences(function, x, scale):
 @pytest.mark.parametrize("scheme", ["exact", "trapezoidal", "implicit_euler"])
 @pytest.mark.parametrize("models", MODELS)
 @pytest.mark.parametrize("parameters", [(), ("E", "rho")])
-def test_both_jacobians_for_every_input_model_scheme_and_sensor(make_beam, make_filter, models, scheme, parameters):
+def test_both_jacobians_for_every_input_model_scheme_and_sensor(models, scheme, parameters):
     beam = make_beam(modes=6, graded=True, load_nodes=(16, 8))
     model = make_filter(beam, ("tip", "middle"), parameters, models=MODELS[models], accelerometers=2, scheme=scheme)
     x, scale = state(model, np.random.default_rng(3))
@@ -102,7 +103,7 @@ def test_both_jacobians_for_every_input_model_scheme_and_sensor(make_beam, make_
 
 
 @pytest.mark.parametrize("models", MODELS)
-def test_the_step_follows_the_load_of_its_input_model(make_beam, make_filter, models):
+def test_the_step_follows_the_load_of_its_input_model(models):
     """By an ODE solver: exact for walks; the quadratic hold of the others errs by less than (sh)³, s their fastest rate."""
     beam, h = make_beam(modes=4, load_nodes=(16, 8)), 5e-4
     model = make_filter(beam, ("tip", "middle"), models=MODELS[models], h=h)

@@ -17,7 +17,7 @@ from strainsight.estimation.sigma_point import points_of, regression, run_sigma_
 from strainsight.estimation.smoother import smooth
 
 from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
-from .conftest import drawn
+from .conftest import drawn, make_beam, make_filter, sine
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])
@@ -101,7 +101,7 @@ def test_every_step_of_the_filter_is_brute_force():
         np.testing.assert_allclose(run.covariance[k + 1, 0] / np.outer(std, std), P / np.outer(std, std), atol=2e-3)
 
 
-def test_an_accelerometer_is_brute_force(make_beam, make_filter, sine):
+def test_an_accelerometer_is_brute_force():
     """Moments of its reading by dense quadrature over E and ρ, its rows at unit vectors, the update by the textbook."""
     beam = make_beam(modes=2, graded=True, load_nodes=(16, 8))
     model = make_filter(
@@ -143,7 +143,7 @@ def test_an_accelerometer_is_brute_force(make_beam, make_filter, sine):
 
 
 @pytest.mark.parametrize(("form", "accelerometers"), [("joseph", 0), ("square_root", 1)])
-def test_is_the_kalman_filter_where_parameters_are_known_exactly(make_beam, make_filter, sine, form, accelerometers):
+def test_is_the_kalman_filter_where_parameters_are_known_exactly(form, accelerometers):
     beam = make_beam(modes=3, graded=True, load_nodes=(16, 8))
     options = {"known": ("middle",), "q_velocity": 1e-2, "h": 1e-3, "accelerometers": accelerometers}
     options |= {"gauges": (0.05, 0.9), "q_parameter": 0.0}
@@ -170,7 +170,7 @@ def test_is_the_kalman_filter_where_parameters_are_known_exactly(make_beam, make
     np.testing.assert_allclose(later.std[:, :, :n] / std, plain.std / std, atol=1e-7)
 
 
-def test_channels_of_each_run_are_its_own(make_beam, make_filter, sine):
+def test_channels_of_each_run_are_its_own():
     beam = make_beam(modes=3, graded=True, load_nodes=(16, 8))
     model = make_filter(
         beam, ("tip",), ("E", "rho"), known=("middle",), accelerometers=1, gauges=(0.05, 0.3), q_velocity=1e-2, h=1e-3
@@ -191,7 +191,7 @@ def test_channels_of_each_run_are_its_own(make_beam, make_filter, sine):
         np.testing.assert_allclose(both.std[:, b] / std, one.std[:, 0] / std, atol=1e-8)
 
 
-def test_the_smoother_is_that_of_rauch_tung_and_striebel(make_beam, make_filter, sine):
+def test_the_smoother_is_that_of_rauch_tung_and_striebel():
     """By its regressions, whose cross covariance of two instants is P Aᵀ; accelerometers and an offset among the channels."""
     beam = make_beam(modes=2, graded=True, load_nodes=(16, 8))
     model = make_filter(
@@ -226,7 +226,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel(make_beam, make_filter,
         np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
 
 
-def test_a_filter_whose_runs_all_diverge_says_so(make_beam, make_filter, sine):
+def test_a_filter_whose_runs_all_diverge_says_so():
     model, mean, P, u, _, y = drawn(make_filter, make_beam(modes=3), sine, (), ("E",), steps=60)
     with pytest.raises(NumericalError, match="diverged"):
         run_sigma_points(model, mean, 1e4 * P, u, 1e9 * y)

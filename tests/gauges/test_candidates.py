@@ -17,7 +17,6 @@ from strainsight.gauges.symmetry import mirror_partners
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement
-from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 
 from ..refusals import expect_refusal
@@ -147,31 +146,11 @@ def test_a_facet_without_area_carries_no_gauge():
     np.testing.assert_array_equal(candidates(mesh, facets, (1, 0, 0)).element, [2])
 
 
-def test_the_sharp_edges_of_a_box_are_its_twelve(beam):
-    mesh, facets = beam
-    segments = sharp_edges(mesh.position, facets)
-    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).sum() == pytest.approx(4 * (1.0 + 0.3 + 0.2))
-
-
 @pytest.mark.parametrize(("sides", "kind", "sharp"), [(8, "quad8", 0), (8, "quad4", 8), (16, "quad4", 0)])
-def test_a_tube_is_smooth_when_its_facets_can_bend(sides, kind, sharp):
+def test_a_tube_is_smooth_when_its_facets_can_bend(tube, sides, kind, sharp):
     """Eight quadratic facets go round without an edge; eight flat ones meet at 45°, sixteen at 22.5°."""
-    step = 2 * np.pi / sides
-    code = [known.name for known in FACETS].index(kind)
-    position, nodes = [], np.full((sides, 8), -1)
-    seen: dict[tuple[int, int], int] = {}
-    for side in range(sides):
-        for a, (xi, eta) in enumerate(FACETS[code].nodes):
-            key = (round(2 * (side + (xi + 1) / 2)) % (2 * sides), round(eta))
-            if key not in seen:
-                seen[key] = len(position)
-                phi = 0.5 * step * key[0]
-                position.append([np.sin(phi), eta, np.cos(phi)])
-            nodes[side, a] = seen[key]
-    ones = np.ones(sides, dtype=int)
-    facets = Facets(element_id=ones, facet=ones, kind=code * ones, nodes=nodes, region=ones)
-    segments = sharp_edges(np.array(position), facets)
-    along = np.abs((segments[:, 1] - segments[:, 0])[:, 1]) > 0.1
+    segments = sharp_edges(*tube(kind, sides, 1, 1.0))
+    along = np.abs((segments[:, 1] - segments[:, 0])[:, 2]) > 0.1
     assert np.count_nonzero(along) == 2 * sharp
 
 

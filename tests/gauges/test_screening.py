@@ -52,15 +52,16 @@ def test_a_tie_is_a_share_of_the_strongest_and_counts_from_the_stronger():
     np.testing.assert_array_equal(strongest_first(weak), [2, 0, 1, 3])
 
 
-@pytest.mark.parametrize("noise", [0.0, -1.0, np.nan, np.inf])
-def test_noise_must_be_positive(noise):
-    with pytest.raises(InfeasibleError, match="gauge noise"):
-        screen(np.ones(3), noise, on_a_line(np.arange(3.0)), 1, 0.0)
-
-
-def test_a_response_that_is_not_finite_is_refused():
-    with pytest.raises(InfeasibleError, match="1 candidates have no finite response"):
-        screen(np.array([1.0, np.nan]), 1.0, on_a_line([0.0, 1.0]), 1, 0.0)
+@pytest.mark.parametrize(
+    ("last", "noise", "says"),
+    [
+        *[(1.0, noise, "gauge noise") for noise in (0.0, -1.0, np.nan, np.inf)],
+        (np.nan, 1.0, "1 candidates have no finite response"),
+    ],
+)
+def test_noise_must_be_positive_and_responses_finite(last, noise, says):
+    with pytest.raises(InfeasibleError, match=says):
+        screen(np.array([1.0, last]), noise, on_a_line([0.0, 1.0]), 1, 0.0)
 
 
 def test_more_bonded_than_kept_is_refused_with_the_number():

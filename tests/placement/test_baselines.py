@@ -41,15 +41,6 @@ def test_efi_passes_over_modes_that_show_nothing_new():
         effective_independence(np.zeros((5, 2)), 3)
 
 
-def test_qr_takes_the_pivots_of_lapack_and_then_those_of_the_gauges_left():
-    rows = np.random.default_rng(4).normal(size=(40, 6))
-    first = qr(rows.T, mode="r", pivoting=True)[1][:6]
-    left = np.setdiff1d(np.arange(40), first)
-    second = left[qr(rows[left].T, mode="r", pivoting=True)[1][:6]]
-    for keep in (3, 6, 9, 12):
-        assert qr_pivoting(rows, keep).tolist() == sorted([*first, *second][:keep])
-
-
 def test_only_allowed_sets_are_drawn_and_fewer_where_they_are_rare():
     no_neighbours = random_sets(12, 3, 100, 5, lambda chosen: bool(np.diff(chosen).min() > 1))
     assert no_neighbours.shape == (100, 3)

@@ -19,7 +19,7 @@ from strainsight.placement.nodes import Node, Search
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
-from .conftest import COMBINED, costs_of, pools_of
+from .conftest import COMBINED, beam_of, costs_of, every_set, pools_of, scenarios_of
 
 
 def agrees(found, costs):
@@ -36,9 +36,7 @@ def agrees(found, costs):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_a_bad_start_is_left_for_the_optimum_and_out_of_time_there_is_a_set_and_a_bound(
-    every_set, beam_of, scenarios_of, aggregate
-):
+def test_a_bad_start_is_left_for_the_optimum_and_out_of_time_there_is_a_set_and_a_bound(aggregate):
     scenarios = scenarios_of(beam_of(11, 2, seed=1), ("Fz", "Fy"), ("E",), instants=(63, 260))
     pools = [solve_pool(s) for s in scenarios]
     costs = every_set(pools, 3, aggregate)
@@ -77,7 +75,7 @@ def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
     assert found.lower_bound <= whole.cost
 
 
-def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_of, scenarios_of, monkeypatch):
+def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(monkeypatch):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 2, seed=2), ("Fz",), ("E",))]
     costs = every_set(pools, 3, "mean")
     best, second = sorted(costs, key=costs.get)[:2]
@@ -94,7 +92,7 @@ def test_a_set_that_cannot_be_solved_is_not_claimed_to_be_worse(every_set, beam_
     assert found.lower_bound <= costs[best] * (1 + 1e-9)
 
 
-def test_no_proof_claims_more_than_a_tie(beam_of, scenarios_of, every_set):
+def test_no_proof_claims_more_than_a_tie():
     pools = eliminate(scenarios_of(beam_of(7), ("Fz",), ("E",)), 3).pools
     found = branch_and_bound(pools, 3, gap=0.0, time_limit=60.0)
     assert found.proven
@@ -102,7 +100,7 @@ def test_no_proof_claims_more_than_a_tie(beam_of, scenarios_of, every_set):
     assert found.lower_bound <= min(every_set(pools, 3, "mean").values()) <= found.cost * (1 + 1e-9)
 
 
-def test_twins_are_not_searched_twice(every_set, beam_of, scenarios_of):
+def test_twins_are_not_searched_twice():
     (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
     twice = np.concatenate([np.arange(6), np.arange(6)])
     sign = np.repeat([1.0, -1.0], 6)[:, None]
@@ -117,7 +115,7 @@ def test_twins_are_not_searched_twice(every_set, beam_of, scenarios_of):
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 @pytest.mark.parametrize("seed", range(2))
-def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
+def test_the_search_needs_no_swaps(aggregate, seed, monkeypatch):
     rng = np.random.default_rng(seed)
     F, H = -np.diag(rng.integers(1, 10, (2, 3))[0].astype(float)), 10.0 * rng.integers(-3, 4, (9, 3))
     scenarios = [Scenario(F * f, np.eye(3), H, np.full(9, 0.1), np.ones(3)) for f in (1.0, 3.0)]
@@ -133,7 +131,7 @@ def test_the_search_needs_no_swaps(every_set, aggregate, seed, monkeypatch):
     assert stopped.cost >= min(costs.values()) * (1 - 1e-9)
 
 
-def test_a_cut_touches_the_cost_and_stays_below_it(beam_of, scenarios_of):
+def test_a_cut_touches_the_cost_and_stays_below_it():
     pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 3), ("Fz",), ("E",), instants=(55, 260))]
     rng = np.random.default_rng(2)
     weights = rng.uniform(0.1, 1, (5, 10))

@@ -19,6 +19,8 @@ from strainsight.placement.limits import limits_of
 from strainsight.placement.region import Region, cheapest
 from strainsight.placement.scenario import Scenario, solve_pool
 
+from .conftest import beam_of, every_set, scenarios_of
+
 
 def walks(q, unit):
     """Three walks of intensities q (3,), gauge g reading walk READS[g] alone: tr(W P) = unit Σ √(qᵢ / Σ γ over its gauges)."""
@@ -83,7 +85,7 @@ def test_the_relaxation_of_walks_is_that_of_a_general_solver(case, aggregate, un
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_no_set_with_a_gauge_costs_less_than_its_own_bound(every_set, beam_of, scenarios_of, aggregate):
+def test_no_set_with_a_gauge_costs_less_than_its_own_bound(aggregate):
     """By brute force over all sets of three, and over those whose gauges keep apart."""
     scenarios = scenarios_of(beam_of(11, 2), ("Fz",), ("E",), instants=(55, 871))
     greedy = eliminate(scenarios, 3, aggregate)
@@ -207,7 +209,7 @@ def test_limits_that_leave_no_weights_have_an_infinite_bound(size):
     assert np.all(low.active)
 
 
-def test_weights_that_see_all_but_cannot_be_solved_have_no_cut(monkeypatch, beam_of, scenarios_of):
+def test_weights_that_see_all_but_cannot_be_solved_have_no_cut(monkeypatch):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(10, 3), ("Fz",), ("E",))]
     assert cut_at(pools, np.full(10, 0.5), None) is not None
 

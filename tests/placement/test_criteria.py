@@ -22,7 +22,7 @@ from strainsight.placement.limits import as_limits
 from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import loop_of, solve_pool
 
-from .conftest import COMBINED
+from .conftest import COMBINED, beam_of, oracle, scenarios_of
 from .variances import metric_of
 
 NAMES = [criterion.name for criterion in CRITERIA]
@@ -31,7 +31,7 @@ UNKNOWNS = ("Fz", "Fy", "E")
 
 
 @pytest.fixture(scope="module")
-def case_of(oracle, beam_of, scenarios_of):
+def case_of():
     """Scenarios and pools of a beam by a criterion over some of its three unknowns, and what any set costs."""
 
     @cache

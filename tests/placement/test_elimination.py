@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 import mpmath
 import numpy as np
 import pytest
-from scipy.linalg import matrix_balance, solve_continuous_are, solve_continuous_lyapunov
+from scipy.linalg import solve_continuous_are
 
 from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
 from strainsight.augmentation.noise import process_intensity
@@ -23,8 +23,10 @@ from strainsight.placement.increment import removal
 from strainsight.placement.scenario import Scenario, solve_pool, thesis_weight
 from strainsight.placement.score import score
 
+from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
 
-def test_it_is_lazy(beam_of, scenarios_of, monkeypatch):
+
+def test_it_is_lazy(monkeypatch):
     asked = []
 
     def counted(*arguments):
@@ -53,7 +55,7 @@ def test_it_is_lazy_where_the_slope_of_the_criterion_says_little(monkeypatch):
     np.testing.assert_array_equal(found.rise, slow.rise)
 
 
-def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of):
+def test_the_order_of_gauges_and_the_units_change_nothing():
     (scenario,) = scenarios_of(beam_of(40), ("Fz",), ("E",))
     found = eliminate([scenario], 5)
     rng = np.random.default_rng(3)
@@ -64,7 +66,7 @@ def test_the_order_of_gauges_and_the_units_change_nothing(beam_of, scenarios_of)
     np.testing.assert_allclose(again.cost, found.cost, rtol=1e-8)
 
 
-def test_load_modulus_and_density_together_are_refused_in_words(beam_of, scenarios_of):
+def test_load_modulus_and_density_together_are_refused_in_words():
     beam = beam_of(20)
     # the side load is known and would tell the scale; at rest sideways it does not
     quiet = type(beam)(beam.model, beam.rows, beam.x * (np.abs(beam.x[63]) > 1e-9), beam.u * [1, 0], beam.theta)
@@ -78,7 +80,7 @@ def test_load_modulus_and_density_together_are_refused_in_words(beam_of, scenari
         eliminate([Scenario(F, Q, H, np.full(len(H), 1e-15), np.ones(len(F)))], 4, names=unknowns.names)
 
 
-def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(beam_of, scenarios_of):
+def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units():
     scenarios = scenarios_of(beam_of(20), ("Fz",), ("E",), instants=(55, 260))
     whole = eliminate(scenarios, 19)
     np.testing.assert_allclose(whole.blocks[0], [1.0, 1.0], rtol=1e-9)
@@ -89,7 +91,7 @@ def test_weights_start_every_unknown_at_one_and_the_thesis_keeps_physical_units(
     np.testing.assert_allclose(eliminate(plain, 19).blocks[0], [1e8 / normalised[-2], 4e22 / normalised[-1]], rtol=1e-6)
 
 
-def test_the_residual_is_the_largest_of_all_steps(beam_of, scenarios_of, monkeypatch):
+def test_the_residual_is_the_largest_of_all_steps(monkeypatch):
     scenarios = scenarios_of(beam_of(8, 3), ("Fz",), ("E",))
     for residuals in ([1e-11, 3e-11, 2e-11], [1e-13, 1e-12, 4e-11], [5e-11, 1e-12, 1e-12]):
         values = iter(residuals)
@@ -100,7 +102,7 @@ def test_the_residual_is_the_largest_of_all_steps(beam_of, scenarios_of, monkeyp
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(beam_of, scenarios_of, aggregate):
+def test_gauges_that_read_rounding_are_ties_and_leave_in_their_order(aggregate):
     scenarios = scenarios_of(beam_of(20, 4), ("Fz",), ("E",), instants=(55, 260))
     silent = [3, 7, 8, 15]
     for seed in range(3):
@@ -131,43 +133,6 @@ SEVEN = [
 FOUNDATION = 1e5
 """Stiffness of every unknown displacement and rotation to the ground [N/m, N m]."""
 
-exact = np.vectorize(mpmath.mpf, otypes=[object])
-
-
-def cost_in_fifty_digits(scenario, gauges, start):
-    """tr(W P) with the residual of (5.14) in multiple precision, brought to nothing by corrections in double precision.
-
-        A Δ + Δ Aᵀ = −(F P + P Fᵀ + Q − P G P),   A = F − P G stable,   P ← P + Δ  until Δ is 1e-45 of P
-
-    start: a covariance in double precision, in whose coordinates of unit diagonal this is done; the floor is for motions
-    that no process noise reaches.
-    """
-    _, (unit, _) = matrix_balance(scenario.F, permute=False, separate=True)
-    variance = np.diag(start) / unit**2
-    d = exact(unit * np.sqrt(np.maximum(variance, 1e-16 * variance.max())))
-    F = exact(scenario.F) / d[:, None] * d
-    Q = exact(scenario.Q) / d[:, None] / d
-    H = exact(scenario.H[gauges]) * d
-    r = exact(scenario.r[gauges])
-    P = exact(start) / d[:, None] / d
-    f, g = F.astype(float), (H.T.dot(H / r[:, None])).astype(float)
-    for _ in range(40):
-        PH = P.dot(H.T)
-        FP = F.dot(P)
-        residual = FP + FP.T + Q - (PH / r).dot(PH.T)
-        size = np.abs(residual).max()
-        A = f - P.astype(float) @ g
-        step = solve_continuous_lyapunov(A, -(residual / size).astype(float))
-        P = P + exact(0.5 * (step + step.T)) * size
-        change = float(np.abs(step).max()) * size
-        if change < mpmath.mpf("1e-45"):
-            break
-    else:
-        raise AssertionError(f"fifty digits were not reached: {mpmath.nstr(change, 3)}")
-    assert np.linalg.eigvals(f - P.astype(float) @ g).real.max() < 0
-    return sum(mpmath.mpf(w) * P[i, i] * d[i] ** 2 for i, w in enumerate(scenario.weight) if w)
-
-
 def algorithm_2(cost, count, keep):
     """Order, traces, and how close the second candidate came, relative to the rise; every candidate evaluated."""
     left = list(range(count))
@@ -183,13 +148,17 @@ def algorithm_2(cost, count, keep):
 
 
 @pytest.mark.parametrize(("inputs", "parameters"), SEVEN)
-def test_elimination_is_brute_force_in_fifty_digits(oracle, beam_of, scenarios_of, inputs, parameters):
+def test_elimination_is_brute_force_in_fifty_digits(inputs, parameters):
     (scenario,) = scenarios_of(beam_of(7, 2, foundation=FOUNDATION), inputs, parameters)
     found = eliminate([scenario], 3)
+
+    def cost(gauges):
+        s = scenario
+        P = covariance_in_digits(s.F, s.Q, s.H[gauges], s.r[gauges], oracle(s, gauges))
+        return sum(mpmath.mpf(w) * P[i, i] for i, w in enumerate(s.weight) if w)
+
     with mpmath.workdps(55):
-        order, trace, margin = algorithm_2(
-            lambda gauges: cost_in_fifty_digits(scenario, gauges, oracle(scenario, gauges)), 7, 3
-        )
+        order, trace, margin = algorithm_2(cost, 7, 3)
         rise = [float(after - before) for before, after in pairwise(trace)]
     assert min(margin) > 1e-6
     assert found.removed.tolist() == order

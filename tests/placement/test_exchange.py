@@ -25,11 +25,11 @@ from strainsight.placement.remaining import Remaining, twin_groups
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
-from .conftest import COMBINED, costs_of, pools_of
+from .conftest import COMBINED, beam_of, costs_of, oracle, pools_of, scenarios_of
 
 
 @pytest.mark.parametrize("instants", [(63,), (55, 871)])
-def test_the_limit_is_never_passed_and_never_passes_for_an_end(beam_of, scenarios_of, instants):
+def test_the_limit_is_never_passed_and_never_passes_for_an_end(instants):
     pools = eliminate(scenarios_of(beam_of(16, 5), ("Fz",), ("E",), instants=instants), 4).pools
     start = random_sets(16, 4, 1, seed=8)[0]
     whole = exchange(pools, start)
@@ -45,7 +45,7 @@ def test_the_limit_is_never_passed_and_never_passes_for_an_end(beam_of, scenario
     assert exact.swaps == whole.swaps
 
 
-def test_beside_gauges_that_may_not_leave_room_is_filled(beam_of, scenarios_of):
+def test_beside_gauges_that_may_not_leave_room_is_filled():
     pools = eliminate(scenarios_of(beam_of(12), ("Fz",), ("E",)), 4).pools
     bonded = [1, 5, 7]
     limits = limits_of(12, 6, fixed=bonded, price=np.ones(12), budget=5.0)
@@ -121,7 +121,7 @@ WITHIN = {
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 @pytest.mark.parametrize("case", WITHIN)
-def test_the_swaps_are_those_of_its_words_and_no_more_is_solved(oracle, beam_of, scenarios_of, case, aggregate):
+def test_the_swaps_are_those_of_its_words_and_no_more_is_solved(case, aggregate):
     scenarios = scenarios_of(beam_of(12, 2, seed=4), ("Fz",), ("E",), instants=(55, 871))
     pools = [solve_pool(s) for s in scenarios]
     rng = np.random.default_rng(1)
@@ -157,7 +157,7 @@ KEEP, ROUNDING = 4, 1e-13
 
 
 @pytest.fixture(scope="module")
-def mirrored(beam_of, scenarios_of):
+def mirrored():
     """Scenario and strain rows of 5 places with 4 gauges each: bending about y and about z, each with both signs."""
     beam = beam_of(5, 3, seed=1)
     vertical = (np.abs(beam.model.input_shape[:, 0]) > np.abs(beam.model.input_shape[:, 1]))[None]
@@ -211,7 +211,7 @@ def test_rounding_does_not_choose_between_equal_gauges(mirrored):
 
 
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
-def test_the_loops_of_gauges_that_lose_are_let_go(beam_of, scenarios_of, monkeypatch, aggregate):
+def test_the_loops_of_gauges_that_lose_are_let_go(monkeypatch, aggregate):
     result = eliminate(scenarios_of(beam_of(60, 4), ("Fz",), ("E",), instants=(55, 260)), 2)
     with_gauge, made, held = filling.with_gauge, [], []
 
@@ -254,7 +254,7 @@ def test_the_gauge_that_fits_and_lowers_the_cost_most_is_added_until_none_fits(a
         assert filling.fill(pools, [8, 0, 5], limits, aggregate).tolist() == sorted(chosen)
 
 
-def test_the_sum_and_the_rows_follow_every_removal(beam_of, scenarios_of):
+def test_the_sum_and_the_rows_follow_every_removal():
     (scenario,) = scenarios_of(beam_of(1400, 3), ("Fz",), ("E",))
     rng = np.random.default_rng(0)
     r = scenario.r.reshape(700, 2) * 10.0 ** rng.uniform(0, 8, (700, 1))
@@ -311,7 +311,7 @@ def test_twins_do_not_depend_on_the_unit(unit):
     np.testing.assert_array_equal(found[:, None] == found, np.all(rows[:, None] == rows, axis=(2, 3)))
 
 
-def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distinguished(beam_of, scenarios_of):
+def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distinguished():
     (scenario,) = scenarios_of(beam_of(6, 2), ("Fz",), ("E",))
     same = np.array([0, 1, 0, 2, 0, 1, 3, 0])
     r = scenario.r[same]

@@ -20,7 +20,7 @@ from strainsight.placement.losses import LossSearch, measure
 from strainsight.placement.scenario import Scenario, solve_pool
 
 from ..shared import slowly
-from .conftest import COMBINED, blind_sideways, costs_of, pools_of
+from .conftest import COMBINED, beam_of, blind_sideways, costs_of, every_set, oracle, pools_of, scenarios_of
 
 
 def one_swap_away(gauges, pool, fixed=()):
@@ -32,14 +32,14 @@ def one_swap_away(gauges, pool, fixed=()):
 
 
 @pytest.fixture(scope="module")
-def one_sees_sideways(beam_of, scenarios_of):
+def one_sees_sideways():
     """A pool of 12 of which gauge 7 alone sees Fy."""
     beam = beam_of(12, 3)
     (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
     return solve_pool(blind_sideways(beam, scenario, np.arange(12) != 7))
 
 
-def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways, beam_of, scenarios_of):
+def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways):
     loss = loss_if_one_fails([one_sees_sideways], [3, 7, 9])
     assert np.isinf(loss).tolist() == [False, True, False]
     assert np.all(np.isinf(loss_if_one_fails([one_sees_sideways], [1, 3, 5])))
@@ -48,7 +48,7 @@ def test_a_failure_that_loses_an_unknown_costs_infinity(one_sees_sideways, beam_
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "seed"), [((), ("E",), 0), (("Fz", "Fy"), ("E",), 2)])
-def test_no_single_swap_lowers_the_worst_loss(every_set, beam_of, scenarios_of, inputs, parameters, seed):
+def test_no_single_swap_lowers_the_worst_loss(inputs, parameters, seed):
     pools = [solve_pool(s) for s in scenarios_of(beam_of(11, 2, seed=seed), inputs, parameters)]
     cost = every_set(pools, 3, "mean")
     worst = {g: max(cost[rest] for rest in combinations(g, 3)) for g in combinations(range(11), 4)}
@@ -65,7 +65,7 @@ def test_no_single_swap_lowers_the_worst_loss(every_set, beam_of, scenarios_of, 
     assert found.worst <= loss_if_one_fails(pools, optimum.gauges).max() * (1 + 1e-9)
 
 
-def test_where_one_gauge_alone_sees_an_unknown_the_others_are_made_robust(oracle, one_sees_sideways):
+def test_where_one_gauge_alone_sees_an_unknown_the_others_are_made_robust(one_sees_sideways):
     pool = one_sees_sideways
     found = robust_set([pool], 4)
     assert found.fatal == (7,)
@@ -81,7 +81,7 @@ def test_where_one_gauge_alone_sees_an_unknown_the_others_are_made_robust(oracle
         assert largest(other) >= mine * (1 - 1e-7)
 
 
-def test_a_start_with_a_fatal_gauge_is_replaced(beam_of, scenarios_of):
+def test_a_start_with_a_fatal_gauge_is_replaced():
     beam = beam_of(12, 3)
     (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
     # gauge 0 sees both loads, 1 to 7 only Fz, 8 to 11 only Fy and that weakly
@@ -97,7 +97,7 @@ def test_a_start_with_a_fatal_gauge_is_replaced(beam_of, scenarios_of):
     assert sum(g < 8 for g in found.gauges) >= 2
 
 
-def test_as_many_gauges_as_unknowns_cannot_be_robust(beam_of, scenarios_of):
+def test_as_many_gauges_as_unknowns_cannot_be_robust():
     pools = [solve_pool(s) for s in scenarios_of(beam_of(9, 2), ("Fz", "Fy"), ("E",))]
     with pytest.raises(InfeasibleError, match="whichever fails, an unknown is lost"):
         robust_set(pools, 3)
@@ -105,7 +105,7 @@ def test_as_many_gauges_as_unknowns_cannot_be_robust(beam_of, scenarios_of):
     assert not stopped.complete
 
 
-def test_a_failure_whose_covariance_is_not_solved_is_not_called_a_lost_unknown(beam_of, scenarios_of, monkeypatch):
+def test_a_failure_whose_covariance_is_not_solved_is_not_called_a_lost_unknown(monkeypatch):
     pools = tuple(solve_pool(s) for s in scenarios_of(beam_of(8), ("Fz",), ("E",)))
     plain = loss_if_one_fails(pools, [1, 4, 6])
     solve = score.subset_covariance

@@ -18,7 +18,7 @@ from strainsight.placement.limits import Swaps, as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 
 from ..shared import slowly
-from .conftest import COMBINED
+from .conftest import COMBINED, beam_of, oracle, scenarios_of
 from .rules import CASES, NEAR, POOL, Rules
 
 EVERY = [units for k in range(1, 6) for units in combinations(range(POOL), k)]
@@ -39,7 +39,7 @@ class Costs(dict):
 
 
 @pytest.fixture(scope="module")
-def every_cost(oracle, beam_of, scenarios_of):
+def every_cost():
     """Scenarios, their pools and what sets of rows cost; mirrored rows are blocks of two."""
     made = {}
 
@@ -159,7 +159,7 @@ def test_a_robust_layout_breaks_no_limit_and_no_move_helps(every_cost, case):
 
 
 @pytest.mark.parametrize("case", ["budget", "pairs, odd", "generous budget", "zones", "spacing"])
-def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, oracle, case):
+def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, case):
     rules = CASES[case]()
     scenarios, pools, _ = every_cost("mean", paired(rules))
     found = eliminate(scenarios, rules.limits)

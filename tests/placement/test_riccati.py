@@ -21,7 +21,7 @@ from strainsight.placement.riccati import (
 )
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
-from .conftest import residual, with_accelerometers
+from .conftest import beam_of, residual, scenarios_of, with_accelerometers
 
 
 def covariance_in_sixty_digits(F, Q, rows):
@@ -55,7 +55,7 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
     ("inputs", "parameters", "noise"),
     [((), ("E",), 1e-7), (("Fz",), ("E",), 1e-4), (("Fz", "Fy"), ("rho",), 1e-9)],
 )
-def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, inputs, parameters):
+def test_covariance_agrees_with_sixty_digits(noise, inputs, parameters):
     (scenario,) = scenarios_of(beam_of(8, 2), inputs, parameters, noise=noise)
     pool = solve_pool(scenario)
     truth = covariance_in_sixty_digits(pool.scenario.F, pool.scenario.Q, pool.rows[:, 0])
@@ -63,9 +63,7 @@ def test_covariance_agrees_with_sixty_digits(beam_of, scenarios_of, noise, input
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "noise", "precision"), PRECISE)
-def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(
-    beam_of, scenarios_of, inputs, parameters, noise, precision
-):
+def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(inputs, parameters, noise, precision):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
     (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
     pool = solve_pool(with_accelerometers(strain, 2, precision))
@@ -75,7 +73,7 @@ def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digi
     np.testing.assert_allclose(pool.P, truth, rtol=0, atol=2e-8)
 
 
-def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, scenarios_of):
+def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits():
     (strain,) = scenarios_of(beam_of(12, 2), ("Fz",), ("E",), noise=1e-4)
     pool = solve_pool(with_accelerometers(strain, 2, 1e-4))
     gauges = [1, 5, 8, 12]
@@ -92,7 +90,7 @@ def test_a_set_with_a_precise_accelerometer_agrees_with_sixty_digits(beam_of, sc
 
 @pytest.mark.parametrize("noise", [1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize(("modes", "parameters", "inputs"), [(9, ("E",), ()), (10, ("E",), ("Fz",)), (14, (), ("Fz",))])
-def test_residual_of_21_to_31_states_is_below_1e10(beam_of, scenarios_of, noise, modes, inputs, parameters):
+def test_residual_of_21_to_31_states_is_below_1e10(noise, modes, inputs, parameters):
     (scenario,) = scenarios_of(beam_of(60, modes), inputs, parameters, noise=noise)
     pool = solve_pool(scenario)
     assert residual(pool.scenario, pool.P) < 1e-10
@@ -139,7 +137,7 @@ def test_what_no_noise_reaches_keeps_a_share_of_the_largest_scale_whatever_that_
 
 
 @pytest.mark.parametrize("fault", ["none", "not solved", "far off", "always far off"])
-def test_where_the_coordinates_at_hand_fail_balanced_ones_are_taken(monkeypatch, beam_of, scenarios_of, fault):
+def test_where_the_coordinates_at_hand_fail_balanced_ones_are_taken(monkeypatch, fault):
     (scenario,) = scenarios_of(beam_of(9, 3), ("Fz",), ("E",))
     pool = solve_pool(scenario)
     unit = 10.0 ** np.random.default_rng(0).uniform(-2, 2, len(scenario.F))
@@ -164,7 +162,7 @@ def test_where_the_coordinates_at_hand_fail_balanced_ones_are_taken(monkeypatch,
     np.testing.assert_allclose(P * np.outer(unit / pool.scale, unit / pool.scale), pool.P, atol=1e-9)
 
 
-def test_coordinates_that_do_not_settle_still_belong_to_their_covariance(monkeypatch, beam_of, scenarios_of):
+def test_coordinates_that_do_not_settle_still_belong_to_their_covariance(monkeypatch):
     (scenario,) = scenarios_of(beam_of(9, 3), ("Fz",), ("E",))
     d, P = balance(scenario.F, scenario.Q, information(scenario.rows[:, 0]))
     factor = []
@@ -196,7 +194,7 @@ def test_a_filter_without_process_noise_is_refused():
         solve_care(np.array([[0.0]]), np.zeros((1, 1)), np.eye(1))
 
 
-def test_an_undamped_motion_without_process_noise_has_no_steady_filter(beam_of, scenarios_of):
+def test_an_undamped_motion_without_process_noise_has_no_steady_filter():
     with pytest.raises(InfeasibleError, match="reached by no process noise"):
         scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ())
     (driven,) = scenarios_of(beam_of(20, ratio=0.0), ("Fz",), ("E",))

@@ -20,7 +20,7 @@ from strainsight.placement.remaining import Remaining
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 
-from .conftest import COMBINED, blind_sideways, costs_of, pools_of
+from .conftest import COMBINED, beam_of, blind_sideways, costs_of, oracle, pools_of, scenarios_of
 from .rules import PAIRS, POOL, PRICE, Rules, zone
 from .variances import variance
 
@@ -54,7 +54,7 @@ def test_as_many_channels_as_unknowns_are_had_from_the_largest_gauges(channels, 
     assert fewest_gauges([wandering(channels, 6), few]) == fewest_gauges([few, wandering(channels, 6)]) == (6, fewest)
 
 
-def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are(beam_of, scenarios_of):
+def test_fewer_blocks_than_unknowns_are_enough_where_their_channels_are():
     (single,) = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",))
     pairs = replace(single, H=single.H.reshape(6, 2, -1), r=single.r.reshape(6, 2))
     assert fewest_gauges([solve_pool(pairs)]) == (3, 2)
@@ -89,7 +89,7 @@ def test_what_no_process_noise_reaches_is_named():
         solve_pool(Scenario(F, np.diag([0.0, 1.0, 0.0]), H, np.ones(3), weight), ["Fz"])
 
 
-def test_a_set_that_cannot_tell_scores_infinity(beam_of, scenarios_of):
+def test_a_set_that_cannot_tell_scores_infinity():
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
     unknown = np.arange(len(pools[0].P) - 2, len(pools[0].P))
     assert score(pools, [3]) == np.inf
@@ -105,7 +105,7 @@ def by_criteria(pools, unknown):
     return {c.name: [pool.under(Metric(weight, c)) for pool in pools] for c in CRITERIA}
 
 
-def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_of):
+def test_every_metric_comes_from_the_same_covariance():
     scenarios = scenarios_of(beam_of(12, 3), ("Fz", "Fy"), ("E",), instants=(55, 260))
     pools = eliminate(scenarios, 4).pools
     size = len(pools[0].P)
@@ -124,7 +124,7 @@ def test_every_metric_comes_from_the_same_covariance(oracle, beam_of, scenarios_
         np.testing.assert_allclose(found.std, np.sqrt(spread) * scale, rtol=1e-8)
 
 
-def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(beam_of, scenarios_of, monkeypatch):
+def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(monkeypatch):
     pools = eliminate(scenarios_of(beam_of(10), ("Fz",), ("E",)), 4).pools
 
     def refuse(*_):
@@ -289,7 +289,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_leaves_no_layout_is_named(beam_of, scenarios_of, case):
+def test_what_leaves_no_layout_is_named(case):
     asked, key, words = REFUSED[case]
     (scenario,) = scenarios_of(beam_of(POOL, 2), ("Fz",), ("E",))
     limits = Rules(**asked).limits
@@ -301,7 +301,7 @@ def test_what_leaves_no_layout_is_named(beam_of, scenarios_of, case):
         branch_and_bound([solve_pool(scenario)], limits)
 
 
-def test_a_zone_around_all_that_see_an_unknown_is_named_with_it(beam_of, scenarios_of):
+def test_a_zone_around_all_that_see_an_unknown_is_named_with_it():
     beam = beam_of(POOL, 3)
     (scenario,) = scenarios_of(beam, ("Fz", "Fy"), ())
     scenario = blind_sideways(beam, scenario, np.arange(POOL) != 7)

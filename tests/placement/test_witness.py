@@ -17,6 +17,7 @@ from strainsight.placement.scenario import solve_pool
 from strainsight.placement.score import score
 
 from ..shared import slowly
+from .conftest import beam_of, scenarios_of
 
 
 def scattered(count, distance, seed=3):
@@ -63,7 +64,7 @@ def test_no_clock_has_a_say(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_what_is_held_is_part_of_a_layout_inside_what_is_left(monkeypatch, beam_of, scenarios_of, seed):
+def test_what_is_held_is_part_of_a_layout_inside_what_is_left(monkeypatch, seed):
     rng = np.random.default_rng(seed)
     scenarios = scenarios_of(beam_of(14, 2, seed=seed), ("Fz",), ("E",))
     near = np.array([pair for pair in combinations(range(14), 2) if rng.random() < 0.35])

@@ -24,11 +24,11 @@ from strainsight.placement.limits import limits_of
 from strainsight.placement.score import score
 
 from ..edges.beam import TIP, bricks, prepared
-from ..placement.conftest import covariance_by_sign, last, make_beam, make_scenarios
+from ..placement.conftest import beam_of, last, oracle, scenarios_of
 
 
 def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what():
-    pools = eliminate(make_scenarios(make_beam(12, 3, seed=0), (), ("E",)), 3).pools
+    pools = eliminate(scenarios_of(beam_of(12, 3, seed=0), (), ("E",)), 3).pools
 
     def layout(optimise):
         asked = SimpleNamespace(keep=3, exchange=True, certificate=True, optimise=optimise, prove=0.0)
@@ -53,12 +53,12 @@ KEEP, TRACE = 4, Trace()
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_sigma(seed):
     """Of 495 layouts none has a lower sum, or root of it, than is said; one has a σ that is lower by more."""
-    greedy = eliminate(make_scenarios(make_beam(12, 3, seed=seed), ("Fz",), ("E",)), KEEP)
+    greedy = eliminate(scenarios_of(beam_of(12, 3, seed=seed), ("Fz",), ("E",)), KEEP)
     swapped, (pool,), names = exchange(greedy.pools, greedy.kept), greedy.pools, ("Fz", "E")
     (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names))
 
     def weighted(gauges):
-        P = covariance_by_sign(pool.scenario, list(gauges))
+        P = oracle(pool.scenario, list(gauges))
         return (pool.scenario.weight * np.diag(P))[last(len(P), len(names))]
 
     ours, every = weighted(swapped.gauges), np.array([weighted(gauges) for gauges in combinations(range(12), KEEP)])
