@@ -15,6 +15,8 @@ from strainsight.errors import ConfigError
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.model import damping_matrix
 
+from .conftest import chain_of
+
 SEVEN = ("input", "E", "rho", "input+E", "input+rho", "E+rho", "input+E+rho")
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
 
@@ -71,7 +73,7 @@ def at(model, ratio, **changes):
     return ask(model, x, u, sensors(model, x, u), **changes)
 
 
-def test_all_seven_in_the_order_of_the_tables_and_fewer_where_a_group_is_empty(chain_of):
+def test_all_seven_in_the_order_of_the_tables_and_fewer_where_a_group_is_empty():
     model = chain_of()
     found = at(model, 0.5)
     assert tuple(found) == SEVEN
@@ -86,7 +88,7 @@ def test_all_seven_in_the_order_of_the_tables_and_fewer_where_a_group_is_empty(c
 
 
 @pytest.mark.parametrize("ratio", [0.02, 0.9])
-def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_named(chain_of, ratio):
+def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_named(ratio):
     found = at(chain_of(ground=0.0, extra=0.0), ratio)
     assert found["input+E+rho"].found.condition > 1e12
     assert found["input+E+rho"].found.sigma_min < 1e-12
@@ -97,7 +99,7 @@ def test_load_modulus_and_density_of_one_material_are_an_exact_null_vector_and_n
 
 
 @pytest.mark.parametrize("ratio", [1 / 20, 1 / 50])
-def test_a_slow_load_tells_neither_load_from_modulus_nor_anything_of_the_density(chain_of, ratio):
+def test_a_slow_load_tells_neither_load_from_modulus_nor_anything_of_the_density(ratio):
     slow, near = (at(chain_of(ground=0.0, extra=0.0), r) for r in (ratio, 0.9))
     condition = {label: (slow[label].found.condition, near[label].found.condition) for label in SEVEN}
 
@@ -115,7 +117,7 @@ def test_a_slow_load_tells_neither_load_from_modulus_nor_anything_of_the_density
         assert condition[label][0] > 40 * condition[label][1]
 
 
-def test_units_of_force_and_modulus_change_the_raw_number_only(chain_of):
+def test_units_of_force_and_modulus_change_the_raw_number_only():
     model = chain_of()
     kilo, mega = 1e3, 1e6
     stiffness = AffineOperator(model.stiffness.constant, {"E": model.stiffness.terms["E"] * mega})
@@ -133,7 +135,7 @@ def test_units_of_force_and_modulus_change_the_raw_number_only(chain_of):
             assert not 0.5 < b.found.condition_raw / a.found.condition_raw < 2
 
 
-def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only(chain_of):
+def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only():
     model = chain_of()
     x, u = motion(model, 0.5)
     given = sensors(model, x, u, accelerometers=3)
@@ -146,7 +148,7 @@ def test_a_gauge_that_reads_in_other_units_changes_the_raw_number_only(chain_of)
         assert there[label].found.condition_raw != pytest.approx(here[label].found.condition_raw, rel=0.1)
 
 
-def test_an_accelerometer_leaves_the_null_space(chain_of):
+def test_an_accelerometer_leaves_the_null_space():
     model = chain_of(ground=0.0, extra=0.0)
     x, u = motion(model, 0.9)
     bare, with_them = (ask(model, x, u, sensors(model, x, u, accelerometers=count)) for count in (0, 5))
@@ -158,7 +160,7 @@ def test_an_accelerometer_leaves_the_null_space(chain_of):
     np.testing.assert_allclose(with_them["input+E"].found.sigma_min, bare["input+E"].found.sigma_min, rtol=0.2)
 
 
-def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_are(chain_of):
+def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_are():
     """One instant after another by the definition: all rows, no compression, singular values of [F*/ω₁; H*/ε]."""
     model = chain_of()
     n = model.size
@@ -180,7 +182,7 @@ def test_the_median_instant_speaks_for_the_case_and_rows_are_as_many_as_there_ar
     np.testing.assert_allclose(condition[chosen.tolist().index(case.instant)], np.median(condition), rtol=1e-8)
 
 
-def test_a_parameter_that_never_acts_is_unobservable_with_its_reason(chain_of):
+def test_a_parameter_that_never_acts_is_unobservable_with_its_reason():
     model = chain_of()
     idle = replace(model, reference=dict(model.reference) | {"E_blade": 7e10})
     found = at(idle, 0.5, moduli=("E", "E_blade"))
@@ -191,7 +193,7 @@ def test_a_parameter_that_never_acts_is_unobservable_with_its_reason(chain_of):
     assert np.isfinite(found["input+rho"].found.condition)
 
 
-def test_a_quantity_that_reads_nothing_is_refused(chain_of):
+def test_a_quantity_that_reads_nothing_is_refused():
     model = chain_of()
     x, u = motion(model, 0.5)
     given = sensors(model, x, u, accelerometers=2)

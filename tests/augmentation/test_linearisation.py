@@ -25,6 +25,8 @@ from strainsight.fem.affine import Coefficient, Newton
 from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN
 from strainsight.rom.model import Damping, damping_matrix
 
+from .conftest import chain_of, theta
+
 AMPLITUDE = {"tip": 40.0, "side": 7.0}
 
 
@@ -60,7 +62,7 @@ def augmented_rate(model, unknowns, theta, x_star, known_u):
     ("inputs", "parameters"),
     [(("tip",), ()), ((), ("E",)), ((), ("rho",)), (("side", "tip"), ("rho", "E")), (("tip",), ("E", "rho"))],
 )
-def test_F_is_the_jacobian_of_the_augmented_motion(chain_of, theta, damping, inputs, parameters, on_mass, cubic):
+def test_F_is_the_jacobian_of_the_augmented_motion(damping, inputs, parameters, on_mass, cubic):
     model = chain_of(damping=damping)
     if cubic:  # as the stiffness of a plate in its thickness
         K = model.stiffness
@@ -91,7 +93,7 @@ def slopes(function, model, unknowns, x, u):
 
 
 @pytest.mark.parametrize("models", [{}, {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}])
-def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta, models):
+def test_rows_of_every_sensor_are_the_derivative_of_its_reading(models):
     model = chain_of()
     unknowns = Unknowns(("side", "tip"), ("E", "rho"), AMPLITUDE, theta, models)
     rng, n = np.random.default_rng(1), model.size
@@ -110,7 +112,7 @@ def test_rows_of_every_sensor_are_the_derivative_of_its_reading(chain_of, theta,
 
 
 @pytest.mark.parametrize("damping", [Damping("modal", ratio=0.02), Damping("rayleigh", alpha=3.0, beta=1e-4)])
-def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_prints(chain_of, theta, damping):
+def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_prints(damping):
     """(5.30) −M⁻¹ K^E q;  (5.32) with (5.34) (1/ρ²)(M^ρ)⁻¹(K q + C q̇ − S u), of a mass that is ρ M^ρ."""
     model = chain_of(damping=damping)
     model = replace(model, mass=replace(model.mass, constant=np.zeros_like(model.mass.constant)))
@@ -125,21 +127,21 @@ def test_without_the_slope_of_the_damping_the_columns_are_those_that_the_thesis_
     np.testing.assert_allclose(F, printed, rtol=1e-9, atol=1e-9 * np.abs(printed).max())
 
 
-def test_a_factor_of_the_damping_keeps_its_column_without_the_slope_of_others(chain_of, theta):
+def test_a_factor_of_the_damping_keeps_its_column_without_the_slope_of_others():
     model = chain_of(damping=Damping("modal", ratio=0.02, parameter="d"))
-    theta = {**theta, "d": 1.0}
+    damped = {**theta, "d": 1.0}
     model = replace(model, reference={**model.reference, "d": 1.0})
-    unknowns = Unknowns((), ("d",), AMPLITUDE, theta)
+    unknowns = Unknowns((), ("d",), AMPLITUDE, damped)
     rng = np.random.default_rng(1)
     x, u = rng.normal(size=(1, 2 * model.size)), np.zeros((1, 2))
-    printed, whole = (linearise(model, unknowns, theta, x, u, slope)[0, :, -1] for slope in (False, True))
+    printed, whole = (linearise(model, unknowns, damped, x, u, slope)[0, :, -1] for slope in (False, True))
     np.testing.assert_array_equal(printed, whole)
-    C = damping_matrix(model, theta)
-    wanted = -np.linalg.solve(model.mass.at(theta), C @ x[0, model.size :])
+    C = damping_matrix(model, damped)
+    wanted = -np.linalg.solve(model.mass.at(damped), C @ x[0, model.size :])
     np.testing.assert_allclose(printed[model.size : 2 * model.size], wanted, rtol=1e-9)
 
 
-def test_input_models_stand_in_F_as_they_move(chain_of, theta):
+def test_input_models_stand_in_F_as_they_move():
     model = chain_of()
     models = {"tip": IntegratedRandomWalk(20.0), "side": Matern(5.0, 2.5)}
     plain = unknowns_of(theta, ("side", "tip"), ("E",))
@@ -158,7 +160,7 @@ def test_input_models_stand_in_F_as_they_move(chain_of, theta):
     assert not F[:, :n, [n + 1, n + 2, n + 4]].any()
 
 
-def test_without_unknown_parameters_every_instant_gives_the_same_matrix(chain_of, theta):
+def test_without_unknown_parameters_every_instant_gives_the_same_matrix():
     model = chain_of()
     x, u = np.random.default_rng(3).normal(size=(5, 2 * model.size)), np.ones((5, 2))
     F = linearise(model, unknowns_of(theta, ("tip", "side"), ()), theta, x, u)
@@ -166,7 +168,7 @@ def test_without_unknown_parameters_every_instant_gives_the_same_matrix(chain_of
     assert linearisation_instants(model, unknowns_of(theta, ("tip",), ()), theta, x, u, 20, 0).tolist() == [0]
 
 
-def test_instants_are_seeded_and_avoid_where_a_parameter_does_not_act(chain_of, theta):
+def test_instants_are_seeded_and_avoid_where_a_parameter_does_not_act():
     model = chain_of()
     t = np.linspace(0, 1, 1000, endpoint=False)
     x = np.zeros((1000, 2 * model.size))
@@ -182,7 +184,7 @@ def test_instants_are_seeded_and_avoid_where_a_parameter_does_not_act(chain_of, 
     assert np.abs(x[anywhere, 0]).min() < 0.2
 
 
-def test_unknowns_carry_positive_scales_in_the_order_of_the_state(theta):
+def test_unknowns_carry_positive_scales_in_the_order_of_the_state():
     unknowns = unknowns_of(theta, ("side", "tip"), ("rho",))
     assert unknowns.names == ("side", "tip", "rho")
     assert unknowns.scale.tolist() == [7.0, 40.0, 7800.0]
@@ -192,7 +194,7 @@ def test_unknowns_carry_positive_scales_in_the_order_of_the_state(theta):
         Unknowns(("tip",), (), {"tip": -1.0}, {})
 
 
-def test_strain_rows_see_only_the_coordinates(theta):
+def test_strain_rows_see_only_the_coordinates():
     rows = np.arange(6.0).reshape(2, 3)
     H = augment_rows(rows, unknowns_of(theta))
     assert H.shape == (2, 9)
@@ -208,7 +210,7 @@ def system(model, theta, inputs, parameters, *, gauges=6, seed=0, side=0.0):
     return F, augment_rows(rng.normal(size=(gauges, model.size)), unknowns), unknowns.names
 
 
-def test_load_modulus_and_density_together_are_undetectable_without_a_known_scale(chain_of, theta):
+def test_load_modulus_and_density_together_are_undetectable_without_a_known_scale():
     F, H, names = system(chain_of(ground=0.0, extra=0.0), theta, ("tip",), ("E", "rho"))
     lost = undetectable_directions(F, H)
     assert lost.shape == (13, 1)
@@ -217,7 +219,7 @@ def test_load_modulus_and_density_together_are_undetectable_without_a_known_scal
     assert undetectable_in_words(lost, names).startswith("tip, E and rho together: fix one")
 
 
-def test_balanced_units_do_not_depend_on_those_of_the_unknowns(chain_of, theta):
+def test_balanced_units_do_not_depend_on_those_of_the_unknowns():
     F, _, _ = system(chain_of(), theta, ("tip", "side"), ("E", "rho"), side=9.0)
     here = balanced_units(F)
     d = np.ones(len(F))
@@ -229,14 +231,14 @@ def test_balanced_units_do_not_depend_on_those_of_the_unknowns(chain_of, theta):
 
 
 @pytest.mark.parametrize("known", ["ground", "extra", "load"])
-def test_a_known_stiffness_mass_or_load_makes_them_detectable(chain_of, theta, known):
+def test_a_known_stiffness_mass_or_load_makes_them_detectable(known):
     model = chain_of(ground=3e6 if known == "ground" else 0.0, extra=0.7 if known == "extra" else 0.0)
     F, H, _ = system(model, theta, ("tip",), ("E", "rho"), side=20.0 if known == "load" else 0.0)
     assert undetectable_directions(F, H).shape[1] == 0
 
 
 @pytest.mark.parametrize("gauges", [0, 1, 2, 3])
-def test_fewer_gauges_than_unknowns_lose_as_many_directions(chain_of, theta, gauges):
+def test_fewer_gauges_than_unknowns_lose_as_many_directions(gauges):
     F, H, _ = system(chain_of(), theta, ("tip", "side"), ("E",), gauges=gauges)
     lost = undetectable_directions(F, H)
     assert lost.shape[1] == 3 - gauges
@@ -248,7 +250,7 @@ def test_fewer_gauges_than_unknowns_lose_as_many_directions(chain_of, theta, gau
 
 
 @pytest.mark.parametrize("power", [-12, 0, 12])
-def test_detectability_does_not_depend_on_units(chain_of, theta, power):
+def test_detectability_does_not_depend_on_units(power):
     rng = np.random.default_rng(7)
     for ground, lost in ((0.0, 1), (3e6, 0)):
         F, H, _ = system(chain_of(ground=ground, extra=0.0), theta, ("tip",), ("E", "rho"))
@@ -288,7 +290,7 @@ def test_an_undamped_structure_of_wide_band_needs_one_gauge_that_sees_all_modes(
     assert undetectable_directions(F, np.ones((1, 24)) * np.r_[np.ones(12), np.zeros(12)]).shape[1] == 2
 
 
-def test_raw_condition_is_of_the_thesis_and_depends_on_units(chain_of, theta):
+def test_raw_condition_is_of_the_thesis_and_depends_on_units():
     model = chain_of()
     F, H, names = system(model, theta, (), ("E",))
     x = np.random.default_rng(0).normal(size=2 * model.size)
@@ -304,7 +306,7 @@ def test_raw_condition_is_of_the_thesis_and_depends_on_units(chain_of, theta):
     assert found.condition_raw > 1e6 * found.condition
 
 
-def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time(chain_of, theta):
+def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time():
     # coordinates are √kg·m: a change of units multiplies states, time and strain noise by common factors
     F, H, _ = system(chain_of(), theta, ("tip",), ("E",))
     omega = np.sqrt(np.diag(chain_of().stiffness.at(theta)))
@@ -325,7 +327,7 @@ def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time(ch
     np.testing.assert_allclose(there.sigma_min, here.sigma_min, rtol=1e-8)
 
 
-def test_what_a_smooth_load_leaves_to_be_detected(chain_of, theta):
+def test_what_a_smooth_load_leaves_to_be_detected():
     model = chain_of()
     x, u = np.random.default_rng(3).normal(size=(1, 2 * model.size)), np.ones((1, 2))
     for inputs, parameters in ((("tip",), ()), (("tip", "side"), ("E",))):
@@ -362,7 +364,7 @@ def along(chain_of, theta, quantity, inputs=(), parameters=("E",), still=False, 
     return frozen, *found
 
 
-def test_an_accelerometer_tells_a_modulus_along_a_motion_and_at_no_instant(chain_of, theta):
+def test_an_accelerometer_tells_a_modulus_along_a_motion_and_at_no_instant():
     frozen, _, hidden = along(chain_of, theta, ACCELERATION)
     assert frozen.shape[1] == 1
     assert hidden.shape[1] == 0
@@ -371,13 +373,13 @@ def test_an_accelerometer_tells_a_modulus_along_a_motion_and_at_no_instant(chain
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3])
-def test_a_modulus_beside_a_free_load_takes_a_channel_more_than_loads(chain_of, theta, channels):
+def test_a_modulus_beside_a_free_load_takes_a_channel_more_than_loads(channels):
     _, loads, hidden = along(chain_of, theta, STRAIN, ("tip", "side"), channels=channels)
     assert hidden.shape[1] == (channels < 3)
     assert np.all(loads > 0)
 
 
-def test_of_parameters_that_act_alike_their_difference_is_hidden(chain_of, theta):
+def test_of_parameters_that_act_alike_their_difference_is_hidden():
     model = chain_of()
     F = -np.eye(2 * model.size)
     driven = np.random.default_rng(1).normal(size=(64, len(F), 1)) * [1.0, -2.0]

@@ -21,6 +21,8 @@ from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 
+from .conftest import chain_of, theta
+
 UNKNOWNS = Unknowns(("F",), ("E",), {"F": 1e4}, {"E": 2e11})
 
 
@@ -80,7 +82,7 @@ def test_an_accelerometer_reads_the_error_of_the_model_too():
 
 
 @pytest.mark.parametrize("velocity", [1e-4, 1e-2])
-def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term_ruins_it(chain_of, theta, velocity):
+def test_neglecting_the_correlation_hardly_touches_the_claim_neglecting_the_term_ruins_it(velocity):
     """Real error by the Lyapunov equation with the correlation S = Q_v φᵀ, at the gain of a filter that does not know it."""
     model, noise = chain_of(3), 1e-3
     n = model.size
@@ -173,7 +175,7 @@ def test_nonsense_is_refused(build, said):
         build()
 
 
-def test_unknowns_say_where_they_stand(chain_of, theta):
+def test_unknowns_say_where_they_stand():
     model = chain_of()
     unknowns = Unknowns(
         ("side", "tip"), ("rho",), {"tip": 40.0, "side": 7.0}, theta, {"side": Matern(3.0, 2.5), "tip": Oscillator(9.0)}

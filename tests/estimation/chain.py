@@ -17,8 +17,6 @@ REFERENCE = {"k1": 900.0, "k2": 400.0}
 STIFFNESS = {"k1": np.array([[1.0, 0.0], [0.0, 0.0]]), "k2": np.array([[1.0, -1.0], [-1.0, 1.0]])}
 ROWS = np.array([[1.0, 0.0], [-1.0, 1.0]])
 NOISE = 2e-3
-
-
 MASSES = ReducedModel(
     AffineOperator(np.eye(2), {}),
     AffineOperator(np.zeros((2, 2)), STIFFNESS),

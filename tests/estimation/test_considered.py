@@ -11,10 +11,8 @@ from scipy.linalg import block_diag, expm
 
 from strainsight.estimation import consider_smoother
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.biased import Biased
-from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.draws import draw_truth
@@ -30,7 +28,7 @@ from .chain import STEPS as LONG
 from .chain import H as STEP
 from .chain import chain as unknown_chain
 from .conftest import make_beam, make_filter
-from .two_masses import REFERENCE, believed, chain, constants, nominal
+from .two_masses import REFERENCE, believed, chain, constants
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
 
@@ -132,21 +130,6 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     std = expected.std[:, 0]
     np.testing.assert_allclose(found.x[0] / std, expected.mean[:, 0] / std, atol=1e-9)
     np.testing.assert_allclose(np.sqrt(np.diagonal(found.P[0], axis1=1, axis2=2)) / std, 1.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("learned", [*slowly(False), True])
-def test_a_quieter_gauge_makes_no_load_worse(learned):
-    model = chain()
-    gains = replace(constants(model), damping=0.0, stiffness=0.0, learned=learned)
-    noises = 10.0 ** np.arange(0, -4, -0.5)
-
-    def level(claim, noise):
-        own = replace(model, r=model.r * noise**2)
-        return claim(own, nominal(), both_forces(), start_of(), gains).std[25:, 0, 4].mean()
-
-    considered, as_if_exact = ([level(claim, n) for n in noises] for claim in (bank_claim, covariance_recursion))
-    assert (np.diff(considered) <= 1e-12).all()
-    assert as_if_exact[-1] > 1.2 * min(as_if_exact)
 
 
 def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():

@@ -29,7 +29,7 @@ from strainsight.estimation.settled import Settled
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
-from .test_fault_search import FOUR, LONG, suspect
+from .test_fault_search import LONG, four_gauges, suspect
 
 RNG = np.random.default_rng(1)
 SAMPLES = RNG.standard_normal((60, 3))
@@ -153,9 +153,7 @@ FORCE = WIDE[4:-3]
 
 @pytest.fixture(scope="module")
 def record():
-    model, P = driven_chain(parameters=("k1",)), driven_start()[:5, :5]
-    H = np.hstack([FOUR, np.zeros((4, 3))])
-    model = replace(model, H=H, r=np.repeat(model.r[:1], 4))
+    model, P = four_gauges(driven_chain(parameters=("k1",))), driven_start()[:5, :5]
     P = np.diag([*np.diag(P)[:4], 0.01])
     _, y = draw_truth(model, np.zeros(5), P, held(FORCE), [4])
     return suspect(model, P, held(FORCE), y[:, 0])

@@ -30,7 +30,6 @@ MODELS = {
     "matern": {"tip": Matern(20.0, 2.5), "middle": Matern(4.0, 0.5)},
     "oscillator": {"tip": Oscillator(20.0), "middle": Matern(8.0, 1.5)},
 }
-
 KNOWN = 1e4 * np.array([[0.7], [0.4], [-0.3]])
 
 
@@ -41,19 +40,6 @@ def state(model, rng):
     q = 1e4 * model.model.input_shape[:, 0] / omega**2
     scale = np.abs(np.concatenate([q, q * omega, np.full(model.size - 2 * n, 0.3)]))
     return scale * rng.normal(size=model.size), scale
-
-
-@pytest.mark.parametrize(
-    ("inputs", "parameters", "graded"), [((), ("rho",), False), ((), ("rho", "E"), True), (("tip",), ("E", "rho"), True)]
-)
-def test_jacobian_is_the_derivative_of_the_step(inputs, parameters, graded):
-    beam = make_beam(modes=6, graded=graded, load_nodes=(16, 8))
-    model = make_filter(beam, inputs=inputs, parameters=parameters, known=("middle",))
-    x, scale = state(model, np.random.default_rng(3))
-    found = differences(lambda z: step(model, z, KNOWN)[0] / scale, x, scale)
-    J = step(model, x[None], KNOWN)[1][0] * scale / scale[:, None]
-    largest = np.abs(J).max(axis=0)
-    np.testing.assert_allclose(J / largest, found / largest, atol=1e-7)
 
 
 def test_without_noise_the_step_is_the_simulation_of_the_reduced_model():
@@ -88,14 +74,15 @@ def differences(function, x, scale):
 
 
 @pytest.mark.parametrize("scheme", ["exact", "trapezoidal", "implicit_euler"])
-@pytest.mark.parametrize("models", MODELS)
+@pytest.mark.parametrize("models", [*MODELS, "known"])
 @pytest.mark.parametrize("parameters", [(), ("E", "rho")])
 def test_both_jacobians_for_every_input_model_scheme_and_sensor(models, scheme, parameters):
     beam = make_beam(modes=6, graded=True, load_nodes=(16, 8))
-    model = make_filter(beam, ("tip", "middle"), parameters, models=MODELS[models], accelerometers=2, scheme=scheme)
+    inputs, known = (("tip",), ("middle",)) if models == "known" else (("tip", "middle"), ())
+    model = make_filter(beam, inputs, parameters, known, models=MODELS.get(models), accelerometers=2, scheme=scheme)
     x, scale = state(model, np.random.default_rng(3))
-    nothing = np.zeros((3, 0))
-    for function in (lambda z: step(model, z, nothing), lambda z: measure(model, z, nothing[0])):
+    held = KNOWN[:, : len(known)]
+    for function in (lambda z: step(model, z, held), lambda z: measure(model, z, held.sum(axis=0))):
         J = function(x[None])[1][0] * scale
         largest = np.abs(J).max(axis=1, keepdims=True)
         found = differences(lambda z, function=function: function(z)[0], x, scale)

@@ -72,6 +72,11 @@ def held(force):
     return np.pad(force[:, None, None], [(0, 0), (0, 2), (0, 0)])
 
 
+def tone_of(phase, steps):
+    tone = np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]])
+    return held(AMPLITUDE * np.sin(phase * np.arange(steps))), Settled(np.array([phase / H]), tone, 1e-9 * np.ones(4))
+
+
 @pytest.mark.parametrize(("truth", "noise"), [(0.45, 1e-3), (-0.55, 1e-3), (0.7, 5e-3)])
 def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise):
     force = AMPLITUDE * np.sin(0.7 * np.arange(150))
@@ -94,8 +99,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
     weight = np.exp(density - density.max())
     weight /= weight.sum()
     model = model_of(noise)
-    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
-    known = held(AMPLITUDE * np.sin(phase * np.arange(40)))
+    known, tone = tone_of(phase, 40)
     bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
     mean, covariance = bank.posterior
     expected = weight @ VALUES
@@ -109,8 +113,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
 def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
     truth, phase = -0.3, 0.7
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
-    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
-    model, known = model_of(noise), held(AMPLITUDE * np.sin(phase * np.arange(40)))
+    model, (known, tone) = model_of(noise), tone_of(phase, 40)
     bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
     mean, covariance = bank.posterior
     std = np.sqrt(covariance[0, 0])
@@ -126,8 +129,7 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     first = np.sqrt(np.linalg.eigvalsh(sum(values[name] * STIFFNESS[name] for name in values))[0])
     phase = 1.01 * first * H
     y = settled_readings([truth], phase, steps)[0] + noise * np.random.default_rng(4).standard_normal((steps, 2))
-    tone = Settled(np.array([phase / H]), np.array([[[-1j * AMPLITUDE], [0.0], [0.0]]]), 1e-9 * np.ones(4))
-    known = held(AMPLITUDE * np.sin(phase * np.arange(steps)))
+    known, tone = tone_of(phase, steps)
     exact = model_of(noise)
     damped = replace(exact, model=replace(exact.model, damping=exact.model.damping.scaled((factor, factor))))
     uncertain = replace(no_nuisances(damped), damping=0.5)

@@ -19,7 +19,7 @@ from strainsight.estimation.unmodelled_load import residual_pattern
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
-from .test_fault_search import FOUR, broken, suspect
+from .test_fault_search import broken, four_gauges, suspect
 
 REST, MOVING, SHORT = 500, 150, 400
 
@@ -27,8 +27,7 @@ REST, MOVING, SHORT = 500, 150, 400
 @pytest.fixture(scope="module")
 def record():
     """Four gauges on two masses that rest, and then move under a known and an unknown force."""
-    model, P = loaded_chain(), start()[:5, :5]
-    model = replace(model, H=np.hstack([FOUR, np.zeros((4, 3))]), r=np.repeat(model.r[:1], 4))
+    model, P = four_gauges(loaded_chain()), start()[:5, :5]
     y = draw_truth(model, np.zeros(5), P, forces(MOVING), [3])[1][:, 0]
     rest = NOISE * np.random.default_rng(1).standard_normal((REST, 4))
     known = np.concatenate([0 * forces(REST), forces(MOVING)])
@@ -193,8 +192,7 @@ SLOW = np.sin(2 * np.pi * np.arange(SAMPLES) / 100)
 
 @pytest.fixture(scope="module")
 def sound():
-    model, P = loaded_chain(), start()[:5, :5]
-    model = replace(model, H=np.hstack([FOUR, np.zeros((4, 3))]), r=np.repeat(model.r[:1], 4))
+    model, P = four_gauges(loaded_chain()), start()[:5, :5]
     y = draw_truth(model, np.zeros(5), P, forces(SAMPLES), [3])[1][:, 0]
     return suspect(model, P, forces(SAMPLES), y)
 

@@ -16,6 +16,9 @@ from strainsight.mesh.model import Mesh
 from ..bodies import body, held
 
 KINDS = tuple(kind.name for kind in FACETS if not len(kind.read_at))
+SQUARE = (((0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1)),)
+HALVES = ((0, 0), (2, 0), (2, 2), (1, 0), (2, 1), (1, 1)), ((0, 0), (2, 2), (0, 2), (1, 1), (1, 2), (0, 1))
+"""Nodes of a cell, in halves of it."""
 
 
 def surface(
@@ -27,85 +30,45 @@ def surface(
     closed: bool = False,
 ) -> tuple[np.ndarray, Facets]:
     """nx × ny cells (triangles: two each) with their nodes at chart(u, v), 0 ≤ u ≤ nx, 0 ≤ v ≤ ny, those inside shaken by
-    `shake` cells along u and v; closed: u = nx is u = 0 again."""
-    rng = np.random.default_rng(nx * 100 + ny)
-    where: dict[tuple[int, int], int] = {}
-    position: list[tuple[float, float, float]] = []
-
-    def node(key: tuple[int, int]) -> int:
-        key = (key[0] % (2 * nx), key[1]) if closed else key
-        if key not in where:
-            where[key] = len(position)
-            position.append(chart(*(np.array(key) / 2 + shaken(key))))
-        return where[key]
-
-    moved: dict[tuple[int, int], np.ndarray] = {}
-
-    def shaken(key: tuple[int, int]) -> np.ndarray:
-        """How far a corner is off its place; a node between corners goes with them, and is shaken a fifth as much."""
-        key = (key[0] % (2 * nx), key[1]) if closed else key
-        if key not in moved:
-            inside = 0 < key[1] < 2 * ny and (closed or 0 < key[0] < 2 * nx)
-            own = shake * inside * rng.uniform(-1, 1, 2)
-            i, j = key[0] % 2, key[1] % 2
-            if i or j:
-                own = 0.2 * own + 0.5 * (shaken((key[0] - i, key[1] - j)) + shaken((key[0] + i, key[1] + j)))
-            moved[key] = own
-        return moved[key]
-
-    rows = []
-    for i in range(nx):
-        for j in range(ny):
-            a, b, c, d = (2 * i, 2 * j), (2 * i + 2, 2 * j), (2 * i + 2, 2 * j + 2), (2 * i, 2 * j + 2)
-            for corners in [(a, b, c), (a, c, d)] if kind.startswith("tri") else [(a, b, c, d)]:
-                keys = list(corners)
-                if kind in ("tri6", "quad8"):
-                    following = (*corners[1:], corners[0])
-                    keys += [((p[0] + q[0]) // 2, (p[1] + q[1]) // 2) for p, q in zip(corners, following, strict=True)]
-                rows.append([node(key) for key in keys] + [-1] * (8 - len(keys)))
-    f = len(rows)
+    `shake` cells along u and v, those between corners a fifth as much, beside them; closed: u = nx is u = 0 again."""
+    i, j = np.indices((2 * nx + 1, 2 * ny + 1))
+    inside = (j > 0) & (j < 2 * ny) & (closed | ((i > 0) & (i < 2 * nx)))
+    off = shake * inside[..., None] * np.random.default_rng([nx, ny]).uniform(-1, 1, (*inside.shape, 2))
+    off[-1] = off[0] if closed else off[-1]
+    for a, b in ((1, 0), (0, 1), (1, 1)):
+        ends = [off[2 * k * a : len(off) - 2 * (1 - k) * a : 2, 2 * k * b : off.shape[1] - 2 * (1 - k) * b : 2] for k in (0, 1)]
+        off[a::2, b::2] = 0.2 * off[a::2, b::2] + 0.5 * sum(ends)
+    parts = np.array(HALVES if kind.startswith("tri") else SQUARE)[:, : len(FACETS[KINDS.index(kind)].nodes)]
+    grid = (2 * np.stack(np.indices((nx, ny)), axis=-1).reshape(-1, 1, 1, 2) + parts).reshape(-1, parts.shape[1], 2)
+    grid[..., 0] %= 2 * nx if closed else 2 * nx + 1
+    used, nodes = np.unique(grid @ [2 * ny + 1, 1], return_inverse=True)
+    position = [chart(*(np.array(key) / 2 + off[key])) for key in zip(*np.divmod(used, 2 * ny + 1), strict=True)]
+    f = len(grid)
     facets = Facets(
         element_id=np.arange(1, f + 1),
         facet=np.ones(f, dtype=np.int64),
         kind=np.full(f, KINDS.index(kind)),
-        nodes=np.array(rows),
+        nodes=np.pad(nodes.reshape(f, -1), [(0, 0), (0, 8 - parts.shape[1])], constant_values=-1),
         region=np.ones(f, dtype=np.int64),
     )
     return np.array(position), facets
 
 
-@pytest.fixture
-def plate():
-    """plate(kind, nx, ny, shake=0): cells of 1 m × 1 m in the x-y plane, normal +z."""
-    return lambda kind, nx, ny, shake=0.0: surface(kind, nx, ny, lambda u, v: (u, v, 0.0), shake)
+def plate(kind, nx, ny, shake=0.0):
+    """Cells of 1 m × 1 m in the x-y plane, normal +z."""
+    return surface(kind, nx, ny, lambda u, v: (u, v, 0.0), shake)
 
 
-@pytest.fixture
-def tube():
-    """tube(kind, around, along, radius, shake=0): a cylinder about z, cells of 1 m along z, normal outward."""
-
-    def build(kind, around, along, radius, shake=0.0):
-        step = 2 * np.pi / around
-        return surface(
-            kind,
-            around,
-            along,
-            lambda u, v: (radius * np.cos(step * u), radius * np.sin(step * u), v),
-            shake,
-            closed=True,
-        )
-
-    return build
+def tube(kind, around, along, radius, shake=0.0):
+    """A cylinder about z, cells of 1 m along z, normal outward."""
+    step = 2 * np.pi / around
+    chart = lambda u, v: (radius * np.cos(step * u), radius * np.sin(step * u), v)  # noqa: E731
+    return surface(kind, around, along, chart, shake, closed=True)
 
 
-@pytest.fixture
-def bare():
-    """bare(position): a mesh of nodes only, for facets that are given apart."""
-
-    def build(position: np.ndarray) -> Mesh:
-        return Mesh(np.arange(1, len(position) + 1), position, (), {}, {}, np.zeros((0, 2), dtype=np.int64))
-
-    return build
+def bare(position: np.ndarray) -> Mesh:
+    """A mesh of nodes only, for facets that are given apart."""
+    return Mesh(np.arange(1, len(position) + 1), position, (), {}, {}, np.zeros((0, 2), dtype=np.int64))
 
 
 def bricks() -> Mesh:

@@ -20,7 +20,7 @@ from strainsight.mesh.joins import AveragingElement
 from strainsight.mesh.model import Mesh
 
 from ..refusals import expect_refusal
-from .conftest import bricks
+from .conftest import bricks, tube
 
 NX, NY, NZ = 10, 3, 2
 
@@ -147,7 +147,7 @@ def test_a_facet_without_area_carries_no_gauge():
 
 
 @pytest.mark.parametrize(("sides", "kind", "sharp"), [(8, "quad8", 0), (8, "quad4", 8), (16, "quad4", 0)])
-def test_a_tube_is_smooth_when_its_facets_can_bend(tube, sides, kind, sharp):
+def test_a_tube_is_smooth_when_its_facets_can_bend(sides, kind, sharp):
     """Eight quadratic facets go round without an edge; eight flat ones meet at 45°, sixteen at 22.5°."""
     segments = sharp_edges(*tube(kind, sides, 1, 1.0))
     along = np.abs((segments[:, 1] - segments[:, 0])[:, 2]) > 0.1

@@ -22,7 +22,7 @@ from strainsight.mesh.joins import Springs
 
 from ..bodies import body, held
 from ..fem.test_thin import strip as strip_of_shells
-from .conftest import KINDS, surface
+from .conftest import KINDS, plate, surface, tube
 
 TURNED = Rotation.random(random_state=4).as_matrix()
 SHIFT = np.array([3.0, -1.0, 2.0])
@@ -272,14 +272,14 @@ R = 3.0
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_tube_bends_by_its_radius(tube, kind):
+def test_a_tube_bends_by_its_radius(kind):
     """Of any mesh: 1/R is the curvature around, and 0 that along. The mean of normals at a node is radial by symmetry."""
     position, facets = tube(kind, 24, 4, R)
     np.testing.assert_allclose(bend_radius(position, facets), R, rtol=0.005)
 
 
 @pytest.mark.parametrize(("kind", "within"), [("tri3", 1.4), ("quad4", 1.25), ("tri6", 1.07), ("quad8", 1.07)])
-def test_of_a_shaken_mesh_it_is_found_within_a_share(tube, kind, within):
+def test_of_a_shaken_mesh_it_is_found_within_a_share(kind, within):
     position, facets = tube(kind, 24, 6, R, shake=0.15)
     found = bend_radius(position, facets) / R
     assert 1 / within < found.min() < found.max() < within
@@ -287,7 +287,7 @@ def test_of_a_shaken_mesh_it_is_found_within_a_share(tube, kind, within):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_plane_does_not_bend(plate, kind):
+def test_a_plane_does_not_bend(kind):
     position, facets = plate(kind, 4, 3, shake=0.2)
     assert np.isinf(bend_radius(position, facets)).all()
 
@@ -317,7 +317,7 @@ def test_a_fold_of_more_than_30_degrees_is_an_edge_and_no_bend(fold, bends):
         np.testing.assert_allclose(found[beside], 0.5 / np.sin(slope / 2), rtol=0.01)
 
 
-def test_what_is_tighter_than_a_radius_is_that_and_its_sides_lie_on_it(tube):
+def test_what_is_tighter_than_a_radius_is_that_and_its_sides_lie_on_it():
     position, facets = tube("quad8", 24, 4, R)
     assert not tight(position, facets, 0.97 * R).any()
     assert tight(position, facets, 1.03 * R).all()

@@ -20,8 +20,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS
 
 from ..refusals import expect_refusal
-
-KINDS = ("tri3", "tri6", "quad4", "quad8")
+from .conftest import KINDS, bare, plate, tube
 
 
 def long(gauges: Candidates, length) -> Candidates:
@@ -51,7 +50,7 @@ def waves(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)])
-def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake, plate, bare):
+def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake):
     """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field; through corners of cells (45°) and along their edges, too."""
     position, facets = plate(kind, 7, 5, shake)
     rough = shake == 0 or kind == "tri3"
@@ -74,7 +73,7 @@ def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(k
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_grid_fits_where_its_ends_are_on_the_plate(kind, plate, bare):
+def test_a_grid_fits_where_its_ends_are_on_the_plate(kind):
     position, facets = plate(kind, 6, 4, 0.2)
     gauges = long(candidates(bare(position), facets, (1, 0, 0), (0.0, 30.0, 90.0)), 1.7)
     ends = gauges.position[:, None] + np.array([0.85, -0.85])[:, None] * gauges.direction[:, None]
@@ -88,7 +87,7 @@ def test_a_grid_fits_where_its_ends_are_on_the_plate(kind, plate, bare):
     assert "near_edges: 0.85" in e.value.remedy
 
 
-def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
+def test_the_grids_of_a_rosette_fit_together_or_not_at_all():
     position, facets = plate("quad8", 5, 3)
     gauges = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=2.0)
     one = fits(position, replace(gauges, gauge=np.arange(len(gauges))), facets).reshape(-1, 3)
@@ -97,7 +96,7 @@ def test_the_grids_of_a_rosette_fit_together_or_not_at_all(plate, bare):
 
 
 @pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
-def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tube, bare):
+def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind):
     """z = r̂ strains 1/R round the tube and nothing along it: sin²α/R at the angle α from the axis, all along the grid."""
     R = 2.0
     position, facets = tube(kind, 32, 6, R, 0.1)
@@ -110,7 +109,7 @@ def test_round_a_tube_a_grid_reads_the_hoop_strain_and_half_of_it_askew(kind, tu
         np.testing.assert_allclose(rows, expected, atol=0.015 / R)
 
 
-def test_a_grid_does_not_climb_over_a_sharp_edge_and_not_far_round_a_smooth_one(tube, bare):
+def test_a_grid_does_not_climb_over_a_sharp_edge_and_not_far_round_a_smooth_one():
     """Edges of 45° and 22.5°: over the latter a grid runs to the second side, and ends where the third (67.5°) begins."""
     for sides, over in ((8, 0), (16, 2)):
         position, facets = tube("quad4", sides, 3, 1.0)
@@ -121,7 +120,7 @@ def test_a_grid_does_not_climb_over_a_sharp_edge_and_not_far_round_a_smooth_one(
         assert not fits(position, long(gauges, 2 * 1.001 * reach), facets).any()
 
 
-def test_a_rigid_motion_strains_no_grid(tube, bare):
+def test_a_rigid_motion_strains_no_grid():
     position, facets = tube("quad8", 12, 4, 1.0, 0.1)
     gauges = long(candidates(bare(position), facets, (0, 0, 1), (0.0, 50.0)), 0.5)
     gauges = gauges.take(np.flatnonzero(fits(position, gauges, facets)))
@@ -131,7 +130,7 @@ def test_a_rigid_motion_strains_no_grid(tube, bare):
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_units_of_length_do_not_matter(scale, tube, bare):
+def test_units_of_length_do_not_matter(scale):
     position, facets = tube("tri6", 10, 3, 1.0, 0.1)
     z = np.random.default_rng(4).standard_normal((3 * len(position), 2))
     gauges = long(candidates(bare(position), facets, (0, 0, 1), (0.0, 40.0)), 0.8)
@@ -176,7 +175,7 @@ def test_on_one_bent_facet_no_sample_is_nearer(name):
 
 
 @pytest.mark.parametrize("kind", FACET_KINDS)
-def test_points_on_a_surface_are_found_where_they_are(kind, tube):
+def test_points_on_a_surface_are_found_where_they_are(kind):
     position, facets = tube(kind, 12, 3, 1.5, 0.15)
     skin = skin_of(position, facets)
     rng = np.random.default_rng(0)
@@ -193,7 +192,7 @@ def test_points_on_a_surface_are_found_where_they_are(kind, tube):
 
 
 @pytest.mark.parametrize("kind", ["tri3", pytest.param("quad8", marks=pytest.mark.slow)])
-def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
+def test_all_facets_asked_one_by_one_know_none_nearer(kind):
     position, facets = plate(kind, 6, 2, 0.2)
     position = position * [1, 1, 1] + np.column_stack([np.zeros((len(position), 2)), 0.2 * np.sin(3 * position[:, 0])])
     position[:, 0] = position[:, 0] ** 3 / 10
@@ -206,7 +205,7 @@ def test_all_facets_asked_one_by_one_know_none_nearer(kind, plate):
     np.testing.assert_allclose(found.distance, least, rtol=1e-8, atol=1e-10)
 
 
-def test_a_bonded_gauge_lies_on_the_surface_along_its_direction(tube, bare):
+def test_a_bonded_gauge_lies_on_the_surface_along_its_direction():
     R = 1.0
     position, facets = tube("quad8", 40, 4, R)
     entries = [

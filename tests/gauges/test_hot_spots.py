@@ -13,7 +13,7 @@ from strainsight.gauges.zones import NormalCone
 from strainsight.mesh.facets import exterior_facets
 
 from ..bodies import NU, E, body, held, moved
-from .conftest import surface
+from .conftest import surface, tube
 
 SHARE = 0.05
 
@@ -270,7 +270,7 @@ def test_an_edge_of_another_face_does_not_count(box_mesh):
 
 
 @pytest.mark.parametrize("kind", ["quad4", "quad8", "tri3", "tri6"])
-def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(tube, kind):
+def test_a_tube_has_the_rims_at_its_ends_and_no_edge_across(kind):
     position, facets = tube(kind, 24, 5, 2.0)
     place, normal = np.array([[2.0, 0.0, 1.3]]), np.array([[1.0, 0.0, 0.0]])
     found = edge_dimensions(position, facets, facets.key[:1], place, np.array([[0.0, 0.0, 1.0]]), normal)

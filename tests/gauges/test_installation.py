@@ -21,6 +21,8 @@ from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.sensitivity import COMMON, OWN, SECOND, sensitivity_rows
 
+from .conftest import KINDS, bare, plate, tube
+
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
 FIRST = tuple(name for name in (*COMMON, *OWN) if name not in SECOND)
 
@@ -38,7 +40,7 @@ def within(values, std):
     return low < np.sum(np.square(values) / std**2) < high
 
 
-def test_everything_is_drawn_with_its_own_standard_deviation_and_independently(plate, bare):
+def test_everything_is_drawn_with_its_own_standard_deviation_and_independently():
     position, facets = plate("quad4", 40, 30)
     pool = pool_of(position, facets, bare)
     drawn = drawn_installation(pool, STD, np.random.default_rng(3))
@@ -60,7 +62,7 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently(p
     assert np.abs(np.corrcoef(zeros.T)[0, 1]) < 4 / np.sqrt(len(zeros))
 
 
-def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each(plate, bare):
+def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each():
     pool = pool_of(*plate("quad4", 4, 3), bare)
     std = InstallationStd(temperature=5.0, thermal_output=1e-6, thermal_spread=7e-7)
     draws = [drawn_installation(pool, std, np.random.default_rng([8, i])) for i in range(2000)]
@@ -76,7 +78,7 @@ def test_one_temperature_is_read_by_all_gauges_and_a_little_otherwise_by_each(pl
     assert np.ptp(read[:, pool.gauge == 0], axis=1).max() == 0
 
 
-def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain(plate, bare):
+def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain():
     pool = pool_of(*plate("quad4", 4, 3), bare)
     drawn = drawn_installation(replace(pool, bonded=np.ones(len(pool), dtype=bool)), STD, np.random.default_rng(3))
     free = drawn_installation(pool, STD, np.random.default_rng(3))
@@ -87,7 +89,7 @@ def test_bonded_gauges_keep_their_place_and_direction_but_not_their_gain(plate, 
     assert drawn.offset.any()
 
 
-def test_a_few_gauges_are_installed_as_they_are_among_all(plate, bare):
+def test_a_few_gauges_are_installed_as_they_are_among_all():
     position, facets = plate("quad8", 6, 5, 0.1)
     pool = pool_of(position, facets, bare)
     field = np.random.default_rng(0).standard_normal((3 * len(position), 2))
@@ -101,7 +103,7 @@ def test_a_few_gauges_are_installed_as_they_are_among_all(plate, bare):
 
 
 @pytest.mark.parametrize("kind", ["tri3", "quad8"])
-def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_turned_direction(kind, plate, bare):
+def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_turned_direction(kind):
     position, facets = plate(kind, 5, 4, 0.2)
     position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
     pool = pool_of(position, facets, bare)
@@ -117,7 +119,7 @@ def test_homogeneous_strain_is_read_with_gain_and_transverse_sensitivity_in_the_
     np.testing.assert_array_equal(drawn.transverse[~straining], 0.0)
 
 
-def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(plate, bare):
+def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole():
     position, facets = plate("quad4", 5, 4)
     sensors = motion_candidates(bare(position), facets, ACCELERATION, ((1, 0, 0), (0, 1, 0), "normal"))
     drawn = drawn_installation(sensors, InstallationStd(angle=0.3), np.random.default_rng(2))
@@ -133,7 +135,7 @@ def test_an_accelerometer_is_turned_about_the_normal_and_then_tilted_as_a_whole(
         np.testing.assert_allclose(d[i].T, expected, atol=1e-12)
 
 
-def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
+def test_the_variance_of_a_motion_is_that_of_many_installations():
     position, facets = plate("quad8", 7, 6)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 5), axis=1))
@@ -170,7 +172,7 @@ def test_the_variance_of_a_motion_is_that_of_many_installations(plate, bare):
     assert np.mean(squares / claimed) == pytest.approx(1.0, abs=5 * np.sqrt(2 / 100 / pool.gauges))
 
 
-def test_small_errors_of_installation_change_readings_by_their_sensitivities(plate, bare):
+def test_small_errors_of_installation_change_readings_by_their_sensitivities():
     position, facets = plate("quad8", 9, 8)
     pool = pool_of(position, facets, bare)
     inner = np.flatnonzero(np.all((pool.position[pool.first, :2] > 1) & (pool.position[pool.first, :2] < 7), axis=1))
@@ -195,11 +197,10 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities(pla
     assert left[1] == pytest.approx(left[0] / 100, rel=0.2)
 
 
-KINDS = ("tri3", "tri6", "quad4", "quad8")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind, plate, bare):
+def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind):
     position, facets = plate(kind, 8, 6, 0.2)
     gauges = candidates(bare(position), facets, (1, 0.2, 0), (0.0, 35.0))
     rng = np.random.default_rng(0)
@@ -230,7 +231,7 @@ def _crossings(a, b, width, height):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_without_the_surface_it_stops_at_the_edge_of_its_facet(kind, plate, bare):
+def test_without_the_surface_it_stops_at_the_edge_of_its_facet(kind):
     position, facets = plate(kind, 1, 1)
     one = replace(facets, **{n: getattr(facets, n)[:1] for n in ("element_id", "facet", "kind", "nodes", "region")})
     gauges = candidates(bare(position), one, (1, 0, 0))
@@ -242,7 +243,7 @@ def test_without_the_surface_it_stops_at_the_edge_of_its_facet(kind, plate, bare
 
 
 @pytest.mark.parametrize("kind", ["tri6", "quad8"])
-def test_on_a_tube_it_lies_above_its_place_on_the_tangent_plane(kind, tube, bare):
+def test_on_a_tube_it_lies_above_its_place_on_the_tangent_plane(kind):
     R = 2.0
     position, facets = tube(kind, 24, 5, R, 0.1)
     gauges = candidates(bare(position), facets, (0, 0, 1), (20.0,))
@@ -261,7 +262,7 @@ def test_on_a_tube_it_lies_above_its_place_on_the_tangent_plane(kind, tube, bare
     np.testing.assert_allclose(np.sum(moved.direction * moved.normal, axis=1), 0, atol=1e-12)
 
 
-def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not(tube, bare):
+def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not():
     for sides, clipped in ((8, True), (16, False)):
         position, facets = tube("quad4", sides, 1, 1.0)
         half = np.sin(np.pi / sides)
@@ -275,7 +276,7 @@ def test_over_a_sharp_edge_it_is_held_and_over_a_smooth_one_it_is_not(tube, bare
             assert np.all(away > 1.2 * half)
 
 
-def test_a_grid_stays_within_the_edges_by_less_of_the_same(plate, bare):
+def test_a_grid_stays_within_the_edges_by_less_of_the_same():
     position, facets = plate("quad8", 5, 4)
     gauges = candidates(bare(position), facets, (1, 0, 0), length=1.6)
     gauges = gauges.take(np.flatnonzero(np.all(np.isclose(gauges.position, [2.5, 1.5, 0]), axis=1)))
@@ -294,7 +295,7 @@ def test_a_grid_stays_within_the_edges_by_less_of_the_same(plate, bare):
     assert 0.5 < np.rad2deg(np.arccos(tall.direction[0, 0])) < 90
 
 
-def test_a_rosette_moves_as_one(plate, bare):
+def test_a_rosette_moves_as_one():
     position, facets = plate("quad8", 6, 5, 0.2)
     rosettes = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True)
     offset = np.random.default_rng(1).uniform(-1, 1, (rosettes.gauges, 2))
@@ -310,7 +311,7 @@ def test_a_rosette_moves_as_one(plate, bare):
     np.testing.assert_allclose(alone.position, moved.position[::3], atol=1e-14)
 
 
-def test_an_accelerometer_tilts_with_the_surface(tube, bare):
+def test_an_accelerometer_tilts_with_the_surface():
     R = 1.0
     position, facets = tube("quad8", 24, 3, R)
     sensors = motion_candidates(bare(position), facets, ACCELERATION, ("normal", (0, 0, 1)))

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, STRAIN, Candidates, candidates, concatenate
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.rows import channel_rows
 from strainsight.gauges.zones import Box
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import CellBlock
 
 from ..refusals import expect_refusal
+from .conftest import bare
 
 KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
-
-
-def bare_mesh(position: np.ndarray, blocks=()) -> Mesh:
-    ids = np.arange(1, len(position) + 1)
-    return Mesh(ids, position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64))
 
 
 def patch(kind: str, bend: float, seed: int = 0, scale: float = 1.0) -> tuple[np.ndarray, Facets]:
@@ -38,7 +36,7 @@ def patch(kind: str, bend: float, seed: int = 0, scale: float = 1.0) -> tuple[np
 
 
 def bonded(position: np.ndarray, facets: Facets, axis=(1.0, 0.2, 0.0), angles=(0.0,)) -> Candidates:
-    return candidates(bare_mesh(position), facets, axis, angles)
+    return candidates(bare(position), facets, axis, angles)
 
 
 def column(displacement: np.ndarray) -> np.ndarray:
@@ -85,7 +83,7 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
     rng = np.random.default_rng(6)
     position = reference + 0.04 * rng.uniform(-1, 1, reference.shape)
     block = CellBlock(kind.name, np.array([7]), np.arange(len(reference))[None], np.array([1]))
-    mesh = bare_mesh(position, (block,))
+    mesh = replace(bare(position), blocks=(block,))
     facets = exterior_facets(mesh)
     gauges = candidates(mesh, facets, (0.5, 0.3, 0.81), (20.0, 110.0))
     z = rng.standard_normal(position.shape)
@@ -97,24 +95,6 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
         gradient = (z.T @ slope) @ np.linalg.inv(position.T @ slope)
         d = gauges.direction[i]
         assert rows[i] == pytest.approx(d @ gradient @ d, abs=1e-11)
-
-
-@pytest.fixture
-def pool(plate, bare) -> Candidates:
-    position, facets = plate("quad4", 3, 3)
-    rosettes = candidates(bare(position), facets, (1, 0, 0), (0.0, 45.0, 90.0), rosette=True, length=0.1)
-    sensors = motion_candidates(bare(position), facets, ACCELERATION, ("normal", (1, 0, 0), (0, 3.0, 0)), array=2)
-    return concatenate([rosettes, sensors])
-
-
-def test_the_angles_of_a_rosette_are_one_gauge(pool):
-    assert pool.gauges == 18
-    np.testing.assert_array_equal(pool.gauge, np.repeat(np.arange(18), 3))
-    np.testing.assert_array_equal(pool.first, 3 * np.arange(18))
-    np.testing.assert_array_equal(pool.angle[:6], [0, 45, 90, 0, 45, 90])
-    np.testing.assert_array_equal(pool.array, np.repeat([0, 2], 27))
-    np.testing.assert_array_equal(pool.quantity, np.repeat([STRAIN, ACCELERATION], 27))
-    np.testing.assert_array_equal(pool.length, np.repeat([0.1, 0.0], 27))
 
 
 def test_a_triaxial_sensor_on_a_body_in_motion_reads_the_motion_of_its_point(box_mesh):

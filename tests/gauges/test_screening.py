@@ -19,6 +19,7 @@ from strainsight.mesh.facets import exterior_facets
 
 from ..bodies import body, stacked
 from ..refusals import expect_refusal
+from .conftest import tube
 
 
 def on_a_line(x) -> np.ndarray:
@@ -230,7 +231,7 @@ def test_from_aslant_three_edges_of_a_box_are_behind(box_mesh):
 
 
 @pytest.mark.parametrize("kind", ["quad4", "quad8", "tri6"])
-def test_a_tube_seen_across_is_bounded_where_its_skin_turns_away(tube, kind):
+def test_a_tube_seen_across_is_bounded_where_its_skin_turns_away(kind):
     radius, along, around = 2.0, 5, 48
     lines = edge_lines(*tube(kind, around, along, radius))
     seen, _ = seen_from(lines, np.array([1.0, 0.0, 0.0]))

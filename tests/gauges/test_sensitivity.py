@@ -20,8 +20,8 @@ from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 
 from ..fem.test_thin import B, L, T, strip
+from .conftest import KINDS, bare, plate, tube
 
-KINDS = ("tri3", "tri6", "quad4", "quad8")
 NU = 0.3
 
 
@@ -32,7 +32,7 @@ def surface_tensor(G, n):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_in_homogeneous_strain_angle_and_transverse_strain_are_those_of_mohrs_circle(kind, plate, bare):
+def test_in_homogeneous_strain_angle_and_transverse_strain_are_those_of_mohrs_circle(kind):
     position, facets = plate(kind, 5, 4, 0.2)
     position = position @ Rotation.from_rotvec([0.3, -0.2, 0.9]).as_matrix().T
     gauges = candidates(bare(position), facets, (1.0, 0.2, 0.1), (0.0, 35.0, 90.0))
@@ -55,7 +55,7 @@ def test_in_homogeneous_strain_angle_and_transverse_strain_are_those_of_mohrs_ci
 
 
 @pytest.mark.parametrize("length", [0.0, 0.4])
-def test_the_turn_is_the_finite_difference_of_turned_gauges_also_with_grids(length, plate, bare):
+def test_the_turn_is_the_finite_difference_of_turned_gauges_also_with_grids(length):
     position, facets = plate("quad8", 5, 4)
     gauges = candidates(bare(position), facets, (1.0, 0.3, 0.0), (0.0, 50.0), length=length)
     field = quadratic(position, 3)
@@ -83,9 +83,7 @@ def slopes_of_quadratic(direction, ahead, count):
 
 @pytest.mark.parametrize("kind", ["quad8", pytest.param("tri6", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("std", "length"), [(0.01, 0.0), (0.6, 0.2)])
-def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(
-    kind, std, length, plate, bare
-):
+def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to_the_edge(kind, std, length):
     position, facets = plate(kind, 5, 4)
     gauges = candidates(bare(position), facets, (1.0, 0.3, 0.0), (10.0, 70.0), rosette=True, length=length)
     found = sensitivity_rows(position, gauges, quadratic(position, 2), std, facets=facets)
@@ -98,7 +96,7 @@ def test_where_strain_varies_linearly_the_slopes_are_exact_over_facets_and_up_to
         np.testing.assert_allclose(slope, expected, rtol=1e-3, atol=1e-3)
 
 
-def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of_the_place(plate, bare):
+def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of_the_place():
     """ε = (x − x₀)³ with x₀ = 8 m: E[3 (x − x₀ + s)²] = 3 (x − x₀)² + 3σ², far from the slope at the gauge itself."""
     position, facets = plate("quad8", 16, 3)
     z = np.column_stack([(position[:, 0] - 8) ** 4 / 4, 0 * position[:, 1:]])
@@ -112,7 +110,7 @@ def test_the_slope_of_a_cubic_strain_is_its_mean_over_the_normal_distribution_of
         np.testing.assert_allclose(found.across, 0.0, atol=1e-9)
 
 
-def test_second_differences_of_a_quadratic_strain_are_its_second_derivatives(plate, bare):
+def test_second_differences_of_a_quadratic_strain_are_its_second_derivatives():
     """ε = xy, exact here, and (x − x₀)³ nearly; E[(x − x₀)²] is σ² more than at the gauge."""
     position, facets = plate("quad8", 16, 6)
     x, y = position[:, 0], position[:, 1]
@@ -129,7 +127,7 @@ def test_second_differences_of_a_quadratic_strain_are_its_second_derivatives(pla
     np.testing.assert_allclose(InstallationStd(position=std).mean(found)[:, 2], std**2, rtol=0.1)
 
 
-def test_a_gauge_that_an_edge_holds_back_on_one_side_has_no_second_difference_across_it(plate, bare):
+def test_a_gauge_that_an_edge_holds_back_on_one_side_has_no_second_difference_across_it():
     position, facets = plate("quad8", 4, 3)
     gauges = candidates(bare(position), facets, (0, 1, 0))
     z = np.column_stack([0 * position[:, 0], position[:, 1] ** 4 / 4, 0 * position[:, 0]])
@@ -138,7 +136,7 @@ def test_a_gauge_that_an_edge_holds_back_on_one_side_has_no_second_difference_ac
     np.testing.assert_allclose(found.along_across, 0.0, atol=1e-13)
 
 
-def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle(plate, bare):
+def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle():
     """E[ε(α)] = c + R cos 2φ exp(−2σ²) over normal α: less than the strain along the gauge by 2σ²R cos 2φ to second order."""
     position, facets = plate("quad8", 5, 4)
     gauges = candidates(bare(position), facets, (1.0, 0.2, 0.0), (0.0, 30.0))
@@ -153,7 +151,7 @@ def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle(plate, bare):
     np.testing.assert_allclose(mean, exact, rtol=2 * sigma**2)
 
 
-def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain(plate, bare):
+def test_motion_sensors_tilt_about_every_axis_and_have_no_transverse_strain():
     position, facets = plate("quad8", 6, 5, 0.2)
     position = position @ Rotation.from_rotvec([0.4, 0.1, -0.3]).as_matrix().T
     for quantity in (DISPLACEMENT, ACCELERATION):
@@ -199,18 +197,6 @@ def test_no_direction_of_a_fine_sweep_reads_more(modes):
             assert abs((found[f] - near + 90) % 180 - 90) < 0.1
 
 
-def test_a_static_load_gives_the_principal_axis_of_larger_strain():
-    """Eigenvectors of the strain tensor of the plane."""
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        xx, yy, xy = rng.standard_normal(3)
-        values, vectors = np.linalg.eigh([[xx, xy], [xy, yy]])
-        v = vectors[:, np.argmax(np.abs(values))]
-        rows = np.array([xx, (xx + yy) / 2 + xy, yy])[None, :, None]
-        found = np.deg2rad(principal_angles(rows, np.eye(1))[0])
-        assert abs(np.cos(found) * v[1] - np.sin(found) * v[0]) < 1e-8
-
-
 def test_rounding_chooses_no_other_direction():
     rng = np.random.default_rng(3)
     shear, uniform, across = [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [0.0, 0.5, 1.0]
@@ -221,7 +207,7 @@ def test_rounding_chooses_no_other_direction():
     assert found[:, 2].min() >= -90
 
 
-def test_candidates_turned_by_it_read_the_most_on_every_facet(tube, bare):
+def test_candidates_turned_by_it_read_the_most_on_every_facet():
     position, facets = tube("quad8", 12, 4, 1.0, 0.1)
     mesh, rng = bare(position), np.random.default_rng(5)
     field = rng.standard_normal((3 * len(position), 3))

@@ -39,14 +39,8 @@ def zone(name, members, most):
 
 
 PRICE = np.array([3.0, 1.0, 2.5, 0.7, 1.1, 4.0, 0.0, 2.2, 1.3, 0.9, 5.0])
-
-
 PAIRS = np.array([2] * 6 + [1] * 5)
-
-
 NEAR = [(0, 1), (1, 2), (0, 2), (2, 3), (4, 5), (5, 6), (7, 10), (8, 9), (9, 10)]
-
-
 CASES = {
     "count": lambda: Rules(4),
     "fixed": lambda: Rules(4, fixed=(2, 9)),

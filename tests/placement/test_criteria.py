@@ -182,20 +182,6 @@ def test_the_determinant_does_not_know_the_units_of_the_unknowns_and_the_others_
             np.testing.assert_allclose(there.cost / here.cost, units.prod() ** (1 / 3), rtol=1e-9)
 
 
-def test_what_has_no_weight_is_still_reported(case_of):
-    for name in NAMES:
-        scenarios, pools, cost = case_of(name, ("E",))
-        every, _, _ = case_of(name)
-        kept = eliminate(scenarios, 4).kept
-        assert np.isfinite(cost(kept))
-        assert cost(kept) <= cost(eliminate(every, 4).kept) * (1 + 1e-9)
-        blocks = eliminate(scenarios, 4).blocks
-        assert blocks.shape == (7, 1)
-        np.testing.assert_allclose(blocks[-1], cost(kept), rtol=1e-8)
-        with pytest.raises(InfeasibleError):
-            eliminate_from(pools, 2)
-
-
 def two_walks(precision, criterion):
     """Two walks that know nothing of one another, gauge g reads walk g mod 2: P of each is √q / √Σ precision."""
     size = len(precision)

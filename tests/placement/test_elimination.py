@@ -129,7 +129,6 @@ SEVEN = [
     (("Fz",), ("rho",)),
     (("Fz",), ("E", "rho")),
 ]
-
 FOUNDATION = 1e5
 """Stiffness of every unknown displacement and rotation to the ground [N/m, N m]."""
 

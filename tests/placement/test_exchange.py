@@ -380,11 +380,3 @@ def test_gauges_of_several_channels_are_alike_where_they_span_the_same_space():
     assert alike(rows[[0, 1, 3, 4, 6]]) == [(0, 1)]
     assert alike(rows[:4]) == [(0, 1, 2, 3)]
     assert alike(rows[[0, 4]]) == []
-
-
-def test_one_channel_in_a_block_is_a_row():
-    rows = np.random.default_rng(4).standard_normal((30, 2))
-    padded = np.zeros((30, 3, 2))
-    padded[:, 1] = rows
-    assert alike(padded) == alike(rows) == alike(rows[:, None])
-    assert len(alike(rows)) > 1

@@ -129,14 +129,6 @@ def test_what_fits_beside_a_set_what_fills_it_and_who_may_leave_for_whom(case):
             assert not swaps.room[units].any()
 
 
-@pytest.mark.parametrize("case", ["zones", "budget, zone, spacing", "pairs, budget"])
-def test_rows_alike_stand_for_each_other_in_every_limit(case):
-    rules = CASES[case]()
-    for a, b in combinations(range(POOL), 2):
-        alike = rules.limits.alike[a] == rules.limits.alike[b]
-        assert alike == np.array_equal(*rules.limits.rows.toarray()[:, [a, b]].T)
-
-
 @pytest.mark.parametrize("case", [*list(CASES)[::2], *slowly(*list(CASES)[1::2])])
 def test_a_robust_layout_breaks_no_limit_and_no_move_helps(every_cost, case):
     rules = CASES[case]()
