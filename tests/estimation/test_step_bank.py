@@ -145,6 +145,20 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
     assert std < 0.8 * PRIOR
 
 
+@pytest.mark.slow
+def test_its_sigma_holds_over_drawn_truths_where_the_extended_filter_is_overconfident():
+    """RMS of the error over RMS of σ, 100 truths of the model itself: 0.85 to 1.15; the extended filter's is 1.25."""
+    model, (mean, P) = WEAKLY_SEEN, start(WEAKLY_SEEN.walk)
+    draws = [model.drawn(mean, P, np.random.default_rng(7000 + seed)) for seed in range(100)]
+    banks = [filter_constants(bank_of(mean, P, runs_of(model)), y) for _, y in draws]
+    error = np.array([bank.mean[-1, XI] - xi for bank, (xi, _) in zip(banks, draws, strict=True)])
+    std = np.array([bank.std[-1, XI] for bank in banks])
+    assert 0.85 < np.sqrt(np.mean(error**2) / np.mean(std**2)) < 1.15
+    extended = filter_runs(model, mean, P, np.stack([y for _, y in draws], axis=1))
+    off = extended.mean[-1, :, XI] - np.array([xi for xi, _ in draws])
+    assert np.sqrt(np.mean(off**2) / np.mean(extended.std[-1, :, XI] ** 2)) > 1.2
+
+
 @pytest.fixture
 def measured():
     model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:20])

@@ -39,10 +39,6 @@ def bonded(position: np.ndarray, facets: Facets, axis=(1.0, 0.2, 0.0), angles=(0
     return candidates(bare(position), facets, axis, angles)
 
 
-def column(displacement: np.ndarray) -> np.ndarray:
-    return displacement.reshape(-1, 1)
-
-
 def surface_strain(G: np.ndarray, d: np.ndarray) -> np.ndarray:
     """dᵀ sym(G) d for every direction (m, 3)."""
     return np.einsum("mi,ij,mj->m", d, 0.5 * (G + G.T), d)
@@ -55,7 +51,7 @@ def test_a_linear_field_is_read_exactly_on_distorted_and_curved_facets(kind, ben
     position, facets = patch(kind, bend, seed)
     G = np.random.default_rng(seed).standard_normal((3, 3))
     gauges = bonded(position, facets, angles=(0.0, 37.0, 90.0))
-    rows = channel_rows(position, gauges, column(position @ G.T + 3.0))
+    rows = channel_rows(position, gauges, (position @ G.T + 3.0).reshape(-1, 1))
     np.testing.assert_allclose(rows[:, 0], surface_strain(G, gauges.direction), atol=1e-13)
 
 
@@ -72,7 +68,7 @@ def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_
     for offset in ([0.0, 0.0], [0.07, 0.0], [0.0, -0.06], [-0.05, 0.04]):
         x = gauges.position[0] + offset[0] * d + offset[1] * np.cross(n, d)
         slope = np.einsum("i,cij,j->c", d, Q + np.swapaxes(Q, 1, 2), x)
-        rows = channel_rows(position, gauges, column(z), offset=np.array([offset]))
+        rows = channel_rows(position, gauges, z.reshape(-1, 1), offset=np.array([offset]))
         np.testing.assert_allclose(rows[0, 0], slope @ d, atol=1e-12)
 
 
@@ -87,7 +83,7 @@ def test_the_facet_reads_what_the_solid_behind_it_strains(kind):
     facets = exterior_facets(mesh)
     gauges = candidates(mesh, facets, (0.5, 0.3, 0.81), (20.0, 110.0))
     z = rng.standard_normal(position.shape)
-    rows = channel_rows(position, gauges, column(z))[:, 0]
+    rows = channel_rows(position, gauges, z.reshape(-1, 1))[:, 0]
     assert len(gauges) == 2 * len(kind.facets)
     for i in range(len(gauges)):
         facet, local = kind.facets[gauges.facet[i] - 1]

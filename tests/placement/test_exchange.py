@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import weakref
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -333,16 +332,6 @@ def test_twins_are_those_that_may_leave_and_stand_apart_where_they_are_distingui
     apart = Remaining(pools, fixed=[], apart=labels)
     for at in range(8):
         assert apart.twins(at).tolist() == [g for g in range(8) if (same[g], labels[g]) == (same[at], labels[at])]
-
-
-def test_what_a_sharp_gauge_leaves_behind_is_no_rounding():
-    # one gauge of 300 reads one of the states 1e9 times better than the others do
-    rows = np.random.default_rng(1).normal(size=(300, 1, 3))
-    rows[7, 0, 1] = 1e9
-    left = Remaining([SimpleNamespace(rows=rows)], fixed=[])
-    left.remove(7)
-    there = np.delete(rows[:, 0], 7, axis=0)
-    np.testing.assert_allclose(left.gram(0), there.T @ there, rtol=1e-12)
 
 
 def test_noise_that_averages_halves_sigma_with_four_times_the_gauges():
