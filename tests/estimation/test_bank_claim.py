@@ -246,6 +246,11 @@ def test_what_constants_add_is_the_slope_of_the_error():
         np.testing.assert_allclose(budget[name], total, rtol=2e-4, atol=2e-4 * total.max(axis=0).min(), err_msg=name)
     total = slope("stiffer", 1.0) ** 2
     np.testing.assert_allclose(budget["stiffness"] / total.max(axis=0), total / total.max(axis=0), atol=2e-4)
+    sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
+    side_by_side = covariance_recursion(sets, nominal(), forces(), P, constants(model)).std
+    for own, r in enumerate(sets.r):
+        alone = covariance_recursion(replace(model, r=r), nominal(), forces(), P, constants(model)).std
+        np.testing.assert_allclose(side_by_side[:, own], alone[:, 0], rtol=1e-9)
 
 
 @pytest.fixture

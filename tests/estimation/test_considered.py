@@ -268,3 +268,4 @@ def test_an_offset_adds_itself_to_its_channel_and_nothing_else(filters, unknown)
         moved = function(np.hstack([x, b + 1.0]), 3)[0] - value
         np.testing.assert_allclose(moved, np.broadcast_to(slope[..., n:].sum(axis=-1), moved.shape), atol=1e-12)
     np.testing.assert_array_equal(model.step(both, 3)[0][:, n:], b)
+    np.testing.assert_array_equal(model.process(3), np.pad(plain.process(3), (0, len(AT))))
