@@ -95,6 +95,58 @@ def test_simply_supported_solid_plate_fv52(box, kind, counts, published, within)
     assert np.abs(nodal(model, shapes[:, :3])[2::3]).max() < 1e-6 * np.abs(shapes[:, :3]).max()
 
 
+def octant(midsides, mesh_of, layers, inner, outer):
+    """An eighth of a hollow sphere in wedge15, graded geometrically in radius; mid-side nodes on their spheres."""
+    corner, triangles = np.eye(3), [(0, 1, 2)]
+    for _ in range(2):
+        finer = []
+        for a, b, c in triangles:
+            ab, bc, ca = (corner[p] + corner[q] for p, q in ((a, b), (b, c), (c, a)))
+            start = len(corner)
+            corner = np.vstack([corner, ab, bc, ca])
+            finer += [
+                (a, start, start + 2),
+                (start, b, start + 1),
+                (start + 2, start + 1, c),
+                (start, start + 1, start + 2),
+            ]
+        triangles = finer
+    corner /= np.linalg.norm(corner, axis=1)[:, None]
+    corner, index = np.unique(np.round(corner, 12), axis=0, return_inverse=True)
+    triangles = index[np.array(triangles)]
+    radii = np.linspace(inner, outer, layers + 1)
+    position = np.vstack([r * corner for r in radii])
+    cells = np.vstack(
+        [np.hstack([triangles + i * len(corner), triangles + (i + 1) * len(corner)]) for i in range(layers)]
+    )
+    straight, cells = midsides(position, cells, "wedge15")
+    at = np.linalg.norm(straight, axis=1)
+    radius = np.empty(len(straight))
+    radius[: len(position)] = np.repeat(radii, len(corner))
+    grid = np.sort(np.concatenate([radii, 0.5 * (radii[1:] + radii[:-1])]))
+    for pair in cells.reshape(-1, 15):
+        low, high = radius[pair[0]], radius[pair[3]]
+        radius[pair[6:9]], radius[pair[9:12]], radius[pair[12:]] = low, high, 0.5 * (low + high)
+    position = straight / at[:, None] * radius[:, None]
+    return mesh_of(position, [("wedge15", cells, 1)], material=(200e9, 0.3, 8000.0)), radius, grid
+
+
+def test_breathing_of_a_thick_hollow_sphere_fv42(midsides, mesh_of):
+    """NAFEMS FV42: radii 1.8 and 6 m, E 200 GPa, ν 0.3, ρ 8000 kg/m³, against its closed form.
+
+    The octant's matrices are restricted to radial motions u = f(r) e_r, so that only the breathing modes are left.
+    """
+    mesh, radius, grid = octant(midsides, mesh_of, 12, 1.8, 6.0)
+    model = build_model(mesh, supported=False)
+    level = np.argmin(np.abs(radius[:, None] - grid), axis=1)
+    radial = np.zeros((3 * len(radius), len(grid)))
+    for node, direction in enumerate(mesh.position / radius[:, None]):
+        radial[3 * node : 3 * node + 3, level[node]] = direction
+    K, M = model.stiffness.constant, model.mass.constant
+    frequency, _ = modes(sparse.csr_array(radial.T @ (K @ radial)), sparse.csr_array(radial.T @ (M @ radial)), 5)
+    assert np.allclose(frequency, [369.91, 838.03, 1451.2, 2117.0, 2795.8], rtol=2e-3)
+
+
 @pytest.mark.parametrize("length", [40, 400])
 def test_modes_of_one_frequency_are_not_left_to_rounding(length):
     K, M, exact = chain(length)
