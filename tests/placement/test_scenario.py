@@ -122,6 +122,10 @@ def test_every_metric_comes_from_the_same_covariance():
         np.testing.assert_allclose(found.cost["as chosen by"], score(pools, gauges, aggregate), rtol=1e-12)
         spread = (np.diag(blocks[0]) + np.diag(blocks[1])) / 2
         np.testing.assert_allclose(found.std, np.sqrt(spread) * scale, rtol=1e-8)
+    amplitudes, share = np.array([[1e4, 1e3, 2e11], [2e4, 5e2, 1e11]]), np.array([[0.25, 1.0, 0.5], [0.75, 0.0, 0.5]])
+    variances = np.array([np.diag(block) for block in blocks])
+    expected = np.sqrt((share * variances * amplitudes**2).sum(axis=0))
+    np.testing.assert_allclose(scores(by, gauges, unknown, amplitudes, share=share).std, expected, rtol=1e-8)
 
 
 def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(monkeypatch):
