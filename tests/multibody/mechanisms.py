@@ -16,6 +16,16 @@ def extrapolated(values, order):
     return table[0]
 
 
+def differences(function, x, size):
+    """Fourth-order central differences, column by column."""
+    columns = []
+    for unit in np.eye(len(x)):
+        near = function(x + size * unit) - function(x - size * unit)
+        far = function(x + 2 * size * unit) - function(x - 2 * size * unit)
+        columns.append((8 * near - far) / (12 * size))
+    return np.stack(columns, axis=1)
+
+
 def turned(angle):
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])

@@ -19,7 +19,6 @@ from strainsight.multibody.joints import fixed, revolute
 from strainsight.multibody.laws.actuators import follower_force
 from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.sensors import RelationSensor, readings
-from strainsight.multibody.simulate import simulate
 from strainsight.multibody.spectrum import coupled_frequencies
 from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.step import step
@@ -143,64 +142,6 @@ def test_built_in_beam_vibrates_at_the_cantilever_frequencies(beam):
     poles = continuous_poles(system, q, v, np.zeros(0), np.zeros(0), 1e-3)
     frequency = np.sort(poles.imag[poles.imag > 1e-3])
     np.testing.assert_allclose(frequency[:3], [1.8751040687**2, 4.6940911330**2, 7.8547574382**2], rtol=2e-5)
-
-
-def test_spinning_body_stretches_by_its_centrifugal_force(particles):
-    """A mass m on a radial spring k at radius a: k s = m ω²(a + s), in steady rotation."""
-    ring = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-    shapes = np.zeros((8, 3, 1))
-    shapes[6, 0, 0], shapes[7, 0, 0] = 1.0, -1.0
-    cloud = particles(np.array([5.0] * 6 + [0.5] * 2), np.vstack([ring, [[2.0, 0, 0], [-2.0, 0, 0]]]), shapes)
-    k, omega = 40.0, 3.0
-    system = assemble([cloud.flexible("rotor", np.array([[2 * k]]), np.array([[2.0]]))])
-    stretch = 0.5 * omega**2 * 2.0 / (k - 0.5 * omega**2)
-    pose = Pose(spin=np.array([0, 0, omega]), modal=np.array([stretch]))
-    for h, error in ((2e-3, 0.02), (1e-3, 0.01)):
-        run = simulate(system, *state(system, {"rotor": pose}), np.zeros((int(1 / h) + 1, 0)), h, np.zeros(0))
-        assert np.abs(run.q[:, 12] - stretch).max() < error * stretch
-    about_z = sum(5.0 * (r[0] ** 2 + r[1] ** 2) for r in ring) + 2 * 0.5 * (2.0 + run.q[-1, 12]) ** 2
-    spin = run.v[-1, 3:12] @ np.cross([0, 0, 1], run.q[-1, 3:12].reshape(3, 3)).ravel() / 2
-    assert about_z * spin == pytest.approx(omega * (20.0 + (2 + stretch) ** 2), rel=0.01)
-
-
-def momentum(cloud, q, v):
-    """Linear and angular momentum of the particles, their velocities by a complex step."""
-    speed = cloud.places(q + 1e-30j * v).imag / 1e-30
-    place = cloud.places(q)
-    return np.concatenate([cloud.m @ speed, cloud.m @ np.cross(place, speed)])
-
-
-def test_free_flexible_body_keeps_its_momentum_as_the_step_shrinks(random_particles):
-    rng = np.random.default_rng(5)
-    cloud = random_particles(rng)
-    system = assemble([cloud.flexible("potato", np.diag([30.0, 50.0, 80.0]))])
-    pose = Pose(
-        np.ones(3), np.eye(3), rng.normal(size=3), rng.normal(size=3), 0.3 * rng.normal(size=3), rng.normal(size=3)
-    )
-    q, v = state(system, {"potato": pose})
-    drifts = []
-    for steps in (250, 500, 1000):
-        run = simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
-        drifts.append(momentum(cloud, run.q[-1], run.v[-1]) - momentum(cloud, q, v))
-    scale = np.abs(momentum(cloud, q, v)).max()
-    limit = (8 * drifts[2] - 6 * drifts[1] + drifts[0]) / 3
-    assert np.abs(drifts[2]).max() < 0.02 * scale
-    np.testing.assert_allclose(limit, 0, atol=1e-4 * scale)
-
-
-def test_energy_of_a_clamped_mode_decays_as_implicit_euler_must(particles):
-    """E' = E/(1 + h²ω²) at every step, for every mode, and no other damping."""
-    n = 4
-    omega2 = np.array([1.0, 9.0, 100.0, 1e4])
-    cloud = particles(np.ones(n), np.eye(n, 3), np.stack([np.eye(3)[:, [k % 3]] * np.eye(n)[k] for k in range(n)]))
-    body = cloud.flexible("hub", np.diag(omega2), clamped=True)
-    system = assemble([body])
-    rng = np.random.default_rng(0)
-    q, v = rng.normal(size=n), rng.normal(size=n)
-    h = 0.02
-    run = simulate(system, q, v, np.zeros((51, 0)), h, np.zeros(0), "thesis")
-    energy = run.v**2 + omega2 * run.q**2
-    np.testing.assert_allclose(energy[1:], energy[:-1] / (1 + h**2 * omega2), rtol=1e-12)
 
 
 def test_clamped_body_steps_as_its_linear_equations(random_particles):

@@ -20,8 +20,7 @@ from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.forces import Gravity
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
-from strainsight.multibody.joints import revolute, spherical
-from strainsight.multibody.laws.spring import spring
+from strainsight.multibody.joints import spherical
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
 
@@ -35,12 +34,8 @@ from exudyn.FEM import FEMinterface, ObjectFFRFreducedOrderInterface
 from exudyn.itemInterface import (
     Force,
     MarkerBodyPosition,
-    MarkerBodyRigid,
-    MarkerNodeRigid,
     MarkerSuperElementPosition,
-    ObjectConnectorSpringDamper,
     ObjectGround,
-    ObjectJointRevoluteZ,
     ObjectJointSpherical,
     SensorNode,
 )
@@ -207,33 +202,6 @@ def on_nodes(mbs, body, nodes):
 def as_particles(mast, particles):
     """The mast here."""
     return particles(mast.m, mast.x, mast.shapes).flexible("mast", mast.reduced, DAMPING * mast.reduced)
-
-
-@pytest.mark.slow
-def test_flexible_rotor_on_a_hinge(mast, particles):
-    """The mast spins about the z axis of its floating frame, which stays on the hinge, and pulls a spring at its far end."""
-    place, hook = np.array([0.5, -0.2, 0.3]), np.array([1.0, 1.0, 1.0])
-    pose = Pose(place, POSE, np.zeros(3), POSE @ np.array([0.0, 0.0, 5.0]))
-    far = mast.x[-1], mast.shapes[-1]
-    joint = revolute("hinge", Frame("wall", None, place, POSE), Frame("root", "mast"))
-    pull = spring(
-        "spring", Frame("hook", None, hook), Frame("end", "mast", far[0], np.eye(3), far[1]), 30.0, 3.0, 0.4
-    )
-
-    def build(mbs):
-        body, ground = flexible(mbs, mast, pose), mbs.AddObject(ObjectGround())
-        frame = np.block([[POSE, place[:, None]], [0.0, 0.0, 0.0, 1.0]])
-        wall = mbs.AddMarker(MarkerBodyRigid(bodyNumber=ground, localHT=frame))
-        root = mbs.AddMarker(MarkerNodeRigid(nodeNumber=body["nRigidBody"]))
-        mbs.AddObject(ObjectJointRevoluteZ(markerNumbers=[wall, root]))
-        ends = [
-            mbs.AddMarker(MarkerBodyPosition(bodyNumber=ground, localPosition=hook)),
-            on_nodes(mbs, body, mast.end[-1:]),
-        ]
-        mbs.AddObject(ObjectConnectorSpringDamper(markerNumbers=ends, referenceLength=0.4, stiffness=30.0, damping=3.0))
-        return body["nRigidBody"], body["nGenericODE2"]
-
-    agree(run_ours(as_particles(mast, particles), joint, pose, 0.5, pull), *run_theirs(build, 0.5))
 
 
 def test_flexible_rotor_that_hangs_by_its_far_end(mast, particles):

@@ -6,7 +6,6 @@ from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import Gravity, Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
@@ -79,19 +78,6 @@ def angle_of(q):
     return np.arctan2(q[..., 4], q[..., 3])
 
 
-@pytest.mark.parametrize("kind", ["bushing", "spring"])
-def test_a_step_of_mass_spring_and_damper_is_that_of_implicit_euler(kind):
-    """z' = (1 − hA)⁻¹ z with A of ẍ = −(k/m) x − (c/m) ẋ, to rounding, step after step."""
-    system, h = slider(K, C, kind), 0.01
-    q, v = state(system, {"stone": Pose(np.array([0, 0, 0.1]))})
-    run = simulate(system, q, v, np.zeros((51, 0)), h, np.zeros(0), "thesis")
-    once = np.linalg.inv(np.eye(2) - h * np.array([[0, 1], [-K / M, -C / M]]))
-    z = np.array([0.1, 0.0])
-    for q, v in zip(run.q[1:], run.v[1:], strict=True):
-        z = once @ z
-        np.testing.assert_allclose([q[2], v[2]], z, rtol=0, atol=1e-13)
-
-
 @pytest.mark.parametrize(("method", "order"), [("second_order", 2), ("thesis", 1)])
 @pytest.mark.parametrize(("kind", "damping"), [("bushing", C), ("spring", 2 * np.sqrt(K * M)), ("torsion", 100.0)])
 def test_mass_on_spring_and_damper_approaches_its_closed_form_at_the_order_of_the_method(kind, damping, method, order):
@@ -106,34 +92,6 @@ def test_mass_on_spring_and_damper_approaches_its_closed_form_at_the_order_of_th
     exact = (expm(0.5 * np.array([[0, 1], [-K / M, -damping / M]])) @ [0.5, 0.0])[0]
     assert np.log2((ends[2] - exact) / (ends[3] - exact)) == pytest.approx(order, abs=0.04)
     assert extrapolated(ends, order) == pytest.approx(exact, abs=1e-6)
-
-
-def test_a_damper_does_no_work_at_rest(everything):
-    """Held still, the bench has the same forces with dampers as without, and so the same equilibrium."""
-    e = everything
-    light = [f for f in e.system.forces if not isinstance(f, RelativeElement)]
-    elements = [f for f in e.system.forces if isinstance(f, RelativeElement)]
-    still = [RelativeElement(f.name, f.relations, Still(f.law), f.parameters) for f in elements]
-    without = assemble(e.system.bodies, e.system.joints, [*light[:1], *still, *light[1:]])
-    none = np.zeros(e.system.constrained)
-    rest = np.zeros(e.system.size)
-    loads = [balance(s, e.q, rest, rest, none, none, e.u, e.theta, s.at(e.theta)).load for s in (e.system, without)]
-    np.testing.assert_allclose(loads[0], loads[1], rtol=0, atol=1e-12 * np.abs(loads[0]).max())
-    moving = balance(e.system, e.q, e.v, rest, none, none, e.u, e.theta, e.system.at(e.theta)).load
-    assert np.abs(moving - loads[0]).max() > 1e-3 * np.abs(loads[0]).max()
-    found, there = (static_equilibrium(s, e.q, e.u, e.theta)[0] for s in (e.system, without))
-    np.testing.assert_allclose(found, there, rtol=0, atol=1e-9)
-
-
-class Still:
-    """A law whose dampers are left out."""
-
-    def __init__(self, law):
-        self.law = law
-
-    def load(self, rho, rho_dot, theta):
-        F, F_rho, _, F_theta = self.law.load(rho, np.zeros_like(rho), theta)
-        return Load(F, F_rho, None, F_theta)
 
 
 @pytest.mark.parametrize("kind", sorted(LAWS.keys() - {"torque", "actuator"}))

@@ -33,6 +33,8 @@ def pendulum(metre=1.0, kilogram=1.0):
 
 def swing(steps, method="second_order", **units):
     system, q, v = pendulum(**units)
+    if method == "radau":
+        return system, simulate_radau(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
     return system, simulate(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0), method)
 
 
@@ -45,27 +47,13 @@ def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_the_order_of_the_
     np.testing.assert_allclose(extrapolated(ends, order), exact, atol=2e-6)
 
 
-def test_bob_is_right_to_a_tenth_of_a_millimetre_with_steps_of_2_5_ms():
-    assert np.linalg.norm(swing(400)[1].q[-1, 3:5] - [0.98629175, -0.16501085]) < 1e-4
-
-
-@pytest.mark.parametrize("method", ["second_order", "thesis"])
-def test_constraints_hold_to_rounding_in_position_and_velocity(method):
-    system, run = swing(200, method)
+@pytest.mark.parametrize(("method", "steps"), [("second_order", 200), ("thesis", 200), ("radau", 20)])
+def test_constraints_hold_to_rounding_in_position_and_velocity(method, steps):
+    system, run = swing(steps, method)
     for q, v in zip(run.q, run.v, strict=True):
         phi, B = constraints_at(system, q)
         assert np.abs(phi).max() < 1e-14
         assert np.abs(B @ v).max() < 1e-13 * max(1.0, np.abs(v).max())
-
-
-def test_energy_falls_at_every_step_of_implicit_euler_and_not_at_all_as_the_step_shrinks():
-    lost = []
-    for steps in (200, 400):
-        _, run = swing(steps, "thesis")
-        energy = 0.5 * np.sum(run.v[:, 3:6] ** 2, axis=1) + 9.81 * run.q[:, 4]
-        assert np.all(np.diff(energy) < 0)
-        lost.append(energy[0] - energy[-1])
-    assert lost[0] / lost[1] == pytest.approx(2.0, abs=0.1)
 
 
 def test_nothing_depends_on_the_units():
@@ -132,14 +120,6 @@ def test_two_four_bars_pass_their_singular_position_and_are_where_the_reduction_
     np.testing.assert_allclose(extrapolated(ends, 2), exact, atol=1e-7)
 
 
-@pytest.mark.slow
-def test_two_four_bars_are_at_their_published_place_after_ten_seconds():
-    """They pass the singular position many times; steps of 5 ms."""
-    system, q, v = four_bars()
-    run = simulate(system, q, v, np.zeros((2001, 0)), 5e-3, np.zeros(0))
-    np.testing.assert_allclose(run.q[-1, 3:5], [0.3284581115, 0.9445185382], rtol=0, atol=1e-3)
-
-
 def test_third_revolute_joint_of_a_planar_loop_is_refused_by_name():
     rod = np.array([0.5, 0.0])
     bodies = [planar("left", 1.0, rod, 1 / 12), planar("top", 1.0, rod, 1 / 12), planar("right", 1.0, rod, 1 / 12)]
@@ -161,25 +141,12 @@ def test_third_revolute_joint_of_a_planar_loop_is_refused_by_name():
     np.testing.assert_allclose(project_position(assemble(bodies, joints), q), q, atol=1e-14)
 
 
-def radau_swing(steps):
-    system, q, v = pendulum()
-    return system, simulate_radau(system, q, v, np.zeros((steps + 1, 0)), 1.0 / steps, np.zeros(0))
-
-
 def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_fifth_order():
-    ends = [radau_swing(n)[1].q[-1, 3:5] for n in (10, 20, 40, 80)]
+    ends = [swing(n, "radau")[1].q[-1, 3:5] for n in (10, 20, 40, 80)]
     np.testing.assert_allclose(ends[-1], [0.98629175, -0.16501085], atol=1e-8)
     errors = [np.linalg.norm(end - ends[-1]) for end in ends[:-1]]
     assert np.log2(errors[0] / errors[1]) == pytest.approx(5, abs=0.5)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(5, abs=0.5)
-
-
-def test_every_step_ends_on_the_constraints():
-    system, run = radau_swing(20)
-    for q, v in zip(run.q, run.v, strict=True):
-        phi, B = constraints_at(system, q)
-        assert np.abs(phi).max() < 1e-14
-        assert np.abs(B @ v).max() < 1e-13 * max(1.0, np.abs(v).max())
 
 
 def test_a_bench_of_modes_up_to_392_hz_reads_as_by_an_explicit_method():

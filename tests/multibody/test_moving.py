@@ -5,10 +5,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from strainsight.multibody.advance import advance, slopes
-from strainsight.multibody.bearing.law import BearingLaw, Drag, ring_relations
+from strainsight.multibody.bearing.law import BearingLaw, Drag
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.equations import balance
-from strainsight.multibody.forces import Gravity, PointForce, PointMoment, RelativeElement
+from strainsight.multibody.forces import Gravity, PointForce, PointMoment
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import Joint, prismatic, revolute
@@ -19,9 +19,8 @@ from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble
 
 from .bearing.bearings import pitch_bearing
-from .mechanisms import extrapolated, turned
+from .mechanisms import differences, extrapolated, turned
 from .test_drives import angle
-from .test_step import differences
 
 MASS, INERTIA, G = 2.0, 0.7, 9.81
 
@@ -209,15 +208,3 @@ def test_friction_of_a_turning_bearing_is_the_makers_formula_of_what_its_balls_c
         F = law.load(np.concatenate([RING, [x, y]]), np.concatenate([np.zeros(5), [-y, x]]), np.zeros(0)).F
         np.testing.assert_allclose(F[:5], plain, rtol=1e-12)
         assert F[5:] @ [-y, x] == pytest.approx(expected, rel=2e-3)
-
-
-def test_a_ring_spun_in_its_bearing_runs_out_against_seals():
-    """T₀ alone: the spin falls in a straight line, I ω̇ = −T₀, and the ring stays where the preload has it."""
-    ring = RigidBody("ring", 400.0, np.zeros(3), np.diag([500.0, 260.0, 260.0]))
-    outer, inner, drag = Frame("outer"), Frame("inner", "ring"), Drag(moment=200.0, speed=1e-3)
-    element = RelativeElement("bearing", ring_relations(outer, inner, drag), BearingLaw(pitch_bearing(), (), drag))
-    system = assemble([ring], [], [element])
-    q, v = state(system, {"ring": Pose(spin=np.array([2.0, 0, 0]))})
-    run = simulate(system, q, v, np.zeros((101, 0)), 0.02, np.zeros(0))
-    spin = run.q[:, 6] * run.v[:, 8] * 0 + np.linalg.norm(run.v[:, 6:9], axis=1)
-    np.testing.assert_allclose(spin, 2.0 - 0.4 * run.time, atol=2e-3)

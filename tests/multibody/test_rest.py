@@ -15,7 +15,6 @@ from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
 from strainsight.multibody.joints import Joint, fixed, prismatic, revolute, spherical
 from strainsight.multibody.laws.linear import LinearLaw
-from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
@@ -75,26 +74,6 @@ def test_mechanism_that_nothing_holds_is_named():
         static_equilibrium(system, state(system, {})[0], np.zeros(0), np.zeros(0))
 
 
-def test_spring_hangs_by_its_stiffness():
-    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
-    ends = [
-        spring(
-            f"rope {k}",
-            Frame(f"hook {k}", None, np.array([x, 0, z])),
-            Frame(f"eye {k}", "stone", np.array([x, -1.0, z])),
-            300.0,
-            1.0,
-            0.9,
-        )
-        for k, (x, z) in enumerate([(1.0, 0.0), (-0.5, 0.8), (-0.5, -0.8)])
-    ]
-    system = assemble([stone], [], [*ends, DOWN])
-    found, _ = static_equilibrium(
-        system, state(system, {"stone": Pose(np.array([0, -0.1, 0]))})[0], np.zeros(0), np.zeros(0)
-    )
-    np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
-
-
 def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none():
     """1 kg on 1 mN/m beside 1 kg on 100 MN/m: six decades apart; a pendulum held level has no stiffness at all."""
     ground = Frame("ground", None)
@@ -148,18 +127,6 @@ ROD = RigidBody("rod", 1.0, np.array([0.5, 0, 0]), np.diag([0.0, 1 / 3, 1 / 3]))
 
 def frame(name, body, *origin):
     return Frame(name, body, np.array([*origin] or [0, 0, 0], dtype=float))
-
-
-def test_projected_state_satisfies_position_and_velocity_constraints():
-    system = assemble([BALL], [revolute("hinge", frame("wall", None), frame("end", "ball"))])
-    rng = np.random.default_rng(0)
-    q, v = state(system, {"ball": Pose(0.1 * rng.normal(size=3), Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix())})
-    q = project_position(system, q)
-    v = project_velocity(system, q, rng.normal(size=12))
-    phi, B = constraints_at(system, q)
-    assert np.abs(phi).max() < 1e-15
-    assert np.abs(B @ v).max() < 1e-15
-    assert np.linalg.norm(v) > 0.1
 
 
 def test_projection_of_the_velocity_is_the_nearest_in_kinetic_energy_of_the_scale():

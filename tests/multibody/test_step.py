@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.controlled import simulate_controlled
-from strainsight.multibody.equations import balance, input_slopes
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import Pose, constraints_at, state
+from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic
 from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.relations import place
@@ -24,7 +22,7 @@ from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 
 from .test_laws import K, M, slider
-from .test_motion import exact_four_bars, four_bars, pendulum
+from .test_motion import pendulum
 
 STONE = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
 HEIGHT = (place(Frame("centre", "stone"), np.array([0, 0, 1.0])),)
@@ -47,29 +45,6 @@ def test_stone_falls_onto_a_hertz_contact_and_rests_on_it():
     q[2] = 0.05
     run = simulate(system, q, v, np.zeros((401, 0)), 0.01, np.zeros(0))
     assert run.q[-1, 2] == pytest.approx(-((2 * 9.81 / k) ** (2 / 3)), rel=1e-6)
-
-
-def test_the_step_solves_its_equations_whatever_the_guess(everything):
-    e = everything
-    first = step(e.system, e.q, e.v, e.u, 0.02, e.theta)
-    again = step(e.system, e.q, e.v, e.u, 0.02, e.theta, guess=first)
-    np.testing.assert_allclose(again.q, first.q, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(again.v, first.v, rtol=0, atol=1e-10)
-    phi, B = constraints_at(e.system, first.q)
-    assert np.abs(phi).max() < 1e-14
-    assert np.abs(B @ first.v).max() < 1e-13
-
-
-def test_extra_generalised_force_acts_as_the_input_it_imitates(everything):
-    e = everything
-    shifted = e.u + np.array([1.0, 0, 0, 0, 0, 0, 0])
-    by_input = step(e.system, e.q, e.v, shifted, 0.01, e.theta)
-    m = np.zeros(e.system.constrained)
-    at = balance(e.system, by_input.q, by_input.v, 0 * e.v, m, m, e.u, e.theta, e.system.at(e.theta))
-    w = -input_slopes(e.system, at, by_input.q)[:, 0]
-    by_force = step(e.system, e.q, e.v, e.u, 0.01, e.theta, w=w)
-    np.testing.assert_allclose(by_force.q, by_input.q, atol=1e-13)
-    np.testing.assert_allclose(by_force.v, by_input.v, atol=1e-11)
 
 
 def test_force_that_is_not_finite_is_named_with_its_body():
@@ -133,12 +108,6 @@ def test_a_tighter_tolerance_takes_more_parts_and_leaves_less_error():
     assert errors[0] > errors[1] > errors[2]
 
 
-def test_the_four_bars_cross_their_singular_position_in_steps_of_a_tenth():
-    system, q, v = four_bars()
-    found = simulate_controlled(system, q, v, none, 0.1, 10, np.zeros(0), "second_order", 1e-4)
-    np.testing.assert_allclose(found.run.q[-1, 3:5], exact_four_bars(1.0), rtol=0, atol=1e-4)
-
-
 def test_a_load_between_the_steps_is_seen():
     """A push that is over before the first step ends: momentum J moves a mass on a spring by J/(mω) sin ωt."""
     system = slider(K, 0.0)
@@ -162,38 +131,6 @@ def test_what_no_division_makes_as_right_as_asked_for_is_refused_with_its_time()
     q, v = state(system, {"stone": Pose(np.array([0, 0, 0.5]))})
     with pytest.raises(NumericalError, match=r"at t = 0 s the step of 0\.1 s is .* off in 1024 parts"):
         simulate_controlled(system, q, v, none, 0.1, 10, np.zeros(0), "second_order", 1e-14)
-
-
-def differences(function, x, size):
-    """Fourth-order central differences, column by column."""
-    columns = []
-    for unit in np.eye(len(x)):
-        near = function(x + size * unit) - function(x - size * unit)
-        far = function(x + 2 * size * unit) - function(x - 2 * size * unit)
-        columns.append((8 * near - far) / (12 * size))
-    return np.stack(columns, axis=1)
-
-
-@pytest.mark.parametrize(("method", "h"), [("second_order", 0.05), ("thesis", 0.05), ("thesis", 1e-3)])
-def test_slopes_of_an_advance_are_its_differences(everything, method, h):
-    """By the state, the loads at both ends, the parameters and a force, through all stages."""
-    e, rng = everything, np.random.default_rng(3)
-    n, w, u = e.system.size, rng.normal(size=e.system.size), (e.u, e.u + rng.normal(size=len(e.u)))
-    x = np.concatenate([e.q, e.v])
-
-    def after(x, start, end, theta, w):
-        new = advance(e.system, x[:n], x[n:], (start, end), h, theta, method, w)
-        return np.concatenate([new.q, new.v])
-
-    at = [x, *u, e.theta, w]
-    found = slopes(e.system, advance(e.system, e.q, e.v, u, h, e.theta, method, w))
-    named = (found.A, found.B_start, found.B_end, found.B_theta, found.B_w)
-    for k, (exact, size) in enumerate(zip(named, (1e-4, 1e-1, 1e-1, 1e-3, 1e-1), strict=True)):
-        difference = differences(lambda z, i=k: after(*at[:i], z, *at[i + 1 :]), at[k], size)
-        for half in (slice(0, n), slice(n, None)):
-            # of a load before the step Euler knows nothing
-            scale = max(np.abs(exact[half]).max(), 1e-3 * np.abs(found.B_end[half]).max())
-            np.testing.assert_allclose(exact[half], difference[half], rtol=0, atol=1e-7 * scale)
 
 
 MASS, HZ = 2.0, 3.0
@@ -232,14 +169,6 @@ def test_below_the_band_all_modes_are_followed_and_just_above_one_is_not(method)
     inside = np.linspace(0.01, 0.99, 50) * edge
     assert max(relative_error(inside, f, h, method).max() for f in modes) <= SHARE
     assert max(relative_error(np.array([1.02 * edge]), f, h, method)[0] for f in modes) > SHARE
-
-
-def test_the_band_of_second_order_grows_with_the_step_refined_and_ends_at_the_first_mode():
-    modes = np.array([2.1, 40.0])
-    edges = [followed(modes, h, "second_order") for h in (0.1, 0.05, 0.02, 0.005)]
-    assert np.all(np.diff(edges) > 0)
-    assert edges[-1] < 2.1
-    assert followed(modes, 0.02, "thesis") < 0.5 * followed(modes, 0.02, "second_order")
 
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])

@@ -12,8 +12,6 @@ from scipy.integrate import dblquad
 from strainsight.errors import UserError
 from strainsight.multibody.bearing.hertz import (
     contact_ellipse,
-    groove_contact,
-    groove_curvatures,
     peak_pressure,
     point_contact,
 )
@@ -87,41 +85,15 @@ def test_bearings_that_cannot_be_built_are_refused_with_the_value(change, messag
         replace(pitch_bearing(), **change)
 
 
-def test_balls_press_outwards_by_their_mass_and_orbit():
-    bearing = uneven(speed=50.0, density=7850.0)
-    force, slope = bearing.contacts.centrifugal
-
-    def exact(D):
-        orbit = 25 * (1 - D * np.cos(0.75) / 0.5)
-        return np.pi / 6 * 7850 * D**3 * orbit**2 * 0.25
-
-    assert force == pytest.approx(exact(0.06), rel=1e-14)
-    assert slope == pytest.approx((exact(0.06 + 1e-6) - exact(0.06 - 1e-6)) / 2e-6, rel=1e-8)
-
-
 MODULUS = 1.15e11
 
 # F(ρ), a*, b*, δ*: Harris, Rolling Bearing Analysis, 4th edition, table 6.1
 HARRIS = [
     (0.1075, 1.0760, 0.9318, 0.9974),
-    (0.3204, 1.2623, 0.8114, 0.9761),
-    (0.4795, 1.4556, 0.7278, 0.9429),
-    (0.5916, 1.6440, 0.6687, 0.9077),
-    (0.6716, 1.8258, 0.6245, 0.8733),
     (0.7332, 2.011, 0.5881, 0.8394),
-    (0.83495, 2.494, 0.5186, 0.7602),
-    (0.90999, 3.233, 0.4499, 0.6636),
     (0.95738, 4.395, 0.3830, 0.5551),
-    (0.983797, 6.448, 0.3150, 0.4352),
     (0.995112, 10.222, 0.2497, 0.3176),
 ]
-
-
-def test_two_spheres_touch_as_the_circle_of_the_closed_form():
-    R = 0.03
-    K, share = point_contact(1 / R, 1 / R, MODULUS)
-    assert share == pytest.approx(0.5, abs=1e-15)
-    assert pytest.approx(4 / 3 * MODULUS * np.sqrt(R), rel=1e-14) == K
 
 
 @pytest.mark.parametrize(("difference", "a_star", "b_star", "delta_star"), HARRIS)
@@ -184,24 +156,3 @@ def test_pressure_carries_the_force_and_presses_the_centre_in_by_the_approach():
         0, 2 * np.pi, 0, 1, epsabs=0, epsrel=1e-9,
     )  # fmt: skip
     assert lift == pytest.approx(delta, rel=1e-8)
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_slopes_in_ball_and_groove_are_those_of_differences(side):
-    D, r, rest = 0.06, 0.0315, (2.3, np.cos(0.8), side, MODULUS)
-    _, by_ball, by_groove = groove_contact(D, r, *rest)
-    h = 3e-7
-    assert by_ball == pytest.approx(
-        (groove_contact(D + h, r, *rest)[0] - groove_contact(D - h, r, *rest)[0]) / (2 * h), rel=1e-7
-    )
-    assert by_groove == pytest.approx(
-        (groove_contact(D, r + h, *rest)[0] - groove_contact(D, r - h, *rest)[0]) / (2 * h), rel=1e-7
-    )
-
-
-def test_an_inner_raceway_is_convex_and_an_outer_one_concave():
-    D, r, d_m, cosine = 0.06, 0.0315, 0.8, np.cos(0.7)
-    gamma = D * cosine / d_m
-    for side, radius in ((1.0, D / 2 * (1 - gamma) / gamma), (-1.0, -D / 2 * (1 + gamma) / gamma)):
-        along, across = groove_curvatures(D, r, d_m, cosine, side)
-        assert (along, across) == (pytest.approx(2 / D + 1 / radius), pytest.approx(2 / D - 1 / r))

@@ -138,6 +138,26 @@ def bench(free=(), convention="follow", balls=30, preload=1e-5, modulus=False, d
     return Bench(system, sensors, ring, q, theta)
 
 
+def springs(seed=8):
+    """M, C, K of three masses, how a force of three components and two sensors see them."""
+    rng = np.random.default_rng(seed)
+    X = rng.normal(size=(3, 3))
+    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(3))
+    return M, 1e-3 * K, K, rng.normal(size=(3, 3)), rng.normal(size=(2, 3))
+
+
+def spring_step(matrices, known, moving, Q_w, R, method="second_order", corrected=False):
+    """The step of `springs` under a force whose second component is unknown; known (T + 1, 3)."""
+    M, C, K, shape, rows = matrices
+    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
+    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
+    system = assemble([body], [], [force])
+    return AugmentedStep(
+        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), method, known, np.array([1]), moving,
+        parameter_coordinates([], [], np.zeros(0), {}), Q_w, np.zeros(0), R, corrected=corrected,
+    )  # fmt: skip
+
+
 def loads(h, steps, frequency=0.5):
     """Three slow loads [N] (T, 3) at h, 2h, …"""
     t = h * np.arange(1, steps + 1)

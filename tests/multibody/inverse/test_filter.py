@@ -7,17 +7,10 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.verdict import chi_square_band
 from strainsight.multibody.advance import advance
-from strainsight.multibody.bodies import FlexibleBody
-from strainsight.multibody.forces import PointForce
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import constraints_at
 from strainsight.multibody.inverse.loads import walks
-from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.sensors import StrainSensor, readings
-from strainsight.multibody.system import assemble
 
-from .benches import bench, inertia_of, loads
+from .benches import bench, loads, spring_step, springs
 
 ITERATED = {"iterations": 20, "through_step": True}
 PARTS = ["ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right"]
@@ -109,22 +102,6 @@ def test_increments_are_not_halved_for_the_rounding_of_the_cost(monkeypatch):
     monkeypatch.setattr(module, "advance", counted)
     filter_runs(model, x, P, y, form="square_root", **ITERATED)
     assert len(calls) < 3.5 * steps
-
-
-def test_a_run_that_diverges_leaves_the_others_as_they_are():
-    b, h, steps = bench(["ball_diameter"], "fixed", balls=112), 0.3, 6
-    u = loads(h, steps, 0.1)
-    _, y = b.truth(u, h)
-    guess = 1.02 * b.theta
-    model = b.model(h, steps, known=u, free=["b.ball_diameter"], theta=guess, noise=(1e-10, 1e-10))
-    how = {**ITERATED, "damped": False}
-    far = b.start(model, std_xi=model.coordinates.std(guess, 0.02 * guess)[0], theta=guess)
-    near = b.start(model, std_xi=1e-4, theta=b.theta)
-    alone = filter_runs(model, *near, y, **how)
-    both = filter_runs(model, *(np.stack(pair) for pair in zip(near, far, strict=True)), y, **how)
-    assert both.lost[0] == -1
-    assert both.lost[1] > 0
-    np.testing.assert_allclose(both.mean[:, 0], alone.mean[:, 0], atol=1e-9)
 
 
 @pytest.mark.slow
@@ -255,20 +232,11 @@ def step_matrices(M, C, K, shape, h, method):
 )
 def test_springs_alone_are_a_textbook_kalman_filter(how, method):
     """A body on the ground is linear, and its step is a matrix: the filter is Kalman's, coded here by hand."""
-    rng = np.random.default_rng(8)
-    n, h, steps = 3, 0.02, 80
-    X = rng.normal(size=(n, n))
-    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(n))
-    C, shape, rows = 1e-3 * K, rng.normal(size=(3, n)), rng.normal(size=(2, n))
-    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
-    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
-    system = assemble([body], [], [force])
+    h, steps, rng = 0.02, 80, np.random.default_rng(1)
+    M, C, K, shape, rows = springs()
     known = rng.normal(size=(steps + 1, 3))
-    inputs, Q_w, Q_u, R = np.array([1]), np.array([0.2, 0.1, 0.3]), np.array([0.5]), np.array([1e-6, 4e-6])
-    model = AugmentedStep(
-        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), method, known, inputs,
-        walks(np.sqrt(Q_u), h), parameter_coordinates([], [], np.zeros(0), {}), Q_w, np.zeros(0), R,
-    )  # fmt: skip
+    Q_w, Q_u, R = np.array([0.2, 0.1, 0.3]), np.array([0.5]), np.array([1e-6, 4e-6])
+    model = spring_step((M, C, K, shape, rows), known, walks(np.sqrt(Q_u), h), Q_w, R, method)
     y = 1e-2 * rng.normal(size=(steps, 2))
     P0 = np.diag([1e-4] * 6 + [2.0])
     run = filter_runs(model, np.zeros(model.size), model.spread(P0), y, keep="all", **how)

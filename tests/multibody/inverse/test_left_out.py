@@ -8,17 +8,10 @@ from scipy.linalg import expm, solve_continuous_lyapunov
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.bodies import FlexibleBody
-from strainsight.multibody.forces import PointForce
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.inverse.left_out import Start, change_at, linearised
 from strainsight.multibody.inverse.loads import load_process, step_responses
-from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.sensors import StrainSensor, readings
-from strainsight.multibody.system import assemble
 
-from .benches import bench, inertia_of, loads
+from .benches import bench, loads, spring_step, springs
 from .test_filter import ITERATED
 
 N = 3
@@ -31,14 +24,6 @@ PROCESSES = {
     "matern": (Matern(2.0, 1.5), [[0.0, LAMBDA], [-LAMBDA, -2 * LAMBDA]], 3.0**2 * 4 * LAMBDA),
     "oscillator": (Oscillator(2.0), [[0.0, 4 * np.pi], [-4 * np.pi, -0.4 * np.pi]], 3.0**2 * 0.2 * 4 * np.pi),
 }
-
-
-def springs(seed=8):
-    """M, C, K of three masses, how a force of three components and two sensors see them."""
-    rng = np.random.default_rng(seed)
-    X = rng.normal(size=(N, N))
-    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(N))
-    return M, 1e-3 * K, K, rng.normal(size=(3, N)), rng.normal(size=(2, N))
 
 
 def sampled(F, Q, h):
@@ -62,16 +47,10 @@ def test_springs_under_loads_that_move_within_the_step_are_kalmans_filter_of_the
     h, steps = 0.05, 12
     model_of_load, A_c, intensity = PROCESSES[process]
     M, C, K, shape, rows = springs()
-    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
-    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
-    system = assemble([body], [], [force])
     rng = np.random.default_rng(1)
     known, R = rng.normal(size=(steps + 1, 3)), np.array([1e-6, 4e-6])
     moving = load_process([model_of_load], [3.0], [2.5], h)
-    model = AugmentedStep(
-        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), method, known, np.array([1]), moving,
-        parameter_coordinates([], [], np.zeros(0), {}), np.zeros(N), np.zeros(0), R, corrected=True,
-    )  # fmt: skip
+    model = spring_step((M, C, K, shape, rows), known, moving, np.zeros(N), R, method, corrected=True)
     k, n = len(A_c), 2 * N
     y = 1e-2 * rng.normal(size=(steps, 2))
     P = np.diag([1e-4] * n + [2.0] * k)
@@ -194,23 +173,6 @@ def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(me
         off = np.linalg.norm(d * (A[: model.v.stop, at] - difference))
         assert off < 0.02 * np.linalg.norm(d * difference)
         assert off < 0.1 * np.linalg.norm(d * (plain[: model.v.stop, at] - difference))
-
-
-def test_a_linearisation_serves_while_the_bench_stays_where_it_is():
-    """Twice as long each time, and one step once it was far off: here by the loads that stiffen the contacts."""
-    b, h = bench(), 0.02
-    model = b.model(h, 12, load=1e3, corrected=True, rest=False)
-    x, _ = b.start(model)
-    serves = []
-    for k in range(10):
-        if k == 5:
-            x[model.u] = [2e4, -1e4, 3e4]
-            x[model.v] += 1e-2
-            x = model.projected(x[None], 0)[0]
-        model.begin(x[None], k)
-        serves.append(model._begun[0].serves)
-    assert serves[:7] == [1, 2, 2, 4, 4, 4, 4]
-    assert serves[7] == 1
 
 
 def test_what_is_left_out_of_a_short_step_is_of_third_order():

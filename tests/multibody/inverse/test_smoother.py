@@ -15,17 +15,10 @@ from strainsight.cases.bench.inverse.truth import drawn
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.orthogonal_smoother import smooth_first
 from strainsight.estimation.smoother import smooth
-from strainsight.multibody.bodies import FlexibleBody
 from strainsight.multibody.equations import balance
-from strainsight.multibody.forces import PointForce
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.inverse.loads import load_process, walks
-from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.sensors import StrainSensor, readings
-from strainsight.multibody.system import assemble
 
-from .benches import bench, inertia_of
+from .benches import bench, spring_step, springs
 from .test_filter import ITERATED, step_matrices
 
 
@@ -44,19 +37,10 @@ def least_squares(maps, offsets, rows, y, noise):
 @pytest.mark.parametrize("how", [{}, ITERATED], ids=["one shot", "through the step"])
 def test_springs_are_the_least_squares_solution_over_all_samples(how):
     """Steps by hand; velocities known at the start and one mass undisturbed, so that P and P⁻ are singular; a sample missing."""
-    rng = np.random.default_rng(8)
-    n, h, steps = 3, 0.02, 40
-    X = rng.normal(size=(n, n))
-    M, K = np.diag([2.0, 1.0, 0.5]), 4e3 * (X @ X.T + np.eye(n))
-    C, shape, rows = 1e-3 * K, rng.normal(size=(3, n)), rng.normal(size=(2, n))
-    body = FlexibleBody("body", True, K, M, C, inertia_of(M, 3.0))
-    force = PointForce("F", Frame("end", "body", displacement=shape, rotation=0 * shape), np.eye(3), ["x", "y", "z"])
-    system = assemble([body], [], [force])
+    h, steps, rng = 0.02, 40, np.random.default_rng(1)
+    M, C, K, shape, rows = springs()
     known, Q_w, R = rng.normal(size=(steps + 1, 3)), np.array([0.2, 0.0, 0.3]), np.array([1e-6, 4e-6])
-    model = AugmentedStep(
-        system, readings(system, [StrainSensor("s", "body", rows)]), np.zeros(2), "second_order", known, np.array([1]),
-        walks(np.array([0.7]), h), parameter_coordinates([], [], np.zeros(0), {}), Q_w, np.zeros(0), R,
-    )  # fmt: skip
+    model = spring_step((M, C, K, shape, rows), known, walks(np.array([0.7]), h), Q_w, R)
     y = 1e-2 * rng.normal(size=(steps, 2))
     y[7, 1] = y[8] = np.nan
     std = np.array([1e-2] * 3 + [0.0] * 3 + [1.5])
@@ -115,25 +99,6 @@ def test_on_constraints_and_from_a_wide_start_sigma_keeps_its_digits(corrected):
     sigma = least_squares(maps, np.zeros((steps + 1, n)), run.rows[:, 0], 0 * y[:, 0], np.sqrt(model.R))[1]
     np.testing.assert_allclose(found.std[:, 0, model.u], sigma[:, model.u], rtol=1e-6)
     np.testing.assert_array_equal(found.mean[-1], run.mean[-1])
-
-
-@pytest.mark.slow
-def test_sigma_of_drawn_loads_holds_and_is_smaller():
-    """Six truths of the filter's own model."""
-    b, h, steps = bench(), 0.02, 25
-    model = b.model(h, steps, load=3e3, noise=(1e-8, 1e-8), white=1e-3, corrected=True)
-    x, P = b.start(model, std_u=1e4, spread=1e-3)
-    scores, shares = [], []
-    for seed in range(6):
-        real = drawn(model, x[None], P[None], np.zeros((steps + 1, 3)), 1, seed)
-        y = real.readings + np.sqrt(model.R) * np.random.default_rng((seed, 7)).normal(size=real.readings.shape)
-        run = filter_runs(model, x, P, y, "first", form="square_root", project=model.projected, **ITERATED)
-        found = smooth_first(model, run)
-        scores.append((found.mean[:, 0, model.u] - real.inputs[:, 0]) / found.std[:, 0, model.u])
-        shares.append(found.std[1:-1, 0, model.u] / run.std[1:-1, 0, model.u])
-    assert 0.85 < np.sqrt(np.mean(np.square(scores))) < 1.15
-    assert np.max(shares) < 1 + 1e-6
-    assert np.mean(shares) < 0.7
 
 
 def test_of_several_runs_the_first_is_smoothed_as_it_is_alone():
@@ -195,17 +160,22 @@ def drawn_loads(seed):
     return loads
 
 
-def motion(b, loads, time):
-    """Readings (T, m) at time (T,) from M v̇ + c + f = Bᵀλ and B v̇ + Ḃv = 0 by an explicit method of eighth order."""
+def rate_of(b, load):
+    """ẋ(t, x) of M v̇ + c + f = Bᵀλ and B v̇ + Ḃv = 0 under load(t) (3,)."""
     n, m, elastic = b.system.size, b.system.constrained, b.system.at(b.theta)
     still, none = np.zeros(n), np.zeros(m)
 
     def rate(t, x):
-        at = balance(b.system, x[:n], x[n:], still, none, none, loads([t])[0], b.theta, elastic)
+        at = balance(b.system, x[:n], x[n:], still, none, none, load(t), b.theta, elastic)
         KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
         return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
 
-    start = np.concatenate([b.q, still])
+    return rate
+
+
+def motion(b, loads, time):
+    """Readings (T, m) at time (T,) by an explicit method of eighth order."""
+    n, start, rate = b.system.size, np.concatenate([b.q, 0 * b.q]), rate_of(b, lambda t: loads([t])[0])
     found = solve_ivp(rate, (0, time[-1]), start, "DOP853", rtol=1e-6, atol=1e-9, t_eval=time).y.T
     return np.array([b.sensors.read(x[:n], x[n:])[0] for x in found])
 
@@ -236,16 +206,10 @@ def test_sigma_of_loads_holds_at_steps_of_10_20_and_50_ms_and_that_of_implicit_e
 
 def walked(b, u, h):
     """Readings (N, m) every h under loads u (N + 1, 3), straight between, by the same method of eighth order in steps of h."""
-    n, m, elastic = b.system.size, b.system.constrained, b.system.at(b.theta)
-    still, none, stages = np.zeros(n), np.zeros(m), np.empty((DOP853.n_stages + 1, 2 * n))
-    x, found = np.concatenate([b.q, still]), []
+    n, x, found = b.system.size, np.concatenate([b.q, 0 * b.q]), []
+    stages = np.empty((DOP853.n_stages + 1, 2 * n))
     for first, last in pairwise(u):
-
-        def rate(t, x, first=first, last=last):
-            at = balance(b.system, x[:n], x[n:], still, none, none, first + (last - first) * t / h, b.theta, elastic)
-            KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
-            return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
-
+        rate = rate_of(b, lambda t, first=first, last=last: first + (last - first) * t / h)
         x, _ = rk_step(rate, 0.0, x, rate(0.0, x), h, DOP853.A, DOP853.B, DOP853.C, stages)
         found.append(b.sensors.read(x[:n], x[n:])[0])
     return np.array(found)
