@@ -9,24 +9,15 @@ import numpy as np
 import pytest
 
 from strainsight.report.arrays import History
-from strainsight.report.bench.data import (
-    BenchEstimate,
-    BenchPlacement,
-    BenchRun,
-    BenchSensor,
-    BenchUnknown,
-)
-from strainsight.report.bench.figures import Line, ratio_figure, unknown_figure
+from strainsight.report.bench.data import BenchEstimate, BenchMotion, BenchRun, BenchSensor, BenchStress, BenchUnknown
+from strainsight.report.bench.figures import ratio_figure
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
-from strainsight.report.bench.tables import placement_table
-from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
 from strainsight.report.suite.results import RED, counts
 from strainsight.report.suite.statements import measured, statements_table
-from strainsight.report.suite.studies import study_figures
 
 from ...models import compute_once
 from ..outline import names_of_regions, whole, words
@@ -35,11 +26,8 @@ TIME = np.linspace(0.0, 2.0, 41)
 TRUE = 1e4 * np.sin(3 * TIME)
 
 
-def load(error=0.01, name="F$z", there=None, truth=True, lost_from=None):
-    mean = TRUE * (1 + error)
-    if lost_from is not None:
-        mean = np.where(np.arange(len(mean)) < lost_from, mean, np.nan)
-    history = History(name, "N", TIME, TRUE if truth else None, mean, np.full(len(TIME), 50.0))
+def load(error=0.01, there=None, truth=True):
+    history = History("F$z", "N", TIME, TRUE if truth else None, TRUE * (1 + error), np.full(len(TIME), 50.0))
     return BenchUnknown("input", history, there=there)
 
 
@@ -48,18 +36,12 @@ def sensor(name="relative", off=0.0, used=True):
     return BenchSensor(name, TIME[1:], measured, measured * (1 + off), ("x", "y", "tilt y"), ("m", "m", "rad"), used)
 
 
-def run(label="a", error=0.01, at=None, group="", study="s", unknowns=None, **more):
+def run(label="a", error=0.01, **more):
     numbers = {"error.F$z": error, "std.F$z": 0.02, "nis": 0.9, "expected_nis": 0.8, "method": "iterated"} | more
     estimate = BenchEstimate(
-        TIME,
-        (load(error),) if unknowns is None else unknowns,
-        (sensor(off=error),),
-        (),
-        np.ones(len(TIME) - 1),
-        np.full(len(TIME), 1e-16),
-        numbers,
+        TIME, (load(error),), (sensor(off=error),), (), np.ones(len(TIME) - 1), np.full(len(TIME), 1e-16), numbers
     )
-    return BenchRun(label, label, study=study, group=group, at=at, reached="estimate", estimate=estimate)
+    return BenchRun(label, label, study="s", reached="estimate", estimate=estimate)
 
 
 def suite(runs, claims=(), over=None, numbers=()):
@@ -132,21 +114,6 @@ def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_an
     assert "Loads &lt;move&gt;." in page
 
 
-def test_every_number_of_a_statement_keeps_its_exact_value_and_its_unit_is_text():
-    found = claim(1.0, 2.5, 1 / 3, 4.0, above=0.25, unit="<b>")
-    page = statements_table(suite([run("one")], (found,)))
-    assert {float(value) for value in re.findall(r'<data value="([^"]+)"', page)} >= {1 / 3, 4.0, 0.25}
-    assert "0.3333 to 4 <b> ( 4 numbers)" in words(page.replace("&lt;b&gt;", "⟨b⟩")).replace("⟨", "<").replace("⟩", ">")
-    assert "<b>" not in page
-
-
-def test_a_filter_that_diverged_leaves_a_gap():
-    drawing = unknown_figure("k", "t", "input", [Line("", load(lost_from=20).history)])
-    assert b"nan" not in drawing.svg.lower().replace(b"finance", b"")
-    nothing = unknown_figure("k", "t", "input", [Line("", load(lost_from=0).history)])
-    assert nothing.svg
-
-
 def test_the_ratio_of_two_loads_is_drawn_where_it_means_something():
     unknown = load(error=0.0, there=4 * TRUE, truth=False)
     drawing = ratio_figure("k", "t", [("", unknown)])
@@ -166,37 +133,6 @@ def test_a_sensor_s_mismatch_is_the_rms_of_what_is_left_over_that_of_the_reading
     assert "x 2.0\u00a0%" in components_figure("k", "t", sensor(off=0.02)).caption
 
 
-def test_a_study_is_drawn_over_what_it_varies_a_line_a_group_zero_beside_the_logarithms():
-    runs = [
-        run(f"{group} {at}", error, at, group)
-        for group, factor in (("iterated", 1e-6), ("one-shot", 1.0))
-        for at, error in ((0.0, 1e-3 * factor), (0.01, 2e-3 * factor), (0.1, 3e-3 * factor), (1.0, 5e-3 * factor))
-    ]
-    drawings = compute_once(study_figures, suite(runs, over="estimate.h"), suite(runs, over="estimate.h").studies[0])
-    sweep = drawings[0]
-    text = sweep.svg.decode()
-    assert "estimate.h" in text
-    assert {">0<", ">0.01<", ">0.1<", ">1<"} <= set(re.findall(r">[\d.]+<", text))
-    assert all(f">{group}<" in text for group in ("iterated", "one-shot"))
-    assert "0.01 0.002" in sweep.alt
-    # eight runs do not fit into one figure: a pair a group
-    assert [drawing.title for drawing in drawings[1:]] == [
-        f"{what} ({group})"
-        for group in ("iterated", "one-shot")
-        for what in ("F$z: estimate", "relative: measured against estimated")
-    ]
-
-
-def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
-    placement = BenchPlacement(
-        np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, {}, {"F": "N"},
-        Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace")), np.array([1.5, 2.0, np.inf]),
-        {"F": np.array([1e3, 2e3, np.inf])},
-    )  # fmt: skip
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement))
-    assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]
-
-
 def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
     runs = [run("<a>"), run("b", **{"identified.F$z": False}), BenchRun("c", "c", study="s", reached="simulate")]
     own = suite(runs, (claim(1.0, above=2.0),))
@@ -208,3 +144,14 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         assert len(names_of_regions(whole(page))) > 2
         assert not re.search(r"<a>|<v>|<statement>", page)
         assert "F$z: not identified." in page
+
+
+def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
+    motion, largest = BenchMotion(TIME, {}, (), (), {"band": 0.39642}), np.where(TIME == 1.0, 58.68e6, 1e7)
+    hubs = BenchRun("hubs", "hubs", motion=motion, stress=BenchStress("hub", TIME, largest, 6338, 40e6))
+    page = bench_page(hubs, compute_once(bench_figures, hubs), ())
+    assert "✕ stress beyond the allowable – hubs" in page
+    answer = page[page.index('class="answer"') :]
+    share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
+    assert float(share[1]) == pytest.approx(58.68 / 40)
+    assert answer.index('class="bad">Stress on hub: at most') < share.start() < answer.index("The time step follows loads")

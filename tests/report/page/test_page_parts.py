@@ -65,22 +65,6 @@ def test_a_unit_is_that_of_the_exact_value_not_of_the_shown_one():
     assert "data-unit" not in share(0.1) + measure(1.0)
 
 
-def test_a_table_is_found_by_its_name_and_so_is_its_region():
-    text = table(
-        "gauges", ("a", "b"), [("1", "2")], title="<h2>Title</h2>", caption="said", numeric=(1,), foot=("x", "y")
-    )
-    outline = Outline(text)
-    assert names_of_regions(outline) == ["table: gauges"]
-    (region,) = [attributes for _, attributes in outline.seen if "data-table" in attributes]
-    assert (region["data-table"], region["tabindex"]) == ("gauges", "0")
-    # What the script puts its buttons into stands right before the region.
-    assert '<div class="over"><h2>Title</h2><p class="note">said</p></div><div class="scroll" data-table' in text
-    assert [words for words in outline.text if words.strip()] == ["Title", "said", "a", "b", "1", "2", "x", "y"]
-    assert text.index("</tbody>") < text.index("<tfoot>")
-    assert '<th scope="col" class="n">b</th>' in text
-    assert '<td class="n">2</td>' in text
-
-
 def test_names_and_units_come_out_escaped():
     text = table(HOSTILE, (), []) + measure(1.0, HOSTILE) + pairs(HOSTILE, [(HOSTILE, HOSTILE)])
     outline = Outline(text)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from strainsight.report.picture.geometry import mesh_lines, seen_from, triangles, views
-from strainsight.report.picture.layout import Arm, Gauge
-from strainsight.report.picture.markers import marker
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 
@@ -74,24 +70,3 @@ def test_a_sensor_without_a_normal_is_not_hidden_by_the_facet_it_sits_on(beam):
     triangle, eye = triangles(beam.faces), np.array([0.3, -0.7, 0.65])
     place = np.array([[1.0, 0.03, 0.12], [1.0, 0.03, 0.0]])
     assert seen_from(beam.points, triangle, place, np.zeros((2, 3)), eye / np.linalg.norm(eye)).tolist() == [1, 0]
-
-
-AT, UP = np.array([0.3, 0.02, 0.12]), np.array([0.0, 0.0, 1.0])
-X = np.array([1.0, 0.0, 0.0])
-
-
-def sensor(kind, directions, normal=UP):
-    directions = np.atleast_2d(directions)
-    return Gauge("G1", 1, 1, AT, directions[0], np.asarray(normal), 0.0, kind=kind, directions=directions)
-
-
-def test_a_bridge_is_a_bar_at_each_of_its_arms():
-    down = AT - 0.2 * UP
-    arms = (Arm(AT, X, UP, 1, 7, 1), Arm(down, np.array([0.0, 1, 0]), -UP, -1, 8, 2))
-    one, other = marker(replace(sensor("bridge", X), arms=arms), 0.1)
-    for bar, arm in ((one, arms[0]), (other, arms[1])):
-        assert np.ptp(bar.points @ arm.direction) == pytest.approx(0.1)
-        np.testing.assert_allclose(
-            (np.min(bar.points, axis=0) + np.max(bar.points, axis=0)) / 2, arm.position, atol=2e-3
-        )
-        assert np.max((bar.points - arm.position) @ arm.normal) > 0

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import io
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from strainsight.errors import StrainsightError
 from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.picture import scene
 from strainsight.report.picture.markers import arrow, free_end
@@ -50,22 +48,6 @@ def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
     for colour in (*map(gauge_colour, range(len(shown.gauges))), *more):
         wanted = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
         assert np.sum(np.all(pixels[..., :3] == wanted, axis=2)) > 50
-
-
-def test_a_large_pool_is_thinned_and_a_small_one_is_not(beam):
-    assert len(scene.thinned(replace(beam, pool=np.zeros((100_000, 3)))).pool) == scene.DOTS
-    np.testing.assert_array_equal(scene.thinned(beam).pool, beam.pool)
-
-
-def test_a_crash_of_the_renderer_becomes_an_error_that_names_the_packages(beam, monkeypatch, tmp_path):
-    crash = tmp_path / "python"
-    crash.write_text("#!/bin/sh\necho 'Failed to load EGL!' >&2\nkill -SEGV $$\n")
-    crash.chmod(0o755)
-    monkeypatch.setattr(sys, "executable", str(crash))
-    with pytest.raises(StrainsightError, match="could not be rendered") as caught:
-        scene.render(beam)
-    assert "libegl1 libegl-mesa0 libgl1-mesa-dri libgl1" in str(caught.value)
-    assert "Failed to load EGL!" in str(caught.value)
 
 
 def test_labels_of_a_cluster_do_not_overlap():

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from strainsight.report.datum import Frame
-from strainsight.report.picture.layout import Arm
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_table
 
@@ -24,24 +23,6 @@ def rows(report):
             found += [{}] * (i == len(found))
             found[i] = found[i] | dict(zip(names, cells, strict=True))
     return found
-
-
-def test_the_arms_of_a_bridge_stand_below_one_another_with_their_signs(full):
-    report = full()
-    first, *others = report.layout.gauges
-    up = np.array([0.0, 0.0, 1.0])
-    arms = (
-        Arm(first.position, first.direction, up, 1, 1201, 2),
-        Arm(first.position - 0.1 * up, np.array([0.0, 1.0, 0.0]), -up, -1, 1300, 1),
-    )
-    gauges = (replace(first, kind="bridge", arms=arms), *others)
-    row, other, *_ = rows(replace(report, layout=replace(report.layout, gauges=gauges)))
-    assert row["kind"] == "bridge|+ −"
-    assert (row["element"], row["facet"]) == ("1201|1300", "2|1")
-    assert row["direction"].split("|")[1] == "0 1 0"
-    high, low = (float(z.replace("−", "-")) for z in row["z [m]"].split("|"))
-    assert high - low == pytest.approx(0.1)
-    assert "|" not in other["element"] + other["x [m]"]
 
 
 def test_peaks_stand_against_ranges_in_the_units_of_the_instruments(mixed):

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from strainsight.report.page.document import own
-from strainsight.report.placement.data import Benefit, OtherFilter
-from strainsight.report.placement.figures import placement_figures, signal_figure
+from strainsight.report.placement.data import Benefit
+from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.section import script
 
 from ...models import compute_once
 from ...shared import slowly
 from ..conftest import report as whole_report
-from ..outline import HOSTILE, Outline, names_of_regions, nothing_comes_from_outside, own_scripts, renamed, whole, words
+from ..outline import HOSTILE, Outline, nothing_comes_from_outside, own_scripts, renamed, whole, words
 
 PNG = b"\x89PNG not really"
 
@@ -39,15 +39,10 @@ def first_screen(text):
     return text[text.index('<p class="answer"') : text.index("</section>", text.index('id="answer"'))]
 
 
-def test_the_page_is_well_formed_and_every_identifier_is_its_own(full, mixed):
-    for text in (page(full()), page(mixed())):
-        outline = whole(text)
-        assert "warnings" in outline.targets
-        assert len(names_of_regions(outline)) > 5
-
-
-def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(full):
-    outline = nothing_comes_from_outside(page(full()))
+def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(full, mixed):
+    whole(page(mixed()))
+    outline = whole(page(full()))
+    assert "warnings" in outline.targets
     assert [attributes["src"][:22] for tag, attributes in outline.seen if tag == "img"] == ["data:image/png;base64,"]
     assert own_scripts(outline) == [own("page/tables.js"), script()]
 
@@ -71,13 +66,6 @@ def test_the_exact_numbers_stand_on_the_first_screen(full):
     for phrase in ("not identified (the measurements hardly narrow it)", "Temperature.", "1 warning : read it"):
         assert phrase in said
     assert "G1 and G2 are 200 mm apart." in page(report).split('id="warnings"')[1]
-
-
-def test_no_number_of_the_first_screen_stands_outside_its_exact_value(full, mixed, bare):
-    for report in (full(), mixed(), bare, full(unknowns=(), histories=(), random_sets=(), noise=(), repeats=())):
-        text = re.sub(r"<data .*?</data>", "", first_screen(page(report)))
-        text = re.sub(r'<span class="badge".*?</span>', "", text)  # G1: a name
-        assert not re.search(r"\d", words(text)), words(text)
 
 
 def observed(full, **changes):
@@ -108,42 +96,6 @@ def test_what_was_asked_for_and_is_lost_is_reported_loudly(full):
     assert '<strong class="bad">' in first_screen(page(full(cases=asked)))
     assert observed(full, cases=(), unknowns=(load, modulus)) == "All unknowns are observable."
     assert observed(full, cases=(), unknowns=(load, replace(modulus, expected_std=None))) is None
-
-
-def section_of_budget(text):
-    return text.split("<h2>What the uncertainty is made of</h2>")[1].split("<h2>")[0]
-
-
-def test_every_share_of_the_variance_is_as_wide_as_it_is_and_stands_in_words_and_numbers(full, bare):
-    report = full()
-    text = section_of_budget(page(report))
-    exact = [float(value) for value in re.findall(r'<data value="([^"]+)"', text)]
-    assert sorted(exact) == sorted(value for shares in report.budget.values() for value in shares.values())
-    bars = re.findall(r'<div class="bar" role="img" aria-label="([^"]+)">(.*?)</div>', text)
-    for (said, pieces), (name, shares) in zip(bars, report.budget.items(), strict=True):
-        width = [float(value) for value in re.findall(r"width:([\d.]+)%", pieces)]
-        assert sorted(width) == pytest.approx(sorted(100 * value for value in shares.values() if value > 0.01))
-        largest = max(shares, key=shares.get)
-        assert said.startswith(f"Variance of {name}: {largest} ")
-        assert all((source in said) == (value > 0.01) for source, value in shares.items())
-    assert "What the uncertainty is made of" not in page(bare)
-
-
-def test_other_filters_stand_beside_the_bank_with_their_verdicts(full, bare):
-    beside = (
-        OtherFilter("E", "Pa", "bank", 2.1e11, 0.01, 1.0),
-        OtherFilter("E", "Pa", "extended", 2.2e11, 0.004, 11.6, "overconfident"),
-        OtherFilter("<b>&", "Pa", "sigma-point", np.nan, np.nan, np.nan, "overconfident"),
-    )
-    text = page(full(filters=beside)).split("<h2>By other filters</h2>")[1].split("<h2>")[0]
-    shown = [words(row) for row in re.findall(r"<tr>(.*?)</tr>", text)]
-    assert "✓" not in shown[1]
-    assert "✕" not in shown[1]
-    assert "✕ overconfident" in shown[2]
-    assert "11.6" in shown[2]
-    assert "✕ overconfident" in shown[3]
-    assert "<b>&" not in text
-    assert "By other filters" not in page(full()) + page(bare)
 
 
 def test_what_does_not_hold_leads_the_page_and_its_headline(full):
@@ -200,15 +152,6 @@ def test_a_placement_without_validation_bound_or_picture_has_a_page(bare):
         assert missing not in text.split("</style>")[1]
 
 
-def test_a_page_of_every_kind_of_sensor(mixed):
-    signals = mixed().gauge_signals[1:6]
-    text = page(mixed(gauge_signals=signals, histories=(), random_sets=(), noise=(), repeats=(), posteriors=()), drawn=True)
-    Outline(text)
-    assert "6 sensors, 2 of them bonded already, chosen from 30 candidates" in words(text)
-    assert "<h2>Readings</h2>" in text
-    assert text.index("Gauge G2 0°") < text.index("Gauge G2 45°") < text.index("Gauge G4 x")
-
-
 @pytest.mark.parametrize("lost", [np.nan, *slowly(np.inf)])
 def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
     report = mixed()
@@ -229,14 +172,3 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
         repeats=(),
     )
     Outline(page(broken, drawn=True))
-
-
-def test_many_readings_are_folded_away_and_none_is_lost(full):
-    report = full()
-    drawing = signal_figure(report.gauge_signals[0], "#0072b2")
-    drawings = [replace(drawing, key=f"signal-G{i}", title=f"Gauge G{i}") for i in range(1, 31)]
-    text = placement_page(report, tuple(drawings), None)
-    Outline(text)
-    assert "18 more</summary>" in text
-    assert text.count("<h3>Gauge G") == 30
-    assert "<details>" not in placement_page(report, tuple(drawings[:12]), None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -122,18 +121,6 @@ def test_names_are_text_and_a_page_takes_so_many_sheets():
 
 def drawn(paths):
     return sum(np.linalg.norm(np.diff(np.array(path), axis=0), axis=1).sum() for path in paths)
-
-
-def test_a_polygon_is_one_closed_path_of_its_corners():
-    corners = np.array([[0, 0], [40, 0], [40, 25], [0, 25], [0, 0]], dtype=float)
-    fine = np.concatenate([np.linspace(a, b, 11) for a, b in pairwise(corners)])
-    segments = np.stack([fine[:-1], fine[1:]], axis=1)
-    shuffled = segments[np.random.default_rng(0).permutation(len(segments))]
-    (path,) = joined(shuffled)
-    assert path[0] == path[-1]
-    assert {tuple(point) for point in np.round(path, 9).tolist()} >= {tuple(c) for c in corners.tolist()}
-    assert len(path) <= 6
-    assert drawn([path]) == pytest.approx(130)
 
 
 def test_each_line_of_a_grid_is_drawn_once():

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from strainsight.report.suite.cases import groups_of, series_of
-from strainsight.report.suite.comparisons import comparisons_answer, comparisons_table
+from strainsight.report.suite.comparisons import comparisons_answer
 from strainsight.report.suite.data import (
     CONTRADICTED,
     HOLDS,
@@ -65,29 +64,6 @@ def test_the_answer_counts_rows_and_links_those_that_do_not_simply_hold():
     twice = Suite("s", "t", (), comparisons=(*own, *own))
     assert "2 hold, 2 hold under its settings only" in re.sub(r"</?data[^>]*>", "", comparisons_answer(twice))
     assert comparisons_answer(Suite("s", "t", ())) == ""
-
-
-def test_what_a_config_says_is_text_on_the_page_and_numbers_are_markup():
-    run = SimpleNamespace(label="a <run>")
-    own = replace(row(0.5, 2.0), as_printed=Statement("s", ((0, "n", 0.5),), below=1.0, unit="<N>"))
-    table = comparisons_table(Suite("s", "t", (run,), comparisons=(own,)))
-    assert "It &lt;falls&gt;." in table
-    assert "a &lt;run&gt;" in table
-    assert "&lt;N&gt;" in table
-    assert not {"<falls>", "<run>", "<N>"} & set(re.findall(r"<[^>]*>", table))
-    assert '<data value="0.5">0.5</data>' in table
-    assert "&lt;data" not in table
-    assert "✓ holds under its settings only" in table
-
-
-@pytest.mark.parametrize("verdict", [(0.5, 2.0), (2.0, 0.5), (2.0, 2.0), (NAN, 0.5), (None, None)])
-def test_a_row_that_does_not_hold_and_gives_no_reason_is_marked(verdict):
-    run = SimpleNamespace(label="a run")
-    own = row(*verdict)
-    for why, marked in (("", True), ("Because.", False)):
-        table = comparisons_table(Suite("s", "t", (run,), comparisons=(replace(own, why=why),)))
-        assert ("no reason is given" in table) is marked
-    assert "no reason" not in comparisons_table(Suite("s", "t", (run,), comparisons=(replace(row(0.5, 0.5), why=""),)))
 
 
 def test_every_run_comes_to_what_its_numbers_say(suite):

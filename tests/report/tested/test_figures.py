@@ -38,13 +38,6 @@ def test_a_long_record_keeps_its_peaks_and_is_drawn_in_few_points():
     assert len(reading_figure(own).svg) < 400_000
 
 
-def test_the_close_up_holds_the_largest_reading():
-    own = reading()
-    drawn = numbers(lambda: reading_figure(own))
-    largest = np.abs(own.measured).max() * 1e6
-    assert max(drawn["measured: strain [µm/m] (2)"]) == pytest.approx(largest)
-
-
 @pytest.mark.parametrize("at", [0, 10, 2000, 3999])
 def test_a_window_lies_within_the_record_and_about_its_instant(at):
     window = about(np.sin(np.arange(4000) / 20.0), at)

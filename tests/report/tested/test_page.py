@@ -15,7 +15,7 @@ from strainsight.report.tested.readings import reading_figure
 from ...models import compute_once
 from ...shared import slowly
 from ..outline import HOSTILE, nothing_comes_from_outside, renamed, whole
-from .findings import CASES, NOISE, SAMPLES, biased, findings, held_out, load, missing, withheld
+from .findings import CASES, NOISE, SAMPLES, findings, held_out, load, missing, withheld
 
 PNG = b"\x89PNG not really"
 
@@ -86,10 +86,6 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     assert missing().readings[1].missing == SAMPLES
 
 
-def test_an_estimated_offset_is_stated_with_its_sigma():
-    assert "An offset of 310 ± 2 µm/m was estimated and is taken off" in reading_figure(biased().readings[0]).caption
-
-
 def test_the_file_is_stated_with_its_digest_and_every_calibration():
     text = page()
     assert "run &lt;7&gt;.csv" in text
@@ -98,14 +94,6 @@ def test_the_file_is_stated_with_its_digest_and_every_calibration():
     for words_ in ("123 kB (123456 bytes)", "2025-03-14", "1 kHz", "less 3 um/m; sign turned"):
         assert words_ in text.replace("\N{NO-BREAK SPACE}", " ")
     assert "not stated (estimate.date)" in page(own=replace(findings(), file=replace(findings().file, date="")))
-
-
-def test_without_a_picture_the_numbers_of_the_maps_stand_there_with_the_reason():
-    text = page(pictures=(), problem="no OpenGL: install it")
-    assert "<strong>No picture.</strong> no OpenGL: install it" in text
-    above = text[: text.index('id="space"')]  # the view in space says it again of what it shows
-    assert above.count("by facets at their middles") == 2
-    assert "Strain and stress of the surface" not in page("bare")
 
 
 def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
