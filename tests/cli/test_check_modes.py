@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from strainsight_cli.main import app
 
 from ..edges.beam import TIP, bricks
 from ..frd import calculix
-from ..wrong.decks import config, frame, inp
+from ..wrong.decks import config, frame
 
 ROOTS = (1.87510406871196, 4.69409113297418)
 """βL of a cantilever: cos βL cosh βL = −1."""
@@ -186,31 +185,6 @@ def test_calculix_agrees_on_the_same_bricks_by_its_dat_and_its_frd(tmp_path):
         rows = [json.loads(line) for line in said.splitlines() if line.startswith("{")]
         assert len(rows) == 6
         assert all((row["mac"] is not None) == shapes for row in rows)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("ccx"), reason="CalculiX is not installed")
-def test_calculix_counts_a_preload_by_perturbation_alone_and_the_card_is_named(tmp_path):
-    """A tension that raises the first frequency by a third: by PERTURBATION alone, and by nothing without it."""
-    load = "*STEP\n*STATIC\n*CLOAD\n5, 1, 1e7\n10, 1, 1e7\n15, 1, 1e7\n20, 1, 1e7\n*END STEP\n"
-    modes = "*STEP{}\n*FREQUENCY\n2\n*END STEP\n"
-    found = {}
-    for name, steps in {
-        "bare": modes.format(""),
-        "after": load + modes.format(""),
-        "large": load.replace("*STEP\n", "*STEP, NLGEOM\n", 1) + modes.format(""),
-        "under": load + modes.format(", PERTURBATION"),
-    }.items():
-        (tmp_path / f"{name}.inp").write_text(inp(more=steps), encoding="ascii")
-        subprocess.run(["ccx", name], cwd=tmp_path, capture_output=True, check=True, timeout=60)
-        found[name] = modes_of_file(tmp_path / f"{name}.dat", None)[0].frequency
-    assert found["after"] == found["large"] == found["bare"]
-    assert found["under"] > 1.3 * found["bare"]
-    own = config(file="under.inp", mesh=", ignore: [PRELOAD]")
-    (tmp_path / "own.yaml").write_text(own, encoding="utf-8")
-    code, said = compared(tmp_path, str(tmp_path / "under.dat"))
-    assert code == 3
-    assert "PRELOAD by *STEP, PERTURBATION of the deck may move frequencies and is not in ours" in said
 
 
 @pytest.mark.parametrize(

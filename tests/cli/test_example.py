@@ -140,14 +140,6 @@ def said(done) -> str:
     return done.output + (done.stderr or "")
 
 
-def test_before_anything_has_run_it_says_what_to_run_and_writes_nothing(view_call, tmp_path):
-    for words in (("view", CONFIG, "--what", "modes", "--screenshot", str(tmp_path / "a.png")), ("figures", CONFIG)):
-        done = view_call(*words)
-        assert done.exit_code == 2
-        assert "run first: strainsight" in said(done)
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.slow
 def test_after_import_the_mesh_is_pictured_and_a_changed_config_is_reported(view_call, tmp_path):
     assert view_call("import", CONFIG).exit_code == 0

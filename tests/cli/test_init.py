@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from strainsight.config.answers import Answers, Lacking, Place, Suggestion
+from strainsight.config.answers import Answers, Place, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
@@ -153,20 +153,6 @@ def test_questions_fill_in_what_options_leave_open(init):
     assert blanks() == ["loads.force.signal.frequency", "loads.force.signal.amplitude"]
 
 
-def test_the_set_that_holds_says_which_faces_are_left_out(init):
-    """One facet of the bottom is held by set 7, the whole end by set 1, which is taken where none has been chosen."""
-    text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
-    text = text.replace("ENDDATA", "SPC1,7,123,19,22,28,31\nENDDATA")
-    for chosen, faces in (("7", {"seat"}), ("1", set()), ("", set())):
-        code, said = init("-i", answers=f"{chosen}\n1\n0 0 -1\n1e3\n20\nn\n", text=text)
-        assert code == 0, said
-        own = yaml.safe_load(Path("own.yaml").read_text())
-        assert own["mesh"].get("faces", {}).keys() == faces
-        assert set(own["gauges"].get("exclude", ())) == faces
-    assert init("-i", answers="7\n1\n0 0 -1\n1e3\n20\nn\n", text=text)[0] == 0
-    assert "# ← held on 1 of its facets, supports of set 7: " in Path("own.yaml").read_text()
-
-
 def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
@@ -225,39 +211,12 @@ def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
     assert not (tmp_path / "own.yaml").exists()
 
 
-def test_a_load_of_the_deck_holds_nothing(init):
-    text = solids().replace("ENDDATA", "FORCE,7,45,,1.,0.,0.,1.\nMAT1,1,2.1+11,,.3,7850.\nENDDATA")
-    code, said = init("--held", "deck_load FORCE-7", text=text)
-    assert (code, "'deck_load FORCE-7' is a load" in said) == (2, True), said
-
-
 @pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
     written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))
     Path("own.yaml").write_text(written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8")
     assert load_config("own.yaml").model.loads["force"].set == name
-
-
-def test_a_material_is_written_for_the_regions_that_lack_one():
-    told = Answers(material=(7e10, 0.33, 2700.0))
-    lacking = Suggestion(lacking=(Lacking((9,)), Lacking((3, 4), 2.1e11, 0.3)))
-    written = template("a.bdf", lacking, told)
-    assert "    own: {regions: [9], youngs_modulus: 7.000e10, poisson_ratio: 0.33, density: 2700.0}" in written
-    assert "    own-2: {regions: [3, 4], youngs_modulus: 2.100e11, poisson_ratio: 0.3, density: 2700.0}" in written
-    assert "poisson_ratio: 0.3, density: }" in template("a.bdf", lacking)
-    assert "guess: 2.000e11" in written
-
-
-@pytest.mark.parametrize("E", [207342e6, 1e-3 / 3, 206842718795.33])
-def test_the_guess_is_the_modulus_of_the_deck_to_the_last_digit(E):
-    for written in (
-        template("a.bdf", Suggestion(youngs_modulus=E)),
-        template("a.bdf", Suggestion(lacking=(Lacking((1,), E, 0.29629629629),))),
-    ):
-        found = re.search(r"(?:guess|youngs_modulus): ([0-9.e-]+)", written)
-        assert found
-        assert float(found[1]) == E
 
 
 def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypatch):

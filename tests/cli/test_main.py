@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import os
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +21,6 @@ from strainsight_cli.failures import failure_of
 from strainsight_cli.main import app
 
 from ..robustness.small import write_project
-from ..shared import slowly
 
 ROOT = Path(__file__).parents[2]
 CONFIG = str(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
@@ -158,25 +154,6 @@ def test_a_folder_that_cannot_be_written_is_reported_with_the_option_for_another
     assert failure.code == 2
     assert failure.message.startswith("results  Permission denied\n")
     assert "--results FOLDER" in failure.message
-
-
-@pytest.mark.parametrize("delay", [0.3, *slowly(0.0, 1.4, 2.1)])
-def test_an_interrupt_ends_with_130_keeps_what_was_finished_and_is_the_last_line_of_the_log(tmp_path, delay):
-    """Whatever library the interrupt meets: one that comes in a callback of C code is forgotten by Python."""
-    command = [sys.executable, "-m", "strainsight_cli.main", "run", CONFIG, "--results", str(tmp_path)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    folder = tmp_path / "cantilever-youngs-modulus"
-    for _ in range(1200):
-        if (folder / "import.h5").exists():
-            break
-        time.sleep(0.05)
-    time.sleep(delay)
-    os.kill(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=30)
-    assert process.returncode == 130
-    assert "finished stages are kept" in said
-    assert (folder / "import.h5").exists()
-    assert (folder / "run.log").read_text(encoding="utf-8").endswith(" interrupted; finished stages are kept\n")
 
 
 def test_help_loads_nothing_heavy():

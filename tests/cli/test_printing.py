@@ -26,8 +26,6 @@ from strainsight_cli.printing import json_line, say
 from strainsight_cli.render import failure_json, print_tables
 from strainsight_cli.work import note
 
-from ..shared import slowly
-
 HERE = Path(strainsight_cli.__file__).parent
 CONTROLS = [chr(i) for i in (*range(32), *range(127, 160)) if i != 10]
 BIDI = [chr(i) for i in (0x061C, *range(0x200B, 0x2010), *range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF)]
@@ -185,44 +183,3 @@ def test_only_what_follows_from_the_stage_is_added():
     assert after(stages, "place", last) == 0.0
     del last["place"]
     assert after(stages, "rom", last) is None
-
-
-COMMAND = """\
-#!{python}
-from strainsight_cli.main import app
-app(prog_name="strainsight")
-"""
-BASH = """
-eval "$(strainsight --show-completion bash)"
-COMP_WORDS=(strainsight {words}); COMP_CWORD={last}
-_strainsight_completion strainsight
-printf '%s\\n' "${{COMPREPLY[@]}}"
-complete -p strainsight
-"""
-
-
-@pytest.fixture(scope="module")
-def completed(tmp_path_factory):
-    """A function: words as typed → what bash offers for the last one, and last the rule that it was told."""
-    folder = tmp_path_factory.mktemp("bin")
-    (folder / "strainsight").write_text(COMMAND.format(python=sys.executable), encoding="utf-8")
-    (folder / "strainsight").chmod(0o755)
-    path = f"{folder}{os.pathsep}{os.environ['PATH']}"
-    # the name of the shell is given, as pytest was perhaps not started by one
-    environment = {**os.environ, "PATH": path, "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-
-    def offered(*words: str) -> list[str]:
-        script = BASH.format(words=" ".join(words), last=len(words))
-        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, env=environment)
-        assert done.returncode == 0, done.stderr
-        return [line.strip() for line in done.stdout.splitlines() if line.strip()]
-
-    return offered
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [(("sta",), {"statics", "status"}), *slowly((("do",), {"doctor"}), (("run", "--dr"), {"--dry-run"}))],
-)
-def test_bash_completes_commands_and_options(words, expected, completed):
-    assert set(completed(*words)[:-1]) == expected

@@ -80,12 +80,3 @@ def test_what_both_need_is_computed_once(together):
     table = together.split("where the time goes")[1].splitlines()
     first, second = (next(line for line in table if f" {name} " in line) for name in ("first", "second"))
     assert first.count("↩") + second.count("↩") == 6
-
-
-def test_a_failure_is_named_and_nothing_else_is_started(folder, together):
-    done = run(folder, "failed", "--set", "runs.0.set.place.minimum_spacing=3.0")
-    assert done.exit_code == 2
-    assert "run 1 of 3 first failed:" in done.stderr
-    assert "--set runs.0.set.place.minimum_spacing" in done.stderr
-    assert not (folder / "failed" / "third").exists()
-    assert not (folder / "failed" / "three").exists()

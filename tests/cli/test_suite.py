@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -18,8 +15,6 @@ from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 from strainsight_cli.suites import works_of
 from strainsight_cli.work import makers
-
-from ..robustness import small
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CONFIG = CONFIGS / "cantilever-youngs-modulus.yaml"
@@ -172,10 +167,6 @@ def test_what_a_suite_lacks_is_refused_with_its_place(first, call, command, chan
         assert word in done.stderr
 
 
-def test_key_of_a_bench_in_set_names_where_it_belongs(call):
-    assert "write set.simulate.duration=1" in call("status", "--set", "simulate.duration=1").stderr
-
-
 @pytest.fixture
 def guessing(tmp_path):
     """A function: where the guess of the second run comes from, and the first run's last stage → the works of both."""
@@ -220,54 +211,3 @@ def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
     places = [error.where for error in (caught.value, *caught.value.others)]
     assert len(places) == 2
     assert all("guess.yaml:" in place for place in places)
-
-
-PLACEMENTS = """\
-kind: suite
-name: two
-title: A beam
-set: {estimate: null, rom.parameter_samples: 1, tolerances.frequency: 0, validate.random_sets: 0}
-runs:
-  - {config: beam.yaml, label: placed, name: placed, set: {place.keep: 2}}
-  - {config: beam.yaml, label: watched, name: watched, until: observe}
-"""
-
-
-@pytest.mark.slow
-def test_suite_of_placements_collects_their_numbers_and_computes_shared_stages_once(tmp_path):
-    small.write_project(tmp_path)
-    (tmp_path / "two.yaml").write_text(PLACEMENTS, encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(tmp_path / "two.yaml"), "--results", str(tmp_path / "results")])
-    assert done.exit_code == 0, done.output
-    head, placed, watched = (line.split() for line in done.output.split("where the time goes")[1].splitlines()[1:4])
-    assert "↩" not in placed
-    assert watched.count("↩") == head.index("observe") - head.index("import") + 1
-    suite = Artefact(tmp_path / "results" / "two" / "suite.h5")
-    assert suite["/run/name"].tolist() == ["placed", "watched"]
-    assert suite["/run/gauges"][0] == 2
-    folder = tmp_path / "results" / "placed"
-    assert suite["/run/metric_final"][0] == Artefact(folder / "place.h5").summary["trace_final"]
-    assert suite["/unknown/error"][0] == Artefact(folder / "validate.h5").summary["error.E"]
-    page = (tmp_path / "results" / "two" / "report.html").read_text(encoding="utf-8")
-    assert 'href="../placed/report.html"' in page
-    assert 'href="../watched/report.html"' not in page
-
-
-@pytest.mark.slow
-def test_a_suite_that_was_killed_goes_on_where_it_ended(folder):
-    """Killed between two runs, without a word: what was finished is taken as it is, what was begun is done again."""
-    results, words = folder / "killed", ["run", str(folder / "both.yaml"), "--results"]
-    whole = results / "coarse" / "simulate.h5"
-    child = subprocess.Popen([sys.executable, "-m", "strainsight_cli.main", *words, str(results)], stdout=subprocess.DEVNULL)
-    while not whole.exists() and child.poll() is None:
-        time.sleep(0.005)
-    child.kill()
-    child.wait()
-    assert not (results / "both" / "suite.h5").exists()
-    before = whole.stat().st_mtime_ns
-    done = CliRunner().invoke(app, [*words, str(results)])
-    assert done.exit_code == 0, done.output
-    assert whole.stat().st_mtime_ns == before
-    assert Artefact(results / "both" / "suite.h5").header.stage == "suite"
-    coarse = done.output.split("run 1 of 2 coarse")[1].split("run 2 of 2")[0]
-    assert "up to date" in coarse

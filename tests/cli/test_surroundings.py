@@ -8,14 +8,11 @@ import subprocess
 import sys
 
 import pytest
-from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
 from strainsight_cli.failures import failure_of
-from strainsight_cli.main import app
 
-from ..pages import hostile
 from ..shared import slowly
 
 COMMAND = [sys.executable, "-m", "strainsight_cli.main"]
@@ -71,18 +68,6 @@ def test_a_reader_that_has_gone_ends_nothing_and_is_no_failure(tmp_path):
     assert done.stderr == ""
 
 
-@posix
-@pytest.mark.slow
-def test_a_run_goes_on_when_its_reader_has_gone(tmp_path):
-    """The stages that follow the line which was read are done, too, and their tables go nowhere."""
-    shell('"$@"', tmp_path, "example", "cantilever")
-    done = shell('{ "$@"; echo $? >&3; } 3>code | head -1', tmp_path, "modes", "cantilever.yaml")
-    assert (tmp_path / "code").read_text() == "0\n"
-    assert len(done.stdout.splitlines()) == 1
-    assert done.stderr == ""
-    assert {path.name for path in tmp_path.glob("results/*/*.h5")} == {"import.h5", "modes.h5"}
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
 @pytest.mark.parametrize("words", [("schema",), ("--help",)])
@@ -93,40 +78,6 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
     assert "No space left on device" in done.stderr
     assert "Traceback" not in done.stderr
     assert "Exception ignored" not in done.stderr
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("hostile")
-
-
-@pytest.fixture(scope="module")
-def config(folder):
-    return hostile.config(folder)
-
-
-@pytest.mark.parametrize("name", [hostile.SCRIPT, hostile.REVERSED, hostile.FORMULA])
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("name: beam-hostile", "name: {}", "name"),
-        ("  " + "E" * 64 + ":", "  {}:", "parameters"),
-        ("  " + "F" * 64 + ":", "  {}:", "loads"),
-    ],
-)
-def test_what_becomes_a_path_or_a_key_is_refused_with_its_place(folder, config, old, new, key, name):
-    text = config.read_text(encoding="utf-8")
-    assert text.count(old) == 1
-    changed = folder / "refused.yaml"
-    changed.write_text(text.replace(old, new.format(hostile.quoted(name))), encoding="utf-8")
-    done = CliRunner().invoke(app, ["run", str(changed), "--results", str(folder / "none")])
-    said = done.output + (done.stderr or "")
-    assert done.exit_code == 2, said
-    line = text[: text.index(old)].count("\n") + 1
-    assert f"refused.yaml:{line}:" in said
-    assert key in said
-    assert "Traceback" not in said
-    assert not (folder / "none").exists()
 
 
 @posix

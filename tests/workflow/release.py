@@ -14,15 +14,11 @@ from typing import Any
 import yaml
 
 from strainsight import __version__
-from strainsight.config.load import load_config
-from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
-from strainsight.workflow.stage import Stage
 
 from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG, bricks, config_of
+from ..shared import job_of, stages_of
 
 KEPT = Path(__file__).parent / "released"
 LARGEST = 300_000
@@ -34,17 +30,6 @@ TINY: Mapping[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
 """Config, and what makes it smaller."""
 
 
-def job_of(folder: Path, name: str) -> Job:
-    """Of a config that lies in the folder beside its results."""
-    loaded = load_config(folder / f"{name}.yaml", ())
-    return Job(loaded.data, folder, folder / "results", loaded.locate, loaded.model)
-
-
-def stages_of(job: Job) -> tuple[Stage, ...]:
-    """Those of its kind."""
-    return tuple(PLACEMENT if job.config["kind"] == "placement" else bench_stages(job.config))
-
-
 def made(folder: Path) -> dict[str, Artefact]:
     """Both configs, their deck and their results in the folder; "run/stage" → artefact."""
     (folder / "beam.bdf").write_text(bricks((3, 1, 1)), encoding="ascii")
@@ -52,7 +37,7 @@ def made(folder: Path) -> dict[str, Artefact]:
     for name, (base, changes) in TINY.items():
         text = yaml.safe_dump(config_of(base, changes))
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
-        job = job_of(folder, name)
+        job = job_of(folder / f"{name}.yaml", folder / "results")
         for event in run(stages_of(job), job):
             if event.artefact is not None:
                 found[f"{name}/{event.stage}"] = event.artefact

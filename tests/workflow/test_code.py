@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 import strainsight
 from strainsight.errors import ArtefactError
@@ -27,11 +26,11 @@ from strainsight.workflow.plan import OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.workflow.provenance import commit_of
 from strainsight.workflow.runner import run as run_stages
 from strainsight.workflow.stage import Stage
-from strainsight_cli.main import app
 
+from ..shared import job_of, stages_of
 from .numbers import KEPT, differs, numbers_of, size
 from .release import KEPT as released_KEPT
-from .release import LARGEST, TINY, job_of, stages_of, unpacked
+from .release import LARGEST, TINY, unpacked
 
 ROOT = Path(strainsight.__file__).parent
 
@@ -176,7 +175,7 @@ def folder(request, tmp_path_factory):
 
 def stages(folder, name):
     """Stage, and its artefact, of those that the release has."""
-    job = job_of(folder, name)
+    job = job_of(folder / f"{name}.yaml", folder / "results")
     found = [(stage, job.folder / f"{stage.name}.h5") for stage in stages_of(job)]
     return [(stage, path) for stage, path in found if path.exists()]
 
@@ -229,34 +228,12 @@ def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(
             assert not error or "--force" in error
 
 
-def test_what_another_stage_version_made_is_never_up_to_date(folder):
-    job = job_of(folder, "structure")
-    statuses = {status.stage: status for status in plan(stages_of(job), job)}
-    for stage, path in stages(folder, "structure")[::6]:
-        version, status = Artefact(path).header.version, statuses[stage.name]
-        if version != stage.version:
-            assert status.status != UP_TO_DATE
-            assert f"stage version {version} → {stage.version}" in status.reasons
-        raised = [replace(own, version=own.version + (own.name == stage.name)) for own in stages_of(job)]
-        later = next(own for own in plan(raised, job) if own.stage == stage.name)
-        assert later.status != UP_TO_DATE
-        assert f"stage version {version} → {stage.version + 1}" in later.reasons
-
-
 def test_another_format_is_refused_by_both_numbers_and_computed_anew(folder, monkeypatch):
     monkeypatch.setattr(artefacts, "FORMAT_VERSION", 99)
-    job = job_of(folder, "structure")
+    job = job_of(folder / "structure.yaml", folder / "results")
     with pytest.raises(ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99") as caught:
         Artefact(job.folder / "rom.h5")
     assert "--force" in caught.value.remedy
     first = plan(stages_of(job), job)[0]
     assert first.status != UP_TO_DATE
     assert any("reads version 99" in reason for reason in first.reasons)
-
-
-def test_the_command_line_says_it_without_a_traceback(folder):
-    done = CliRunner().invoke(app, ["status", str(folder / "structure.yaml"), "--results", str(folder / "results")])
-    assert done.exit_code == 0, done.output
-    assert "Traceback" not in done.output
-
-

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.workflow.artefact import Artefact
@@ -16,7 +15,7 @@ from strainsight.workflow.lock import COMPUTING, NAME, computing, locked
 from strainsight.workflow.output import Dataset, Output
 from strainsight.workflow.plan import Job, plan
 from strainsight.workflow.runner import run
-from strainsight.workflow.slices import Slice, declared, differences, expand, look_up, prune
+from strainsight.workflow.slices import Slice, expand, look_up, prune
 from strainsight.workflow.stage import Stage
 
 
@@ -159,15 +158,6 @@ def test_another_runs_result_enters_by_its_content(job):
         done(Job({"name": "next", "guess": {"from": "nobody"}}, job.base, job.results, job.locate), (user,))
 
 
-def test_a_second_run_on_the_folder_is_refused_with_the_others_process(job):
-    events = run(STAGES, job)
-    next(events)
-    with pytest.raises(UserError, match=str(os.getpid())):
-        done(job)
-    events.close()
-    assert set(done(job).values()) == {"done"}
-
-
 def test_a_stage_may_not_read_what_it_does_not_declare(job):
     def nosy(context):
         return output([context.config.show.limit])
@@ -188,20 +178,6 @@ def test_what_a_run_beside_has_done_on_the_same_inputs_is_reused(job):
     for name in ("read", "halve"):
         assert (other.folder / f"{name}.h5").read_bytes() == (job.folder / f"{name}.h5").read_bytes()
     assert {event.status for event in run(STAGES, other)} == {"up to date"}
-
-
-def test_an_artefact_knows_how_long_it_took_also_where_it_was_reused(job):
-    done(job)
-    other = changed(job, name="other")
-    done(other)
-    own, taken = (Artefact(folder / "read.h5") for folder in (job.folder, other.folder))
-    assert own.header.seconds is not None
-    assert own.header.seconds > 0
-    assert taken.header.seconds == own.header.seconds
-    done(job, forced=("read",))
-    again = Artefact(job.folder / "read.h5")
-    assert again.header.seconds != own.header.seconds
-    assert (again.digest, again.key) == (own.digest, own.key)
 
 
 def test_nothing_is_reused_by_force_or_from_a_damaged_file(job):
@@ -301,40 +277,3 @@ def test_an_undeclared_key_is_refused_with_the_missing_declaration():
         view["place"]
     with pytest.raises(AttributeError, match="read-only"):
         view.seed = 2
-
-
-def test_differences_are_leaves_with_their_old_and_new_values():
-    new = {**CONFIG, "place": {"keep": 6, "estimate": ["E"]}, "extra": 1}
-    assert differences(CONFIG, new) == [("place.keep", 4, 6), ("extra", ..., 1)]
-    assert differences(new, CONFIG) == [("place.keep", 6, 4), ("extra", 1, ...)]
-
-
-class Place(BaseModel):
-    model_config = ConfigDict(frozen=True)
-    keep: int
-    estimate: tuple[str, ...] = ("E",)
-
-
-class Load(BaseModel):
-    node: int | None = None
-    signal: str = "sine"
-
-
-class Whole(BaseModel):
-    place: Place
-    loads: dict[str, Load]
-    validation: Place = Field(alias="validate")
-
-
-def test_a_declared_model_keeps_its_types_and_only_the_declared_keys():
-    model = Whole.model_validate({"place": {"keep": 4}, "loads": {"tip": {"node": 2}}, "validate": {"keep": 9}})
-    data = prune(model.model_dump(mode="json", by_alias=True), ("place.keep", "loads.*.node", "validate"))
-    own = declared(model, data)
-    assert isinstance(own, Whole)
-    assert isinstance(own.loads["tip"], Load)
-    assert (own.place.keep, own.loads["tip"].node, own.validation.estimate) == (4, 2, ("E",))
-    for missing in (lambda: own.place.estimate, lambda: own.loads["tip"].signal):
-        with pytest.raises(AttributeError):
-            missing()
-    with pytest.raises(ValidationError, match="frozen"):
-        own.place.keep = 5

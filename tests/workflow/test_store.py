@@ -101,34 +101,9 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
         assert strain.attrs["units"] == "strain"
         assert strain.attrs["description"] == "(time × gauge)"
         assert [strain.dims[axis][0].name for axis in (0, 1)] == ["/time", "/name"]
-        provenance = {
-            "format",
-            "format_version",
-            "package_version",
-            "stage",
-            "created",
-            "python",
-            "numpy",
-            "h5py",
-            "scipy",
-            "numba",
-            "mkl",
-            "blas",
-            "processor",
-            "commit",
-            "seed",
-        }
-        assert provenance <= set(file.attrs)
+        provenance = "format format_version package_version stage created python numpy h5py scipy numba mkl blas processor"
+        assert {*provenance.split(), "commit", "seed"} <= set(file.attrs)
         assert not any(str(tmp_path) in str(value) for value in file.attrs.values())
-
-
-def test_the_vtkhdf_group_holds_what_was_given_and_no_more(tmp_path):
-    with h5py.File(write_artefact(tmp_path / "a.h5", output(), HEADER).path) as file:
-        group = file["VTKHDF"]
-        assert group.attrs.get_id("Type").dtype == np.dtype("S16")
-        assert group.attrs["Version"].tolist() == [2, 2]
-        assert dict(group["Types"].attrs) == {}
-        assert group["Types"].dtype == np.uint8
 
 
 def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
