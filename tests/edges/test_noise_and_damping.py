@@ -116,11 +116,3 @@ def test_a_bench_without_noise_says_what_it_takes_instead(tmp_path):
     for name in ("side", "down"):
         assert estimate.summary[f"error.{name}"] < 1e-2
     assert "the noise of gauges is raised from 0 to" in str(estimate.tables)
-
-
-@pytest.mark.slow
-def test_a_noise_of_a_bench_above_every_reading_is_warned_of(tmp_path):
-    changes = {"estimate.sensors.gauges.noise": 1e-3}
-    own = finished(tmp_path, "estimate", bricks((4, 2, 2)), changes, BENCH_CONFIG)["estimate"]
-    assert any(text.startswith("the noise of gauges, 0.001, exceeds its largest reading") for text in own.warnings)
-    assert np.abs(own["/sensors/gauges/expected"]).max() < 1e-3

@@ -20,16 +20,7 @@ from pathlib import Path
 
 MODULES = {"fcntl", "resource", "termios", "pwd", "grp", "pty", "tty", "syslog", "readline", "pypardiso"}
 """Not on Windows; PARDISO not on a Mac of today."""
-OF_OS = (
-    "pread",
-    "pwrite",
-    "O_CLOEXEC",
-    "O_NOFOLLOW",
-    "posix_fallocate",
-    "sched_getaffinity",
-    "fork",
-    "getuid",
-)
+OF_OS = ("pread", "pwrite", "O_CLOEXEC", "O_NOFOLLOW", "posix_fallocate", "sched_getaffinity", "fork", "getuid")
 OF_SIGNAL = ("SIGHUP", "SIGKILL", "SIGUSR1", "SIGALRM", "setitimer")
 _lockf = fcntl.lockf
 

@@ -39,13 +39,8 @@ def call(system: str, *words: str, cwd: Path | None = None) -> subprocess.Comple
 
 
 def start(system: str, *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, CHILD, system, *words],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    return subprocess.Popen([sys.executable, CHILD, system, *words], text=True, **pipes)
 
 
 @pytest.mark.slow

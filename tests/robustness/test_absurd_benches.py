@@ -23,11 +23,6 @@ def moving(x, spin):
     return bob(velocity=f"[{x}, 0, 0]", spin=f"[0, {spin}, 0]")
 
 
-def two(first, second, other="pin"):
-    """Two joints of the bob."""
-    return f"{{a: {{type: {first}, frames: [pin, eye]}}, b: {{type: {second}, frames: [{other}, eye]}}}}"
-
-
 PARTS = {
     "bodies": bob(),
     "frames": "{pin: {body: ground}, side: {body: ground, pose: {origin: [1, 0, 0]}}, "
@@ -109,10 +104,8 @@ def turning(end):
 
 HINGE = "revolute, frames: [pin, eye], axis: y"
 BALL = "spherical, frames: [pin, eye]"
-AS_GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given%s}"
 GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given}"
 FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
-WEAK = "{coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 1.0}}"
 SHORT = "s: {type: spring, frames: [pin, eye], stiffness: 1}"
 STIFF = "s: {type: spring, frames: [side, tip], stiffness: 1.0e+300}"
 HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+30]}}"
@@ -121,28 +114,19 @@ REFUSED = {
     "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
     "a tolerance beyond rounding": (1, "a larger simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
     "nothing holds it, gravity": (1, "simulate.start: no static equilibrium", {"joints": "{}"}),
-    "nothing holds it": (2, "nothing holds body bob", {"joints": "{}", "forces": "{}"}),
-    "a joint twice": (2, "5 of 16 constraints are redundant", {"joints": two("revolute", "revolute")}),
-    "joints that contradict": (2, "cannot all be satisfied", {"joints": two("spherical", "spherical", "side")}),
+    "a joint twice": (
+        2,
+        "5 of 16 constraints are redundant",
+        {"joints": "{a: {type: revolute, frames: [pin, eye]}, b: {type: revolute, frames: [pin, eye]}}"},
+    ),
+    "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
     "a start far from the joints": (2, "bodies.bob.pose", {"bodies": bob(pose="{origin: [0, 0, 5]}")}),
     "a spin against the joint": (2, "bodies.bob.velocity", {"bodies": moving(0, 600), "simulate": GIVEN}),
-    "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
-    "a rod free about itself": (
-        2,
-        "without moving any mass",
-        {"bodies": bob(about_z="1.0e-300"), "joints": "{a: {type: spherical, frames: [pin, eye]}}"},
-    ),
     "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
-    "a torsion spring past half a turn": (
-        1,
-        "coil: it is turned by",
-        {"bodies": moving(-60, 60), "forces": WEAK, "simulate": GIVEN},
-    ),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
     "a gravity of 1e30 m/s²": (1, "simulate", {"forces": HEAVY}),
     "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
-    "an unknown load through the hinge": (2, UNFELT, sought(load=load(direction="[0, 0, 1]"))),
     "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
     "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),
     "an angle that jumps": (2, "joints.drive.drive", driven(HINGE, signal="{type: ramp, end: 6, duration: 1.0e-3}")),
@@ -201,10 +185,7 @@ def test_a_load_that_no_step_follows_is_reported_and_its_page_is_written(tmp_pat
 
 
 def test_a_body_of_no_weight_to_speak_of_hangs_as_any_other(tmp_path):
-    code, said = simulated(
-        tmp_path,
-        bodies=bob(mass="2.0e-30", moment="3.0e-31"),
-    )
+    code, said = simulated(tmp_path, bodies=bob(mass="2.0e-30", moment="3.0e-31"))
     assert code == 0, said
     found = Artefact(tmp_path / "r" / "own" / "simulate.h5")
     np.testing.assert_allclose(found["/frequency"], np.sqrt(2 * 9.81 / (0.3 + 2.0)) / (2 * np.pi), rtol=1e-9)

@@ -20,7 +20,6 @@ from strainsight.workflow.seal import seal
 from strainsight_cli.main import app
 
 from .small import BENCH, PLACEMENT
-from .whole import LOG, compared, names
 
 SHAPE = 12_345
 """A length that is found again among the bytes of a file."""
@@ -96,19 +95,6 @@ def test_a_damaged_stage_is_reported_and_written_anew(project, placed, tmp_path)
     code, said = command("screen", config, "--results", str(results))
     assert code == 0, said
     assert Artefact(path).digest == Artefact(placed / "beam" / "screen.h5").digest
-
-
-@pytest.mark.slow
-def test_a_damaged_stage_of_a_bench_and_a_changed_table_are_written_anew(project, undisturbed, tmp_path):
-    results, config = tmp_path / "results", str(project / "bench.yaml")
-    shutil.copytree(undisturbed, results)
-    path = results / "bench" / "simulate.h5"
-    flip(path, path.stat().st_size // 2)
-    assert command("simulate", config, "--results", str(results))[0] == 0
-    (results / "bench" / "loads.csv").write_bytes((results / "bench" / "loads.csv").read_bytes()[:-1])
-    assert command("estimate", config, "--results", str(results))[0] == 0
-    assert "loads.csv was altered" in (results / "bench" / LOG).read_text()
-    assert set(compared(results / "bench", undisturbed / "bench")) == names(undisturbed / "bench")
 
 
 GUESS = PLACEMENT.replace("name: beam", "name: guess").replace("guess: 1.9e+11", "guess: {from: beam}")

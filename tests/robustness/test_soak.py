@@ -19,17 +19,15 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
-from strainsight.augmentation.noise import process_intensity
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
-from strainsight.fem.affine import AffineOperator
-from strainsight.rom.model import Damping, ReducedModel
 from strainsight.sweep import processes
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
+
+from ..estimation.conftest import build_beam, build_filter
 
 STEPS = int(os.environ.get("STRAINSIGHT_STEPS", "40_000"))
 PLACEMENTS = int(os.environ.get("STRAINSIGHT_PLACEMENTS", "12"))
@@ -39,7 +37,7 @@ WARM = 1 / 3
 """Share of the whole after which nothing may be new to the process."""
 ROOM = 1024
 """[KiB] that memory may grow by after that."""
-MODES, NOISE, STEP, GAUGES = 4, 1e-6, 1e-3, 3
+MODES, GAUGES = 4, 4
 WHOLE = 50
 """Every so many placements all other stages run as well, a bench's among them, two processes at a time; in a share none."""
 
@@ -102,26 +100,6 @@ class Curve:
         assert len({replace(now, memory=0, objects=0) for now in warm}) == 1, warm
 
 
-def beam(*unknown: str) -> FilterModel:
-    """Four modes under an unknown load that wanders, three gauges; `unknown`: of E and rho, beside the load."""
-    frequency = 12.0 * np.array([1.0, 6.3, 17.5, 34.4])
-    zero = np.zeros((MODES, MODES))
-    model = ReducedModel(
-        mass=AffineOperator(zero, {"rho": np.eye(MODES) / 7850.0}),
-        stiffness=AffineOperator(zero, {"E": np.diag((2 * np.pi * frequency) ** 2) / 2.1e11}),
-        input_shape=0.08 * (-1.0) ** np.arange(MODES)[:, None],
-        inputs=("tip",),
-        reference={"E": 2.1e11, "rho": 7850.0},
-        damping=Damping(ratio=0.01),
-    )
-    unknowns = Unknowns(("tip",), unknown, {"tip": 1e3}, dict(model.reference))
-    Q = process_intensity(MODES, unknowns, {"tip": 20.0}, dict.fromkeys(unknown, 0.05), velocity=0.1)
-    rows = 1e-3 * np.random.default_rng(0).standard_normal((GAUGES, MODES)) * np.arange(1, MODES + 1) ** 2
-    H = np.hstack([rows, np.zeros((GAUGES, len(Q) - MODES))])
-    r = np.full(GAUGES, NOISE**2 * STEP)
-    return FilterModel(model, unknowns, (), dict(model.reference), H, Q, r, STEP)
-
-
 def steady(A: np.ndarray, H: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """P after the update where it no longer moves, by SciPy's Riccati solver on states of unit size."""
     P = solve_discrete_are(A.T, H.T, Q, R)
@@ -168,7 +146,7 @@ def same(one: FilterRun, other: FilterRun) -> bool:
 @pytest.mark.slow
 def test_the_filter_over_many_steps(capsys):
     """A stream of one run: in the end P is that of SciPy's Riccati solver, errors and innovations are as large as claimed."""
-    model, nothing = beam(), np.zeros((BLOCK, 3, 0))
+    model, nothing = build_filter(build_beam(MODES, 0.05), ("tip",), q_velocity=1.0), np.zeros((BLOCK, 3, 0))
     A = Driven(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
     start = np.diag([1e-6] * MODES + [1e-3] * MODES + [1.0])
     truth = Truth(A, model, start)

@@ -30,7 +30,7 @@ class Cluster:
 
 
 @contextmanager
-def cluster_of(folder: Path, workers: int) -> Iterator[Cluster]:
+def cluster_of(folder: Path) -> Iterator[Cluster]:
     """Torn down whatever happens. A task may end one worker, not two."""
     started: list[subprocess.Popen[bytes]] = []
 
@@ -58,24 +58,15 @@ def cluster_of(folder: Path, workers: int) -> Iterator[Cluster]:
         raise AssertionError((folder / f"{name}.log").read_text(errors="replace"))
 
     try:
-        scheduler = start(
-            "scheduler",
-            "scheduler",
-            "--host",
-            "127.0.0.1",
-            "--port",
-            "0",
-            "--no-dashboard",
-            "--dashboard-address",
-            ":0",
-        )
+        quiet = ("--no-dashboard", "--dashboard-address", ":0")
+        scheduler = start("scheduler", "scheduler", "--host", "127.0.0.1", "--port", "0", *quiet)
         address = said("scheduler", "Scheduler at:").split()[-1]
         own = tuple(
-            start(f"worker{i}", "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                  "--dashboard-address", ":0", "--local-directory", str(folder / f"space{i}"))
-            for i in range(workers)
+            start(f"worker{i}", "worker", address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", *quiet,
+                  "--local-directory", str(folder / f"space{i}"))
+            for i in range(2)
         )  # fmt: skip
-        for i in range(workers):
+        for i in range(2):
             said(f"worker{i}", "Registered to")
         yield Cluster(address, scheduler, own)
     finally:
@@ -88,14 +79,14 @@ def cluster_of(folder: Path, workers: int) -> Iterator[Cluster]:
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory) -> Iterator[Cluster]:
     """Two workers that no test harms. Of one file: with nothing to do they and their scheduler take a tenth of a core."""
-    with cluster_of(tmp_path_factory.mktemp("cluster"), 2) as own:
+    with cluster_of(tmp_path_factory.mktemp("cluster")) as own:
         yield own
 
 
 @pytest.fixture
 def doomed(tmp_path) -> Iterator[Cluster]:
     """Two workers of which a test may kill one or both."""
-    with cluster_of(tmp_path, 2) as own:
+    with cluster_of(tmp_path) as own:
         yield own
 
 

@@ -114,13 +114,6 @@ def test_another_version_is_refused_before_anything_is_computed(cluster, monkeyp
     assert "same versions" in said
 
 
-def test_a_worker_that_comes_later_is_asked_too(cluster, monkeypatch):
-    with opened(Where(dask=cluster.address)) as sweep:
-        monkeypatch.setattr(module, "versions", lambda: HERE | {"scipy": "0.1"})
-        with pytest.raises(UserError, match=r"worker .* is another installation: scipy .* there, 0\.1 here"):
-            sweep(tasks.product, [1], MATRIX)
-
-
 def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monkeypatch):
     with opened(Where(dask=cluster.address)) as sweep:
         monkeypatch.setattr(module, "sources", lambda: "0" * 16)

@@ -18,6 +18,7 @@ from strainsight.sweep import processes
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
+from ..robustness.processes import of_session, until
 from .beam import write_project
 
 STAGES = ("import", "modes", "rom", "train", "screen", "observe", "place", "spectrum", "validate")
@@ -122,30 +123,11 @@ def test_interrupted_it_ends_at_once_and_the_cluster_forgets_it(cluster):
         assert time.monotonic() - start < 2
         assert process.returncode == 130
         assert said.strip() == "interrupted; finished stages are kept"
-        assert _until(lambda: not _of_session(process.pid))
-        assert _until(lambda: _tasks(cluster.address) == 0)
+        assert until(lambda: not of_session(process.pid), 10)
+        assert until(lambda: _tasks(cluster.address) == 0, 10)
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-
-
-def _until(true) -> bool:
-    end = time.monotonic() + 10
-    while time.monotonic() < end:
-        if true():
-            return True
-        time.sleep(0.1)
-    return False
-
-
-def _of_session(leader: int) -> list[str]:
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        with suppress(OSError):
-            state, _, _, session = stat.read_text().rpartition(")")[2].split()[:4]
-            if int(session) == leader and state not in "ZX":
-                found.append((stat.parent / "cmdline").read_text())
-    return found
 
 
 def _tasks(address: str) -> int:

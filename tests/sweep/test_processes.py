@@ -28,12 +28,6 @@ def test_two_processes_find_the_same_bits_in_the_same_order():
         assert set(sweep(tasks.process, points, None)) == {os.getpid()}
 
 
-def test_nothing_to_do_is_done():
-    for where in (Where(1), Where(2)):
-        with opened(where) as sweep:
-            assert sweep(tasks.product, [], MATRIX) == []
-
-
 def test_little_work_stays_here(monkeypatch):
     monkeypatch.setattr(processes, "WORTH", 5.0)
     with opened(Where(2)) as sweep:

@@ -87,9 +87,7 @@ UNITS = {
         {"mesh": ", faces: {f: {near: [400, 50, 50]}}", "load": "set: f, direction: [1, 0, 0]"},
         "405.8 m away from a part that is 0.4243 m long",
     ),
-    "a guess in MPa": (bar(), {"guess": "2.0e5", "range": "[1.0e5, 3.0e5]"}, "200000 MPa are 2e+11 Pa"),
     "damping in per cent": (bar(), {"ratio": "2.0"}, "damping.ratio: 2.0 has to be below 1"),
-    "noise in um/m": (bar(), {"noise": "1.0"}, "1 um/m are 1.0e-06"),
 }
 MATERIALS = {
     "no modulus": (bar(**steel(E="")), {}, "states NU alone"),
