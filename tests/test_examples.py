@@ -99,16 +99,6 @@ def test_every_example_is_in_the_manual():
     assert sorted(listed[1].split()) == [script.stem for script in pages.scripts()]
 
 
-def test_comments_become_prose_and_code_stays_code(tmp_path):
-    script = tmp_path / "sum.py"
-    script.write_text('"""A sum."""\n\nx = 1\n\n# Two lines\n# of prose.\ny = x + 1  # a remark\nprint(y)\n')
-    (tmp_path / "sum.svg").write_text("<svg/>")
-    assert pages.page(script, "2\n") == (
-        "# A sum\n\n```python\nx = 1\n```\n\nTwo lines of prose.\n\n```python\ny = x + 1  # a remark\nprint(y)\n```\n\n"
-        "It prints\n```\n2\n```\n\n![sum](sum.svg)\n"
-    )
-
-
 def test_an_example_that_fails_ends_the_build_with_what_it_said(tmp_path):
     script = tmp_path / "broken.py"
     script.write_text('"""Broken."""\nraise SystemExit("no such deck")\n')

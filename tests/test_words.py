@@ -1,6 +1,5 @@
 """The word list finds a word where readers meet it, at its line, and nowhere else."""
 
-import re
 import subprocess
 
 import pytest
@@ -31,24 +30,6 @@ def test_word_is_found_at_its_line(words, tmp_path, name, text, found):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
     assert [(line, word) for _, line, word, _ in words.hits(tmp_path)] == found
-
-
-def test_no_replacement_is_itself_on_the_list(words):
-    """It would never come to an end."""
-    known = list(words.entries())
-    assert 0 < len(known) <= 25
-    for *_, write, _ in known:
-        assert not any(word.search(write) for word, *_ in known), write
-
-
-def test_hits_are_counted_by_word_and_by_package(words, tmp_path, monkeypatch, capsys):
-    (tmp_path / "pipeline" / "p" / "decks").mkdir(parents=True)
-    (tmp_path / "pipeline" / "p" / "decks" / "a.py").write_text("# glued\n# glued\n", encoding="utf-8")
-    monkeypatch.setattr("sys.argv", ["words.py", "--count"])
-    assert words.main(tmp_path) is True
-    printed = capsys.readouterr().out
-    assert re.search(r"^ +2 +bond, bonded$", printed, re.MULTILINE)
-    assert re.search(r"^ +2 +decks$", printed, re.MULTILINE)
 
 
 def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words, tmp_path):
