@@ -25,7 +25,6 @@ quoted = script("docs/quoted.py")
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """The manual as a site."""
     folder = tmp_path_factory.mktemp("manual")
     options = ["-q", "-W", "--keep-going", "-D", "run_examples=0"]
     command = [sys.executable, "-m", "sphinx", *options, "-d", folder / "doctrees", DOCS, folder / "site"]
@@ -35,8 +34,6 @@ def site(tmp_path_factory):
 
 
 class Loads(HTMLParser):
-    """What a page loads, or would."""
-
     def __init__(self):
         super().__init__()
         self.found = []
@@ -63,7 +60,6 @@ def test_the_site_loads_nothing_from_a_network(site):
 
 
 def test_the_reference_lists_every_key_with_its_meaning():
-    """A table for every mapping of the models, with all of its keys."""
     tables = set()
     for page in script("docs/config_reference.py").pages().values():
         for part in re.split(r"^## ", page, flags=re.MULTILINE):
@@ -84,7 +80,6 @@ def test_a_key_of_the_reference_shows_type_default_and_unit():
 
 @pytest.mark.slow
 def test_the_tutorial_does_what_it_says(tmp_path):
-    """With less of what no quoted line tells: runs of a validation beside the first, instants that other layouts are for."""
     few = [f"--set=validate.{own}" for own in ("repeats=2", "random_sets=2", "noise_factors=[]")]
     less = {"run": few, "status": few, "place": ["--set", "place.instants=3"]}
     run_page(DOCS / "tutorial.md", tmp_path, less)
@@ -92,7 +87,6 @@ def test_the_tutorial_does_what_it_says(tmp_path):
 
 @pytest.mark.slow
 def test_the_pages_of_a_bench_do_what_they_say(tmp_path):
-    """In the order in which the first one lists them: they go on in one folder."""
     folder = DOCS / "stages" / "bench"
     listed = re.search(r"```{toctree}\n(.*?)```", (folder / "index.md").read_text(encoding="utf-8"), re.DOTALL)
     names = ["index", *listed[1].split()]
@@ -102,7 +96,6 @@ def test_the_pages_of_a_bench_do_what_they_say(tmp_path):
 
 
 def test_paths_of_the_manual_exist():
-    """Files of the repository that a page names with their folder."""
     folders = "config|fem|mesh|decks|gauges|rom|augmentation|placement|estimation|multibody|measurements|stages|report|workflow"
     for page in sorted(DOCS.rglob("*.md")):
         if page.parent.name == "config":
@@ -130,7 +123,6 @@ def test_commands_and_targets_of_the_manual_exist():
 
 
 def test_names_that_are_to_be_touched_are_in_their_files():
-    """Of the tables of `extending.md`."""
     found = 0
     for files, what in re.findall(
         r"^\| (`[^|]+) \| (.+) \|$", (DOCS / "extending.md").read_text(encoding="utf-8"), re.MULTILINE

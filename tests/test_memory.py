@@ -41,7 +41,6 @@ def test_a_system_that_says_nothing_has_no_limit(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("limited", ["/outer/inner", "/outer", "/"])
 def test_second_version_of_control_groups_at_any_level(system, limited):
-    """Limit less usage, the file cache counted as free."""
     system("proc/self/cgroup", "0::/outer/inner\n")
     for group in ("/outer/inner", "/outer", "/"):
         system(f"cgroup{group}/memory.max", 3 * GIB if group == limited else "max")
@@ -92,14 +91,6 @@ runpy.run_path({path!r}, run_name="__main__")
 def asked(lack: str, *words: str) -> subprocess.CompletedProcess[str]:
     program = WITHOUT.format(lack=lack, path=str(SYSTEM), words=words)
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-
-
-def test_libraries_that_draw_are_a_note():
-    done = asked("gl")
-    assert (done.returncode, done.stdout) == (0, "")
-    assert done.stderr.startswith("note: pages will have no 3D pictures")
-    assert "libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri" in done.stderr
-    assert asked("gl", "--packages").stdout.split()[-4:] == ["libegl1", "libgl1", "libegl-mesa0", "libgl1-mesa-dri"]
 
 
 def test_a_python_without_venv_stops_with_a_way_without_root():

@@ -55,7 +55,6 @@ def test_zero_may_be_the_largest():
 
 
 def test_what_comes_first_is_worse_than_the_best_by_a_tie_at_most():
-    """However many numbers lie between: a tie is one with the lowest, not with the neighbour."""
     values = 1 + 0.4 * TIE * np.arange(1000)[::-1]
     order = values[tied_order(values)]
     assert np.all(order <= np.minimum.accumulate(order[::-1])[::-1] * (1 + TIE))

@@ -55,7 +55,6 @@ def test_links_of_the_first_pages_lead_to_files(name):
 
 
 def test_what_benchmarks_take_from_the_package_is_there():
-    """No test runs them: a name that has moved would be found by whoever measures next."""
     benchmarks = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "benchmarks").glob("*.py")]
     for node in (node for tree in benchmarks for node in ast.walk(tree)):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("strainsight"):
@@ -67,7 +66,6 @@ def test_what_benchmarks_take_from_the_package_is_there():
 
 @pytest.mark.parametrize("lock", ["requirements-dev.lock", ".ci/lowest.lock"])
 def test_every_package_of_a_lock_has_hashes(lock):
-    """One without would have pip refuse all, one more than there is would be another package."""
     head, *packages = re.split(r"\n(?=\S)", (ROOT / lock).read_text(encoding="utf-8").rstrip())
     assert head.startswith("# What `make")
     assert len(packages) > 100
@@ -79,7 +77,6 @@ def test_every_package_of_a_lock_has_hashes(lock):
 
 
 def test_build_tools_come_from_the_lock():
-    """pip builds the package without an environment of its own and without an index, by tools that the lock pins."""
     from hatchling.build import get_requires_for_build_editable
 
     system = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]
@@ -92,7 +89,6 @@ def test_build_tools_come_from_the_lock():
 
 
 def test_ci_runs_the_commands_of_the_readme_in_their_order():
-    """And one shard of the long tests; every test file belongs to exactly one."""
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert re.search(r"^for target in lint run test shard; do$", script, re.MULTILINE)
     from .conftest import SHARDS, shard_of

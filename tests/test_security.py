@@ -52,7 +52,6 @@ def calls(tree: ast.AST) -> set[str]:
 
 
 def test_nothing_that_is_read_is_executed():
-    """No eval or exec, no shell, no pickle but between processes of this program."""
     package = ROOT / "pipeline" / "strainsight"
     for path in [*package.rglob("*.py"), *(ROOT / "cli").rglob("*.py")]:
         text = path.read_text(encoding="utf-8")
@@ -193,7 +192,6 @@ def test_reading_threads_and_imports_still_work(tmp_path):
 
 @compiled
 def test_a_folder_for_files_that_are_opened_for_writing_is_not_written_either(tmp_path):
-    """A library may open what it reads as one that it also writes; its name is enough to see that nothing else is."""
     attempts = {
         "update": "call('open', b'old', os.O_RDWR)",
         "elsewhere": f"call('open', {os.fsencode(__file__)!r}, os.O_RDWR)",

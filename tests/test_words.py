@@ -33,7 +33,6 @@ def test_word_is_found_at_its_line(words, tmp_path, name, text, found):
 
 
 def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words, tmp_path):
-    """All files are read without Git, before a second commit, and where the list itself has changed."""
     git = ["git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false"]
 
     def commit(*names):

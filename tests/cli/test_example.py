@@ -15,16 +15,9 @@ from typer.testing import CliRunner
 
 from strainsight import memory
 from strainsight.config.load import load_config
-from strainsight.records.mesh import MeshColumns
-from strainsight.records.record import written
-from strainsight.workflow.artefact import Header
-from strainsight.workflow.output import Output
-from strainsight.workflow.store import write_artefact
 from strainsight_cli.example import EXAMPLES
-from strainsight_cli.forecast import size_in
 from strainsight_cli.main import app
 
-from ..mesh.test_shell_faces import plate, strip
 from ..robustness.small import write_project
 
 ROOT = Path(__file__).parents[2]
@@ -205,10 +198,3 @@ def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(forecas
     monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
     (line,) = lines(forecast_call("run", "--dry-run"))
     assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
-
-
-def test_nodes_of_shells_count_with_their_rotations_and_those_on_their_faces_do_not(tmp_path):
-    mesh = plate(*strip())
-    output = Output(written(MeshColumns.of(mesh)), {}, "toy")
-    imported = write_artefact(tmp_path / "import.h5", output, Header("import", 1, "key", {}, {}, {}))
-    assert size_in(imported).unknowns == 6 * 6

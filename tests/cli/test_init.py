@@ -13,10 +13,8 @@ from strainsight.config.answers import Answers, Place, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
-from strainsight.stages.suggestion import suggestion
 from strainsight_cli.main import app
 
-from ..decks.abaqus.test_loads import DIFFERENT, ROW
 from ..edges.beam import bricks
 from ..strips import gmsh
 
@@ -37,7 +35,6 @@ def init(tmp_path, monkeypatch):
 
 
 def solids() -> str:
-    """No material, no supports, no tie."""
     lines, skip = [], False
     for line in bricks((4, 2, 2), tip=False).replace("SPC = 1\n", "").splitlines():
         skip = line.startswith("SPC1") or (skip and line.startswith(","))
@@ -46,7 +43,6 @@ def solids() -> str:
 
 
 def blanks() -> list[str]:
-    """Keys that the config is refused for."""
     with pytest.raises(ConfigError) as caught:
         load_config("own.yaml")
     return [problem.key for problem in (caught.value, *caught.value.others)]
@@ -80,15 +76,6 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
     assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
-
-
-def test_steps_that_differ_and_contact_are_both_asked_for(tmp_path):
-    contact = "*SURFACE, NAME=A\nE1, S6\n*SURFACE, NAME=B\nE3, S4\n"
-    contact += "*CONTACT PAIR, INTERACTION=I\nA, B\n*SURFACE INTERACTION, NAME=I\n"
-    (tmp_path / "row.inp").write_text(ROW + contact + DIFFERENT)
-    found = suggestion(tmp_path / "row.inp")
-    assert (found.support_key, found.support_sets, found.contact) == ("step", (1, 2), "open")
-    assert re.search(r"\n  step: +# ← step whose supports and elements count: 1, 2\n", template("row.inp", found))
 
 
 @pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
@@ -142,7 +129,6 @@ def test_a_deck_of_solids_alone_leaves_material_and_support_blank(init):
 
 
 def test_questions_fill_in_what_options_leave_open(init):
-    """The tie is the first place of the list; a wrong answer is asked for again, an empty one stays blank."""
     code, said = init("-i", answers="1\n0 0\n0 0 -1\n1e3\nfast\n20\nn\n")
     assert code == 0, said
     assert "'0 0' is not three numbers" in said
@@ -185,14 +171,6 @@ def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init)
 def test_an_answer_that_cannot_be_read_is_refused_with_its_option(init, options, what):
     code, said = init(*options)
     assert (code, what in said) == (2, True), said
-
-
-def test_gauges_follow_the_largest_strain_or_an_axis(init):
-    init("--load", "node 900001", *LOAD)
-    assert load_config("own.yaml").model.gauges.direction.type == "principal"
-    init("--load", "node 900001", *LOAD, "--axis", "1 0 0", "--keep", "6")
-    config = load_config("own.yaml").model
-    assert (config.gauges.direction.axis, len(config.gauges.exclude), config.place.keep) == ((1, 0, 0), 1, 6)
 
 
 @pytest.mark.parametrize(("size", "kind", "spacing"), [(1.0, "3/350", 0.0107), (0.1, "1.5/350", 0.0079), (0.05, None, 0.009)])

@@ -50,7 +50,6 @@ def test_import_runs_once_and_again_by_force_and_json_is_one_object_a_stage(call
 
 
 def test_json_is_alone_on_standard_output(call):
-    """Notes and warnings go to standard error, here that the same run is in results/ beside the config."""
     assert call("import", call.config).exit_code == 0
     again = call("import", call.config, "--json", results="other")
     assert [json.loads(line)["status"] for line in again.stdout.splitlines()] == ["done"]

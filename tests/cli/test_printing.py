@@ -18,8 +18,7 @@ import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
 from strainsight.processes import SAFE_PATH
 from strainsight.workflow.output import Table
-from strainsight.workflow.stage import Stage
-from strainsight_cli.clock import after, ends_at
+from strainsight_cli.clock import ends_at
 from strainsight_cli.failures import failure_of, plain_warnings, tell
 from strainsight_cli.main import main
 from strainsight_cli.printing import json_line, say
@@ -85,7 +84,6 @@ def test_a_warning_holds_no_control_and_no_forged_line(capsys):
     "words", [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]]
 )
 def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
-    """A folder full of names is put into the words of a command by `*`."""
     monkeypatch.setattr(sys, "argv", ["strainsight", *words])
     monkeypatch.setattr(sys, "warnoptions", [])
     for name in (SAFE_PATH, "PYDANTIC_DISABLE_PLUGINS"):  # which main sets for the rest of a process
@@ -99,7 +97,6 @@ def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
 
 
 def test_only_one_function_prints():
-    """But for tables, whose cells are made printable one by one, and the answer of a child process."""
     for path in HERE.glob("*.py"):
         calls = [ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
         prints = {"print", "typer.echo", "typer.secho", "sys.stdout.write", "sys.stderr.write"} & set(calls)
@@ -169,17 +166,3 @@ def test_there_is_none_in_a_pipe():
 def test_the_end_of_a_stage(spent, share, last, end):
     found = ends_at(1000.0, 1000.0 + spent, share, last)
     assert found == (None if end is None else pytest.approx(1000.0 + end))
-
-
-def stage(name: str, *upstream: str) -> Stage:
-    return Stage(name, 1, (), upstream, (), lambda context: None)
-
-
-def test_only_what_follows_from_the_stage_is_added():
-    stages = (stage("import"), stage("rom", "import"), stage("other", "import"), stage("place", "rom"))
-    last = {"import": 1.0, "rom": 2.0, "other": 4.0, "place": 8.0}
-    assert after(stages, "rom", last) == 8.0
-    assert after(stages, "import", last) == 14.0
-    assert after(stages, "place", last) == 0.0
-    del last["place"]
-    assert after(stages, "rom", last) is None

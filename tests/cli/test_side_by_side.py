@@ -55,28 +55,7 @@ def test_every_number_is_that_of_one_run_after_the_other(folder, together):
         assert Artefact(folder / "together" / path).digest == Artefact(folder / "alone" / path).digest
 
 
-def test_the_lines_of_a_run_stay_together_and_a_guess_is_waited_for(together):
-    lines = together.splitlines()
-    headings = [line.split()[1] for line in lines if line.startswith("run ") and " of 3 " in line]
-    assert sorted(headings) == ["1", "2", "3"]
-    assert headings.index("1") < headings.index("3")
-    start = lines.index("run 1 of 3 first")
-    assert [line.split()[0] for line in lines[start + 1 : start + 10]] == [
-        "import",
-        "modes",
-        "rom",
-        "train",
-        "screen",
-        "observe",
-        "place",
-        "spectrum",
-        "validate",
-    ]
-    assert "2 of them at a time" in together
-
-
 def test_what_both_need_is_computed_once(together):
-    """Their modes are the same: one of the two processes waits for the other, whichever comes first."""
     table = together.split("where the time goes")[1].splitlines()
     first, second = (next(line for line in table if f" {name} " in line) for name in ("first", "second"))
     assert first.count("↩") + second.count("↩") == 6

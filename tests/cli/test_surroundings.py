@@ -62,7 +62,6 @@ def test_too_many_open_files_are_no_full_disk():
 
 @posix
 def test_a_reader_that_has_gone_ends_nothing_and_is_no_failure(tmp_path):
-    """As with `| head -1`: the command ends as it would, and nobody hears of a pipe."""
     done = shell('{ "$@" 2>&1; echo $? >&3; } 3>code | true', tmp_path, "status", "nothing.yaml")
     assert (tmp_path / "code").read_text() == "2\n"
     assert done.stderr == ""
@@ -72,7 +71,6 @@ def test_a_reader_that_has_gone_ends_nothing_and_is_no_failure(tmp_path):
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
 @pytest.mark.parametrize("words", [("schema",), ("--help",)])
 def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
-    """More than the buffer holds, and less."""
     done = shell('unset PYTHONUNBUFFERED; "$@" >/dev/full', tmp_path, *words)
     assert done.returncode == 2
     assert "No space left on device" in done.stderr
@@ -82,7 +80,6 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
 
 @posix
 def test_files_do_not_get_the_numbers_of_streams_that_are_closed(tmp_path):
-    """What a library prints on 1 or 2 would go into them."""
     code = "from strainsight_cli.surroundings import prepare_streams as p; p(); "
     code += "open('n', 'w').write(str(open('a', 'w').fileno()))"
     line = f'{sys.executable} -c "{code}" <&- >&- 2>&-'

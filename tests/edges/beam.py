@@ -157,7 +157,6 @@ def bricks(
 
 
 def deck(cards: list[list[Any]], modulus: float, density: float) -> str:
-    """A whole deck of these cards and one material, in the deck's units."""
     cards = [*cards, ["PSOLID", 1, 1], ["MAT1", 1, repr(float(modulus)), "", NU, repr(float(density))]]
     words = [[str(field) for field in card] for card in cards]
     lines = ["\n,".join([",".join(w[:9]), *(",".join(w[i : i + 8]) for i in range(9, len(w), 8))]) for w in words]
@@ -165,7 +164,6 @@ def deck(cards: list[list[Any]], modulus: float, density: float) -> str:
 
 
 def config_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The config with dotted keys changed; nothing of what is handed in is written to."""
     config = copy.deepcopy(dict(base))
     for key, value in changes.items():
         *path, last = key.split(".")
@@ -177,7 +175,6 @@ def config_of(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, 
 
 
 def of_material(modulus: float) -> dict[str, Any]:
-    """What a config says of a modulus [Pa], the guess a tenth below it."""
     return {
         "parameters.E.guess": 0.9 * modulus,
         "parameters.E.range": [0.75 * modulus, 1.2 * modulus],
@@ -234,12 +231,10 @@ def prepared(folder: Path, text: str, changes: Mapping[str, Any] = {}, *override
 
 
 def placed(own: SimpleNamespace) -> Placement:
-    """The placement of what is prepared."""
     return api.place(own.case, own.mesh, own.reduced, own.training, own.screened)
 
 
 def validated(own: SimpleNamespace, gauges: np.ndarray) -> Validation:
-    """The validation of these gauges of what is prepared."""
     return api.validate(own.case, own.mesh, own.reduced, own.training, own.screened, gauges)
 
 
@@ -256,5 +251,4 @@ def infinite(found: Mapping[str, Artefact]) -> list[str]:
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Largest difference over the largest value."""
     return float(np.abs(one - other).max() / np.abs(other).max())

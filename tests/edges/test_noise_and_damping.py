@@ -39,7 +39,6 @@ def steady(F, Q, G):
     ids=lambda changes: "-".join(f"{key}={value}" for key, value in changes.items()),
 )
 def test_what_a_layout_is_worth_is_what_fifty_digits_give(tmp_path, changes):
-    """tr(W P) of the layout at the edge, one mode and the static response, one instant."""
     small = EVERY | {"rom.modes": 1, "place.instants": 1, "place.certificate": False, "tolerances": "none"}
     found = placed(prepared(tmp_path, bricks(COUNTS), small | changes))
     (pool,) = found.elimination.pools
@@ -67,7 +66,6 @@ def test_an_undamped_training_run_is_the_closed_form(tmp_path, settle):
 
 
 def test_an_undamped_motion_that_nothing_excites_has_no_steady_filter(tmp_path):
-    """A load in the plane of symmetry leaves bending across it at rest: its variance is what it was, for ever."""
     with pytest.raises(
         InfeasibleError, match="an undamped motion of the structure is reached by no process noise"
     ) as found:
@@ -102,7 +100,6 @@ def test_sigma_of_a_bench_grows_with_the_root_of_a_large_noise(tmp_path):
 
 
 def test_an_undamped_bench_has_no_steady_filter(tmp_path):
-    """What nothing damps or disturbs rings for ever in a filter that makes up for its step."""
     with pytest.raises(InfeasibleError, match="no steady filter exists") as refused:
         finished(tmp_path, "place", bricks((4, 2, 2)), {"bodies.beam.damping.ratio": 0.0}, BENCH_CONFIG)
     assert "damping or a disturbance" in str(refused.value)
@@ -110,7 +107,6 @@ def test_an_undamped_bench_has_no_steady_filter(tmp_path):
 
 @pytest.mark.slow
 def test_a_bench_without_noise_says_what_it_takes_instead(tmp_path):
-    """Noise 0 is raised to what a step's rounding leaves, and said; the loads come out to a hundredth."""
     quick = {"estimate.sensors.gauges.noise": 0.0, "simulate.time_step": 2e-3}
     estimate = finished(tmp_path, "estimate", bricks((4, 2, 2)), quick, BENCH_CONFIG)["estimate"]
     for name in ("side", "down"):

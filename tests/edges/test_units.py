@@ -12,7 +12,6 @@ QUICK = {"filter.compare": False, "place.certificate": False}
 
 
 def answer(folder, text, changes):
-    """What is prepared, its placement, and the estimate of E in its validation."""
     own = prepared(folder, text, QUICK | changes)
     placement = placed(own)
     return own, placement, validated(own, placement.gauges).validated.estimate["E"]
@@ -120,7 +119,6 @@ def test_each_load_is_judged_by_its_own_size_and_one_that_is_zero_by_its_amplitu
 
 
 def test_one_brick_goes_through_with_all_its_modes(tmp_path):
-    """36 unknowns; the kernel holds any number of modes against the dense solution (`tests/fem/test_modes.py`)."""
     changes = {"screen.keep": "all", "screen.minimum_spacing": 0.0, "place.keep": 1, "gauges.direction.angles": [0.0]}
     changes |= {"rom.modes": 36, "loads.tip.node": 20, "gauges.direction.axis": [0, 1, 0]}
     changes["gauges.exclude"] = [{"normal_cone": {"axis": [0, side, 0], "angle": 20}} for side in (1, -1)]
@@ -129,7 +127,6 @@ def test_one_brick_goes_through_with_all_its_modes(tmp_path):
 
 
 def test_a_heavy_mass_that_hardly_moves_hides_no_modulus(tmp_path):
-    """A million tonnes at the end swing once in two minutes; the beam between them and its root, 300 times a second."""
     text = bricks((4, 1, 1)).replace("ENDDATA", f"CONM2,1,{TIP},,1.+9\nENDDATA")
     load = {"node": 9, "direction": [0.2, 0.5, 1.0], "known": True}
     load["signal"] = {"type": "sine", "frequency": 100.0, "amplitude": 1000.0}

@@ -100,7 +100,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _keep(group: Group, found: Sequence[Fault], seed: int, kept: Path, out: Path) -> None:
-    """One file of every kind of fault, and how often it came."""
     kinds = Counter(_kind(fault.said) for fault in found)
     for kind, count in kinds.most_common():
         fault = next(fault for fault in found if _kind(fault.said) == kind)

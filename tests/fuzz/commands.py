@@ -101,7 +101,6 @@ def _ended(launcher: Launcher, folder: Path, results: Path, verbose: bool, codes
 
 
 def _everything(work: Path) -> set[str]:
-    """All that is there, but for the results and what the process says."""
     return {str(path) for path in work.rglob("*") if path.name != "says" and not path.is_relative_to(work / "results")}
 
 

@@ -40,7 +40,6 @@ def mutated(content: bytes, rng: Random, words: Sequence[str], others: Sequence[
 
 
 def packed(content: bytes, rng: Random) -> bytes:
-    """In gzip, one of three damaged."""
     whole = gzip.compress(content, 1, mtime=0)
     return rng.choice((_flipped, _cut))(whole, rng, ()) if rng.random() < 1 / 3 else whole
 

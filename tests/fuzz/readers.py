@@ -28,7 +28,6 @@ def read_config(path: Path, choice: int) -> None:
 
 
 def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
-    """The mesh as `import` takes and checks it, or a matrix as `modes` does."""
     from strainsight.decks.matrices.files import read_matrix, read_numbering, symmetric
     from strainsight.decks.other import mesh as other
 
@@ -86,7 +85,6 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
 
 
 def read_results(path: Path, choice: int, sandboxed: bool = True) -> None:
-    """Every mode and static response."""
     from strainsight.decks.results.reader import read_responses
 
     for response in read_responses(path):

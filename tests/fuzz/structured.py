@@ -69,7 +69,6 @@ def sound() -> list[Sound]:
 
 
 def altered(own: Sound, rng: Random) -> Sound:
-    """One to three alterations of the deck or the config."""
     name, deck, text = own
     for _ in range(rng.choice((1, 1, 2, 3))):
         if rng.random() < 0.55:
@@ -130,7 +129,6 @@ def _scaled(text: str, factor: float) -> str:
 
 
 def _tree(data: Any, rng: Random) -> None:
-    """A config, in place."""
     places = list(_places(data))
     (own, key), (other, name) = rng.choice(places), rng.choice(places)
     numbers = [(at, name) for at, name in places if isinstance(at[name], int | float) and not isinstance(at[name], bool)]
@@ -155,13 +153,11 @@ def _tree(data: Any, rng: Random) -> None:
 
 
 def _places(data: Any) -> list[tuple[Any, Any]]:
-    """Containers and keys of all values."""
     keys = list(data) if isinstance(data, dict) else list(range(len(data))) if isinstance(data, list) else []
     return [(data, key) for key in keys] + [place for key in keys for place in _places(data[key])]
 
 
 def case(seed: int, number: int) -> Sound:
-    """By its number alone."""
     rng = Random(f"structured {seed} {number}")
     return altered(rng.choice(sound()), rng)
 

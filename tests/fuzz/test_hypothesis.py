@@ -13,10 +13,8 @@ from hypothesis import strategies as st
 from strainsight.config.load import load_config
 from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.decks.matrices.files import read_matrix
-from strainsight.decks.nastran.cards import read_deck
 from strainsight.decks.numbers import LARGEST_ID, parse_integer, parse_real
 from strainsight.errors import SPACES, UserError, printable
-from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.uff58_records import number_of
 
 from .readers import fault_of
@@ -55,7 +53,6 @@ def test_any_override_of_a_sound_config(tmp_path_factory, key, value):
 @FEW
 @given(JSON)
 def test_json_is_read_as_what_it_says(value):
-    """YAML holds all of JSON but for what the reader refuses with a place: control characters, numbers without end."""
     with suppress(YamlProblem):
         assert parse(json.dumps({"a": value})).data == {"a": value}
 
@@ -80,15 +77,6 @@ def test_cards_of_any_words(tmp_path_factory, text):
 
 
 @FEW
-@given(st.lists(st.tuples(*[st.floats(-1e6, 1e6).map(lambda x: float(f"{x:.6e}"))] * 3), min_size=1, max_size=6))
-def test_coordinates_come_back(tmp_path_factory, points):
-    path = tmp_path_factory.getbasetemp() / "grid.bdf"
-    path.write_text("".join(f"GRID,{i},,{x!r},{y!r},{z!r}\n" for i, (x, y, z) in enumerate(points, start=1)))
-    cards = read_deck(path).cards["GRID"]
-    assert [tuple(card.real(k, "a coordinate") for k in (2, 3, 4)) for card in cards] == points
-
-
-@FEW
 @given(st.text(max_size=12) | st.from_regex(r"[-+]?[0-9.]{1,8}[eEdD]?[-+]?[0-9]{0,5}", fullmatch=True))
 def test_numbers_of_decks_are_finite_or_none(token):
     real, whole, universal = parse_real(token), parse_integer(token), number_of(token)
@@ -103,7 +91,6 @@ def test_numbers_of_decks_are_finite_or_none(token):
     st.integers(-1, 5), st.integers(-1, 5), st.sampled_from(["general", "symmetric"]),
 )  # fmt: skip
 def test_entries_of_a_matrix(tmp_path_factory, entries, rows, columns, kind):
-    """Read as the sum of its entries, or refused: never anything beside the matrix."""
     path = tmp_path_factory.getbasetemp() / "made.mtx"
     lines = "".join(f"{i} {j} {value!r}\n" for i, j, value in entries)
     path.write_text(f"%%MatrixMarket matrix coordinate real {kind}\n{rows} {columns} {len(entries)}\n{lines}")
@@ -118,16 +105,6 @@ def test_entries_of_a_matrix(tmp_path_factory, entries, rows, columns, kind):
         if kind == "symmetric" and i != j:
             X[j - 1, i - 1] += value
     np.testing.assert_allclose(read_matrix(path).toarray(), X, rtol=1e-12, atol=1e-6)
-
-
-@FEW
-@given(st.lists(st.tuples(st.integers(0, 5), st.floats(-1e9, 1e9)), min_size=2, max_size=8), st.sampled_from("\n\r"))
-def test_rows_of_a_table_come_back(tmp_path_factory, rows, end):
-    path = tmp_path_factory.getbasetemp() / "made.csv"
-    path.write_bytes(end.join(["time,a", *(f"{t},{value!r}" for t, value in rows)]).encode())
-    found = read_csv(path, ["a"], time="time", time_unit="s")
-    assert found.time.tolist() == [t for t, _ in rows]
-    assert found.channels["a"].tolist() == [value for _, value in rows]
 
 
 @FEW

@@ -6,9 +6,7 @@ A small share of `make fuzz`, which reads 20 000 of each group, and 3000 altered
 from __future__ import annotations
 
 import sys
-from random import Random
 
-import numpy as np
 import pytest
 
 from strainsight.errors import UserError
@@ -18,7 +16,6 @@ from . import structured
 from .campaign import faults
 from .cases import Group, companions
 from .commands import command_faults
-from .mutation import mutated
 from .readers import READERS
 from .seeds import write_seeds
 
@@ -38,7 +35,6 @@ def seeds(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", READERS)
 def test_the_sound_files_are_read(seeds, tmp_path, name):
-    """What is damaged is worth damaging: some choice of what is asked of it reads every one of them."""
     companions(name, seeds / name, tmp_path / "work")
     here = {} if name == "config" else {"sandboxed": False}
     for path in Group(name, seeds / name).files:
@@ -59,19 +55,8 @@ def test_damaged_files_are_refused_or_read(seeds, tmp_path, name):
     assert faults(name, seeds, tmp_path / "work", SEED, 0, SHARE[name]) == []
 
 
-def test_a_damaged_file_follows_from_its_number(tmp_path):
-    for name in ("own.bdf", "other.inp"):
-        (tmp_path / name).write_text("".join(f"GRID,{i},,{i / 7:.3f},0.,1.\n" for i in range(60)))
-    group, again = Group("results", tmp_path), Group("results", tmp_path)
-    assert [group.case(3, i) for i in range(15)] == [again.case(3, i) for i in reversed(range(15))][::-1]
-    content = group.files["own.bdf"]
-    changed = [mutated(content, Random(i), group.words) != content for i in range(60)]
-    assert np.mean(changed) > 0.9
-
-
 @pytest.mark.slow
 def test_no_damaged_file_is_an_internal_error_of_the_command_line(seeds, tmp_path):
-    """Damaged configs, decks and tables: exit code 0 or 2, one message, nothing left elsewhere."""
     with Launcher(tmp_path) as launcher:
         assert command_faults(launcher, seeds, tmp_path / "work", seed=10, first=0, last=12) == []
 

@@ -51,7 +51,6 @@ class Particles:
         )
 
     def inertia(self):
-        """About the origin (3, 3)."""
         return np.einsum(
             "p,pij->ij",
             self.m,

@@ -86,7 +86,6 @@ def test_a_reaction_does_the_work_of_its_constraints_on_any_rigid_motion(driven,
 
 
 def test_slopes_of_an_accelerometer_are_its_differences(driven):  # noqa: F811
-    """By state, off the constraints, too; loads, those through a law and the angle of gravity among them; parameters."""
     system, q, v, u, theta = driven
     turning_g = turning_gravity("tilt", system.bodies, np.array([1.0, -9.0, 2.0]), np.array([0.0, 0.6, 0.8]))
     system = assemble(system.bodies, system.joints, [*system.forces, turning_g])

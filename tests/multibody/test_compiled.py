@@ -1,8 +1,5 @@
 """The compiled step in minimal coordinates is the step in natural ones; compiled laws are their Python."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -25,7 +22,6 @@ from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.step import compiled, step
 from strainsight.multibody.system import assemble
 
-from ..shared import ROOT
 from .mechanisms import turned
 from .natural import natural_slopes, natural_step
 from .test_laws import KEYS
@@ -35,7 +31,6 @@ SMALL = Bearing(24, 0.4, np.pi / 4, 0.02, 0.0106, 0.0105, 0.0107, 0.0106, 1e-5)
 
 @pytest.mark.parametrize("h", [1e-3, 0.05])
 def test_the_step_is_that_of_natural_coordinates_to_rounding(everything, h):
-    """Position, velocity, multipliers of the joints and all slopes, with every kind of body, joint and force."""
     e = everything
     w = np.random.default_rng(3).normal(size=e.system.size)
     new = step(e.system, e.q, e.v, e.u, h, e.theta, w=w)
@@ -81,7 +76,6 @@ def chain(count, closed=False):
 
 @pytest.mark.parametrize("closed", [False, True])
 def test_a_chain_in_any_order_is_eliminated_along_itself(closed):
-    """The answer is that of the dense matrix, and the envelope is that of a band: it grows with the number of links."""
     system, q, v = chain(7, closed)
     new = step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
     dense = natural_step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
@@ -92,7 +86,6 @@ def test_a_chain_in_any_order_is_eliminated_along_itself(closed):
 
 
 def in_python(law):
-    """The same law without its compiled function."""
     return SimpleNamespace(load=law.load)
 
 
@@ -101,7 +94,6 @@ LINEAR = LinearLaw(np.diag([3.0, 4.0]) + 1.0, np.array([0.1, 0.2]), (np.eye(2),)
 
 @pytest.mark.parametrize("kind", ["spring", "torsion", "bushing", "linear", "bearing"])
 def test_a_compiled_law_is_its_python(kind):
-    """Through the step and its slopes: by state, inputs and parameters alike."""
     wall, held = Frame("wall", None, np.array([0.3, 0.2, -0.1])), Frame("held", "stone", np.array([0.1, 0.0, 0.05]))
     theta, parameters = np.zeros(0), ()
     if kind == "bearing":
@@ -141,8 +133,6 @@ def test_an_error_of_a_law_in_python_that_is_no_missing_load_comes_through():
 
 
 def test_kept_code_notices_a_change_of_other_files():
-    """Its stamp on disk has those of every file it calls into."""
-
     def function(x):
         return x
 
@@ -160,48 +150,3 @@ def test_compiled_code_notices_a_change_of_all_that_it_is_made_of(entry):
     for module in (arrays, blocks, relations, equations, matrix, *solver):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
-
-
-STEP_AND_SLOPES = """
-import sys
-import numpy as np
-from numba.core.dispatcher import Dispatcher
-from strainsight.fem.affine import AffineOperator
-from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.multibody.bearing.law import BearingLaw
-from strainsight.multibody.forces import Gravity, RelativeElement
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import state
-from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.advance import sensitivities
-from strainsight.multibody.step import step
-from strainsight.multibody.system import assemble
-from tests.multibody.conftest import Particles
-
-arm = Particles(np.ones(4), np.eye(4, 3), np.ones((4, 3, 1))).flexible("arm", AffineOperator(np.eye(1), {}))
-bearing = Bearing(24, 0.4, np.pi / 4, 0.02, 0.0106, 0.0105, 0.0107, 0.0106, 1e-5)
-root = Frame("root", "arm", displacement=np.zeros((3, 1)), rotation=np.zeros((3, 1)))
-ring = bearing_displacements(Frame("wall"), root)
-system = assemble([arm], [], [RelativeElement("ring", ring, BearingLaw(bearing)), Gravity()])
-q, v = state(system, {})
-sensitivities(system, step(system, q, v, np.zeros(0), 1e-5, np.zeros(0)))
-functions = {
-    function
-    for name, module in list(sys.modules.items()) if name.startswith("strainsight.multibody")
-    for function in vars(module).values() if isinstance(function, Dispatcher) and function.signatures
-}
-print(len(functions), sorted(f.py_func.__name__ for f in functions if len(f.signatures) > 1))
-"""
-
-
-@pytest.mark.slow
-def test_equations_are_compiled_for_one_set_of_types(tmp_path):
-    """A process without compiled code on disk, which takes the step, its slopes and the inertia that Python asks for."""
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    child = subprocess.run(
-        [sys.executable, "-c", STEP_AND_SLOPES], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
-    )
-    assert child.returncode == 0, child.stderr
-    count, several = child.stdout.split(maxsplit=1)
-    assert int(count) > 30
-    assert several.strip() == "[]"

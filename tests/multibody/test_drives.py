@@ -31,7 +31,6 @@ MASS, ARM, INERTIA = 2.0, 0.5, 0.8
 
 
 def angle(i, j):
-    """The turn about z of j in i, driven."""
     return DrivenRelation(dot(i, 1, j, 0), "turn", "angle", dot(i, 0, j, 0))
 
 
@@ -115,7 +114,6 @@ def test_the_rate_of_a_driven_constraint_is_its_difference_in_time(driven):
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 def test_slopes_of_a_driven_step_are_its_differences(driven, method):
-    """By state, loads, drives and their rates, parameters and a force."""
     system, q, v, u, theta = driven
     n, h, nd = system.size, 0.02, 3
     w, x, end = np.zeros(n), np.concatenate([q, v]), u.copy()
@@ -171,7 +169,6 @@ def test_an_arm_held_by_its_drive_rests_at_the_angle():
 
 
 def test_a_drive_of_what_a_joint_holds_already_is_named():
-    """And one of what is free turns it by its angle."""
     bob = RigidBody("bob", 1.0, np.zeros(3), np.eye(3))
     wall, end = Frame("wall"), Frame("end", "bob")
     system = assemble([bob], [fixed("weld", wall, end), Joint("motor", (angle(wall, end),))])

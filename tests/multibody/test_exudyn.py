@@ -74,7 +74,6 @@ class Mast:
 
     @property
     def end(self):
-        """Nodes of the last section."""
         return range(len(self.m) - 3, len(self.m))
 
 
@@ -152,7 +151,6 @@ def agree(ours, theirs, uncertain):
 
 
 def test_heavy_top():
-    """A rigid body of three different moments of inertia that hangs by a point beside its axis, tumbles and spins."""
     centre, pivot = np.array([0.3, -0.1, 0.2]), np.array([-0.2, 0.1, 0.05])
     inertia = np.diag([0.2, 0.3, 0.4]) + 3.0 * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     pose = started(pivot, np.array([3.0, 5.0, 2.0]))
@@ -200,12 +198,10 @@ def on_nodes(mbs, body, nodes):
 
 
 def as_particles(mast, particles):
-    """The mast here."""
     return particles(mast.m, mast.x, mast.shapes).flexible("mast", mast.reduced, DAMPING * mast.reduced)
 
 
 def test_flexible_rotor_that_hangs_by_its_far_end(mast, particles):
-    """The mean of its last three nodes, which deforms against the floating frame, is held in space; all else tumbles."""
     pivot, shapes = mast.x[mast.end].mean(0), mast.shapes[mast.end].mean(0)
     pose = started(pivot, np.array([3.0, 2.0, 5.0]))
     joint = spherical("eye", Frame("wall"), Frame("end", "mast", pivot, np.eye(3), shapes, np.zeros_like(shapes)))

@@ -37,7 +37,6 @@ KEYS = {
 
 @pytest.mark.parametrize("kind", LAWS)
 def test_slopes_of_a_law_are_its_differences(kind):
-    """Where it is in motion, at no special place."""
     element = LAWS[kind]("law", Frame("i"), Frame("j"), **KEYS[kind])
     rng = np.random.default_rng(2)
     k, none = len(element.relations), np.full(len(element.inputs), 1.7)
@@ -81,7 +80,6 @@ def angle_of(q):
 @pytest.mark.parametrize(("method", "order"), [("second_order", 2), ("thesis", 1)])
 @pytest.mark.parametrize(("kind", "damping"), [("bushing", C), ("spring", 2 * np.sqrt(K * M)), ("torsion", 100.0)])
 def test_mass_on_spring_and_damper_approaches_its_closed_form_at_the_order_of_the_method(kind, damping, method, order):
-    """Below critical damping, at it, and above."""
     system = wheel(K, damping) if kind == "torsion" else slider(K, damping, kind)
     start = {"disc": Pose(rotation=turned(0.5))} if kind == "torsion" else {"stone": Pose(np.array([0, 0, 0.5]))}
     q, v = state(system, start)
@@ -96,7 +94,6 @@ def test_mass_on_spring_and_damper_approaches_its_closed_form_at_the_order_of_th
 
 @pytest.mark.parametrize("kind", sorted(LAWS.keys() - {"torque", "actuator"}))
 def test_a_damper_takes_work_in_any_motion(kind):
-    """The power F·ρ̇ that it takes, what its spring takes at rest in the same place left out."""
     element = LAWS[kind]("law", Frame("i"), Frame("j"), **KEYS[kind])
     rng = np.random.default_rng(4)
     for _ in range(50):
@@ -137,7 +134,6 @@ def test_a_rotational_damper_alone_turns_as_far_as_it_likes():
 
 
 def test_a_torsion_spring_that_is_turned_too_far_is_refused():
-    """At half a turn its moment would jump from one side to the other."""
     system = wheel(1.0, 0.0)
     q, v = state(system, {"disc": Pose(spin=np.array([0, 0, 9.0]))})
     with pytest.raises(NumericalError, match=r"law: it is turned by 3\.\d+ rad .* beyond 3 rad"):
@@ -145,7 +141,6 @@ def test_a_torsion_spring_that_is_turned_too_far_is_refused():
 
 
 def test_a_bushing_turns_as_the_right_hand_has_it():
-    """Small turns of j about the axes of i, in this order; displacements along the axes of i."""
     axes = turned(0.7)
     stone = RigidBody("stone", M, np.zeros(3), np.eye(3))
     element = bushing("law", Frame("wall", axes=axes), Frame("end", "stone", axes=axes), SIX, SIX)
@@ -161,7 +156,6 @@ def test_a_bushing_turns_as_the_right_hand_has_it():
 
 
 def test_a_wheel_on_a_torsion_spring_rests_at_its_angle():
-    """About any axis: that of both frames."""
     disc = RigidBody("disc", 1.0, np.zeros(3), np.eye(3))
     for axis in "xyz":
         element = torsion("law", Frame("wall"), Frame("end", "disc"), 5.0, 1.0, 0.4, axis)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.errors import InfeasibleError
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.forces import Gravity
 from strainsight.multibody.frames import Frame
@@ -118,27 +117,6 @@ def test_two_four_bars_pass_their_singular_position_and_are_where_the_reduction_
     exact = exact_four_bars(1.0)
     assert np.linalg.norm(ends[2] - exact) / np.linalg.norm(ends[3] - exact) == pytest.approx(4.0, abs=0.05)
     np.testing.assert_allclose(extrapolated(ends, 2), exact, atol=1e-7)
-
-
-def test_third_revolute_joint_of_a_planar_loop_is_refused_by_name():
-    rod = np.array([0.5, 0.0])
-    bodies = [planar("left", 1.0, rod, 1 / 12), planar("top", 1.0, rod, 1 / 12), planar("right", 1.0, rod, 1 / 12)]
-    joints = [
-        revolute("A", at("ground A", None), at("foot A", "left")),
-        revolute("D", at("ground D", None, 1), at("foot D", "right")),
-        revolute("B", at("head A", "left", 1), at("start", "top")),
-        revolute("C", at("head D", "right", 1), at("end", "top", 1)),
-    ]
-    system = assemble(bodies, joints)
-    upright = {"left": Pose(rotation=turned(np.pi / 2)), "right": Pose(np.array([1.0, 0, 0]), turned(np.pi / 2))}
-    q, _ = state(system, upright | {"top": Pose(np.array([0, 1.0, 0]))})
-    with pytest.raises(InfeasibleError, match="3 of 38 constraints are redundant") as refused:
-        project_position(system, q)
-    assert "C: " in str(refused.value)
-    assert "follows from" in str(refused.value)
-    assert "pin" in str(refused.value)
-    joints[-1] = pin("C", at("head D", "right", 1), at("end", "top", 1))
-    np.testing.assert_allclose(project_position(assemble(bodies, joints), q), q, atol=1e-14)
 
 
 def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_fifth_order():

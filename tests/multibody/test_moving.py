@@ -26,7 +26,6 @@ MASS, INERTIA, G = 2.0, 0.7, 9.81
 
 
 def wheel(*forces):
-    """A wheel about z."""
     disc = RigidBody("disc", MASS, np.zeros(3), INERTIA * np.eye(3))
     return assemble([disc], [revolute("hinge", Frame("wall"), Frame("hub", "disc"))], forces)
 
@@ -90,7 +89,6 @@ def loads(everything, own, u):
 
 @pytest.mark.parametrize("body", ["hub", "arm", "rock"])
 def test_a_load_in_the_axes_of_a_frame_is_the_one_along_them_in_space(everything, body):
-    """On a clamped, a free flexible and a rigid body; the moment's shapes turn by small angles."""
     e, rng = everything, np.random.default_rng(5)
     direction = np.array([0.6, 0.0, 0.8])
     n = len(e.q[e.system.modal(body)])

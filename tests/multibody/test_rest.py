@@ -190,7 +190,6 @@ def test_constraint_that_nothing_can_change_is_named():
 
 
 def test_motion_without_mass_is_named():
-    """A straight rod can spin about itself for nothing, unless a joint holds that."""
     loose = assemble([BALL, ROD], [spherical("joint", frame("nose", "ball", 1, 0, 0), frame("end", "rod"))])
     q, _ = state(loose, {"rod": Pose(np.array([1.0, 0, 0]))})
     with pytest.raises(InfeasibleError, match="body rod can move without moving any mass"):
@@ -200,7 +199,6 @@ def test_motion_without_mass_is_named():
 
 
 def test_a_body_out_of_all_proportion_is_named():
-    """Not its joints, nor its rigidity, is at fault."""
     planet = RigidBody("planet", 1e30, np.zeros(3), 1e30 * np.eye(3))
     system = assemble([BALL, planet], [spherical("joint", frame("wall", None), frame("end", "ball"))])
     with pytest.raises(InfeasibleError, match="the inertia of body planet is too large beside the rest"):

@@ -87,7 +87,6 @@ def ends_of(time, numbers):
 
 
 def test_squeezer_reaches_its_published_end_at_second_order():
-    """The crank has turned two and a half times by then."""
     ends, exact = ends_of(0.03, (250, 500, 1000)), cosines_and_sines(END)
     errors = [np.linalg.norm(end - exact) for end in ends]
     np.testing.assert_allclose(np.log2([errors[0] / errors[1], errors[1] / errors[2]]), 2, atol=0.05)

@@ -58,7 +58,6 @@ def run(system, q, v, steps, h, method="second_order"):
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 @pytest.mark.parametrize(("case", "h"), [(pendulum, 1e-3), (pendulum, 0.02), (bouncing, 2e-3)])
 def test_a_step_with_a_past_is_the_step_without(case, h, method):
-    """Also where a contact begins and ends, of which no past knows."""
     system, q, v = case()
     for own in run(system, q, v, 150, h, method):
         alone = advance(system, q, v, (NONE, NONE), h, NONE, method)
@@ -74,14 +73,12 @@ def test_the_stone_met_the_floor_and_left_it():
 
 
 def test_smooth_motion_takes_one_iteration_a_stage():
-    """But for the first step, and for those that look whether it is still so."""
     iterations = [[stage.iterations for stage in own.stages] for own in run(*pendulum(), 100, 1e-3)]
     assert iterations[0] == [2, 2]
     assert np.mean(iterations[20:]) < 1.2
 
 
 def test_a_state_that_was_moved_is_solved_without_belief():
-    """As a filter moves it after each sample: how corrections fell in other directions says nothing."""
     system, q, v = pendulum()
     last = run(system, q, v, 40, 1e-3)[-1]
     beside = last.v + 1e-9 * last.q

@@ -92,7 +92,6 @@ def none(time):
 
 @pytest.mark.parametrize("h", [1.0, 0.25, 0.01])
 def test_the_bob_is_where_the_benchmark_has_it_whatever_the_step(h):
-    """A step of a second, or a hundred: errors of the steps add up to less than the tolerance."""
     found = simulate_controlled(*pendulum(), none, h, round(1 / h), np.zeros(0), "second_order", 1e-5)
     assert np.linalg.norm(found.run.q[-1, 3:5] - EXACT) < 1e-5
 
@@ -139,7 +138,6 @@ MASS, HZ = 2.0, 3.0
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 @pytest.mark.parametrize(("load", "h"), [(0.4, 0.02), (1.5, 0.02), (2.0, 0.1)])
 def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
-    """After its free motion has died in a damper of nearly nothing at all: amplitude and phase of the last periods."""
     stone = RigidBody("stone", MASS, np.zeros(3), np.eye(3))
     omega, damping = 2 * np.pi * HZ, 0.02
     element = bushing(

@@ -56,7 +56,6 @@ def readable_in_both_schemes(look, file: Path) -> None:
 
 
 def brightness(colour: str) -> float:
-    """Mean of the three channels of rgb(r, g, b), 0 to 255."""
     channels = [float(text) for text in colour[colour.index("(") + 1 : -1].split(",")[:3]]
     return sum(channels) / 3
 

@@ -54,7 +54,6 @@ def deck(folder: Path) -> Path:
 
 
 def quoted(text: str) -> str:
-    """The text as a string of YAML."""
     return json.dumps(text, ensure_ascii=False)
 
 
@@ -101,7 +100,6 @@ validate:
 
 
 def suite(folder: Path, config: Path) -> Path:
-    """A suite of that placement in which every text is one of the names."""
     runs = [
         {"config": config.name, "name": "beam-hostile", "label": SCRIPT, "note": IMAGE},
         {"config": config.name, "name": "beam-long", "label": LONG, "note": BREAKOUT, "set": {"place.keep": 4}},

@@ -69,7 +69,6 @@ def changed(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def centre(host: Locator) -> tuple[float, float]:
-    """The middle of an element [px]."""
     box = host.bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -120,7 +119,6 @@ def zooms_by_the_wheel(found: Opened) -> None:
 
 
 def spread(found: Opened) -> float:
-    """How far apart the gauges' places are in the view [px]."""
     found.page.evaluate(STILL)
     places = found.page.locator("#space-view .tag").evaluate_all(PLACES)
     return float(np.linalg.norm(np.ptp(places, axis=0)))
@@ -145,7 +143,6 @@ def obeys_the_keyboard(found: Opened) -> None:
 
 
 def picked(page: Page) -> dict[str, list[str]]:
-    """What is said of the picked gauge: name → texts."""
     said: dict[str, list[str]] = {}
     for name, text in page.locator("#space-picked dl").evaluate(
         "list => [...list.querySelectorAll('dt')].map(e => [e.textContent, e.nextElementSibling.textContent])"

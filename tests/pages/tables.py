@@ -54,7 +54,6 @@ Group = tuple[tuple[Cell, ...], ...]
 
 
 def table_named(page: Page, name: str) -> Locator:
-    """The table that the page calls so."""
     return page.locator(f'.scroll[data-table="{name}"] table')
 
 
@@ -65,7 +64,6 @@ def unfolded(page: Page) -> list[str]:
 
 
 def groups(table: Locator) -> list[Group]:
-    """The body in the order shown."""
     return [tuple(tuple(_cell(*cell) for cell in row) for row in group) for group in table.evaluate(READ)]
 
 
@@ -126,7 +124,6 @@ def sorts_by_every_head(table: Locator) -> int:
 
 
 def tools(table: Locator) -> Locator:
-    """The buttons that belong to a table."""
     return table.locator("xpath=ancestor::div[contains(@class,'scroll')][1]/preceding-sibling::*[1]")
 
 
@@ -188,7 +185,6 @@ def works(table: Locator, run: str, name: str) -> None:
 
 
 def all_work(page: Page, run: str) -> list[str]:
-    """`works` for every table of the page; their names."""
     found = unfolded(page)
     assert len(found) == len(set(found))
     for name in found:

@@ -62,7 +62,6 @@ def test_a_phone_picks_by_touch(look, report, gauges):
 
 
 def test_without_scripts_it_still_answers(look, report):
-    """All that decides is there: the answer, the tables, the picture; only the view in space is not offered."""
     found = look(report, scripts=False)
     page = found.page
     assert page.locator("#answer .tile").count() == 2

@@ -28,13 +28,11 @@ def report(request, tmp_path_factory):
 
 
 def test_every_number_of_the_first_screen_is_exact(look, report):
-    """But in the name of the file, in what the verdict says in words, and in the labels of grids."""
     labels = ("G2.2", "G2.3", "G4.2", *(f"G{i}" for i in range(1, 7)))
     answers.has_no_other_digit(look(report), "run <7>.csv", "3.1 times", *labels)
 
 
 def test_its_tables_sort_and_those_of_one_unit_copy_and_save(look, report):
-    """Where the rows of a column differ in their units, these stand in a column behind it."""
     page = look(report).page
     names = tables.unfolded(page)
     assert {"channels", "extremes", "calibration"} <= set(names)

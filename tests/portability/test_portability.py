@@ -10,12 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import pytest
-
-from strainsight.workflow.artefact import Header
-from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.store import write_artefact
 
 from ..robustness import small
 from ..shared import ROOT, SHORT
@@ -115,7 +110,6 @@ def processor() -> tuple[set[str], bool]:
 
 
 def bench_config(folder: Path) -> Path:
-    """A small bench with `place`."""
     small.write_project(folder)
     path = folder / "bench.yaml"
     text = path.read_text(encoding="utf-8")
@@ -164,7 +158,6 @@ def asked(one: Path, other: Path) -> None:
 
 @pytest.fixture(scope="module")
 def small_runs(tmp_path_factory):
-    """The small beam and the small bench."""
     bench = bench_config(tmp_path_factory.mktemp("project"))
     beam = str(bench.with_name("beam.yaml"))
     return [*((beam, (f"name={name}", *asked)) for name, asked in SMALL.items()), (str(bench), ())]
@@ -193,32 +186,8 @@ def test_other_machines_have_the_same_layouts_and_numbers(name, small_runs, smal
 
 @pytest.mark.slow
 def test_cantilevers_of_another_machine_have_the_same_layouts_and_numbers(tmp_path):
-    """Cantilevers of 10 700 unknowns."""
     runs = [(str(ROOT / "configs" / f"{name}.yaml"), LESS) for name in CONFIGS]
     default, other = (run(tmp_path, name, runs) for name in (DEFAULT, "a new one without MKL"))
     asked(default, other)
     assert digests(default) != digests(other)
     said("a new one without MKL")
-
-
-def test_the_comparison_sees_another_gauge_and_another_digit(tmp_path):
-    def written(name, gauges, std, gap):
-        path = tmp_path / name / "beam" / "place.h5"
-        path.parent.mkdir(parents=True)
-        arrays = {"/gauge": gauges, "/std": std, "/certificate/gap": gap}
-        datasets = {name: Dataset(np.array(array), "1", "a number a gauge") for name, array in arrays.items()}
-        summary = {"cost": 2.0, "selected": 2}
-        write_artefact(path, Output(datasets, summary=summary, message=""), Header("place", 1, "0" * 64, {}, {}, {}))
-        return tmp_path / name
-
-    one = written("one", [1, 3], [1.0, 100.0], 1e-9)
-    same = written("same", [1, 3], [1.0 + 5e-6, 100.0], 5e-8)
-    other = written("other", [1, 4], [1.0 + 2e-5, np.inf], 2e-7)
-    near = written("near", [1, 3], [1.0 + 2e-5, 100.0], 2e-7)
-    asked(one, same)
-    assert list(layouts_apart(one, other)) == ["beam/place:/gauge"]
-    assert numbers_apart(one, other)["beam/place:/std"] == np.inf
-    assert {name for name, share in numbers_apart(one, near).items() if share > 1} == {
-        "beam/place:/std",
-        "beam/place:/certificate/gap",
-    }

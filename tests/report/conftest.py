@@ -126,12 +126,10 @@ def mixed():
 
 @pytest.fixture
 def full():
-    """A function: changed fields → report."""
     return report
 
 
 def report(**changes):
-    """A full report; `changes` replace its fields."""
     draw = np.random.default_rng(1)
     time = np.arange(1001) * 1e-3
     count = np.arange(30, 3, -1)

@@ -55,12 +55,10 @@ class Outline(HTMLParser):
 
     @property
     def targets(self) -> set[str]:
-        """Ids that links of the page lead to."""
         return {a["href"][1:] for _, a in self.seen if a.get("href", "").startswith("#")}
 
     @property
     def levels(self) -> list[int]:
-        """Of its headings, in order."""
         return [int(tag[1]) for tag, _ in self.seen if re.fullmatch("h[1-6]", tag)]
 
 
@@ -130,5 +128,4 @@ def steps_in_order(outline: Outline) -> bool:
 
 
 def words(html: str) -> str:
-    """Text without tags, its spaces single."""
     return " ".join(re.sub(r"<[^>]*>", " ", html).split())

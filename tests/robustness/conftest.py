@@ -30,7 +30,6 @@ def project(tmp_path_factory) -> Path:
 
 
 def of_project(project: Path) -> str:
-    """The content of its files, as a key of what is made of them."""
     names = ("beam.yaml", "bench.yaml", "beam.bdf", "measured.csv")
     return "".join((project / name).read_text(encoding="utf-8") for name in names)
 

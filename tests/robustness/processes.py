@@ -50,7 +50,6 @@ class Launcher:
         return self.pid
 
     def has_ended(self) -> bool:
-        """Whether `end` would not wait."""
         return bool(select.select([self._server.stdout], [], [], 0)[0])
 
     def end(self, patience: float = PATIENCE) -> int:
@@ -63,7 +62,6 @@ class Launcher:
 
 
 def until(true: Callable[[], object], patience: float = PATIENCE) -> bool:
-    """Wait until it is true."""
     end = time.monotonic() + patience
     while time.monotonic() < end:
         if true():

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-COUNTS, SIZE = (8, 2, 2), (1.0, 0.1, 0.08)
-TIP = 1000
+from ..edges.beam import TIP, bricks
 
+COUNTS = (8, 2, 2)
 PLACEMENT = """
 kind: placement
 name: beam
@@ -84,31 +84,10 @@ field: {body: beam, instants: 3}
 def write_project(folder: Path) -> None:
     """The deck, a test's measurements and both configs."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "beam.bdf").write_text(_deck(), encoding="ascii")
+    (folder / "beam.bdf").write_text(bricks(COUNTS).replace(str(TIP), "1000"), encoding="ascii")
     (folder / "measured.csv").write_text(_measured(), encoding="ascii")
     (folder / "beam.yaml").write_text(PLACEMENT, encoding="utf-8")
     (folder / "bench.yaml").write_text(BENCH, encoding="utf-8")
-
-
-def _deck() -> str:
-    """Bricks in Nastran's free format, clamped at x = 0; a rigid end with its reference node TIP."""
-    grid = np.stack(np.meshgrid(*(np.arange(c + 1) for c in COUNTS), indexing="ij"), axis=-1)
-    number = 1 + np.arange(grid[..., 0].size).reshape(grid.shape[:3])
-    place = grid * np.array(SIZE) / np.array(COUNTS)
-    lines = [
-        f"GRID,{n},,{x:.6f},{y:.6f},{z:.6f}" for n, (x, y, z) in zip(number.flat, place.reshape(-1, 3), strict=True)
-    ]
-    lines.append(f"GRID,{TIP},,{SIZE[0]},{SIZE[1] / 2},{SIZE[2] / 2}")
-    corner = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    for e, (i, j, k) in enumerate(np.ndindex(*COUNTS), start=1):
-        nodes = [number[i + a, j + b, k + c] for a, b, c in corner]
-        lines.append(f"CHEXA,{e},1,{','.join(map(str, nodes[:6]))}\n,{nodes[6]},{nodes[7]}")
-    for card, nodes in ((f"RBE2,1,{TIP},123456", number[-1]), ("SPC1,1,123", number[0])):
-        words = [*card.split(","), *map(str, nodes.flat)]
-        rows = [words[:9], *(words[i : i + 8] for i in range(9, len(words), 8))]
-        lines.append("\n,".join(",".join(row) for row in rows))
-    cards = ["PSOLID,1,1", "MAT1,1,2.1+11,,0.3,7850."]
-    return "\n".join(["SOL 103", "CEND", "SPC = 1", "BEGIN BULK", *cards, *lines, "ENDDATA", ""])
 
 
 def _measured() -> str:

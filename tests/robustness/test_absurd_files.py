@@ -51,7 +51,6 @@ def no_summary(path: Path) -> None:
 
 
 def command(*words: str) -> tuple[int, str]:
-    """Exit code and words of a command in this process."""
     done = CliRunner().invoke(app, words)
     assert "Traceback" not in done.output
     return done.exit_code, done.output + (done.stderr or "")
@@ -80,7 +79,6 @@ def test_a_run_that_starts_from_a_made_up_artefact_is_refused_with_its_name(make
 
 
 def flip(path: Path, place: int) -> None:
-    """Flip a bit of the byte at this place."""
     content = bytearray(path.read_bytes())
     content[place] ^= 4
     path.write_bytes(content)

@@ -13,6 +13,7 @@ import pytest
 
 from strainsight.workflow.artefact import Artefact
 
+from ..edges import beam
 from . import small
 from .whole import compared, names
 
@@ -45,7 +46,6 @@ def run(folder: Path, stage: str, config: str, results: Path, start: str = "", *
 
 @pytest.mark.slow
 def test_what_is_around_a_run_is_not_in_its_results(project, undisturbed, tmp_path):
-    """Another folder, results elsewhere, a later moment and another time zone, other hashes of Python's, twice the threads."""
     moved, results = tmp_path / "a b" / "moved", tmp_path / "elsewhere"
     moved.mkdir(parents=True)
     for path in project.iterdir():
@@ -59,9 +59,7 @@ def test_what_is_around_a_run_is_not_in_its_results(project, undisturbed, tmp_pa
 
 @pytest.mark.slow
 def test_rounding_of_two_threads_chooses_no_other_layout(tmp_path, monkeypatch):
-    """A square beam: every bending frequency twice, every gauge with three of equal worth. Numpy is loaded before the
-    product can hold it to one thread."""
-    monkeypatch.setattr(small, "SIZE", (1.0, 0.1, 0.1))
+    monkeypatch.setattr(beam, "SIZE", (1.0, 0.1, 0.1))
     small.write_project(tmp_path)
     for threads in ("1", "2"):
         run(

@@ -153,8 +153,6 @@ def test_whoever_works_for_a_killed_process_ends_with_it(tmp_path):
 
 @pytest.mark.parametrize("code", [LONG, APART, LOCKED])
 def test_inside_a_library(code):
-    """A factorisation, in C, where Python has no turn for seconds; a reader that does not answer; a lock
-    that whoever collects garbage waits for."""
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "starts\n"
     time.sleep(0.4)

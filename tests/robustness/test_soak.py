@@ -138,7 +138,6 @@ def covariance_root(P: np.ndarray) -> np.ndarray:
 
 
 def same(one: FilterRun, other: FilterRun) -> bool:
-    """To the bit."""
     pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in fields(FilterRun)]
     return all(a is b or np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
@@ -186,7 +185,6 @@ def test_the_filter_over_many_steps(capsys):
 
 @pytest.mark.slow
 def test_placements_in_one_process(project, capsys, monkeypatch):
-    """The command of a user, again and again, without a process of its own: every artefact is the first one."""
     monkeypatch.setattr(processes, "WORTH", 5.0)  # whole runs may have sweeps by others
     runner, results = CliRunner(), str(project / "again")
     folder = project / "again" / "beam"

@@ -55,7 +55,6 @@ def held(launcher, project: Path, results: Path, stage: str):
 
 
 def other_of(project: Path) -> Path:
-    """The same config under another name."""
     path = project / "other.yaml"
     path.write_text(PLACEMENT.replace("name: beam", "name: other"), encoding="utf-8")
     return path
@@ -90,7 +89,6 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", [True, False])
 def test_runs_that_share_stages_wait_for_each_other(project, undisturbed, results, launcher, killed):
-    """What one is at, the other does not begin; where the one is killed, the other does it."""
     with held(launcher, project, results, "rom") as pid:
         words = command(other_of(project), results, stage="screen")
         other = subprocess.Popen(
@@ -179,7 +177,6 @@ def _killed(launcher: Launcher, moment: Moment, project: Path, results: Path) ->
 
 
 def started(log: Path) -> str:
-    """The stage that was started last."""
     return str(re.findall(r" (\w+) starts: ", log.read_text())[-1])
 
 

@@ -16,7 +16,6 @@ LOG, LOCK = "run.log", ".lock"
 
 
 def names(folder: Path) -> set[str]:
-    """What a run leaves, but its log."""
     return {path.name for path in folder.iterdir()} - {LOG}
 
 

@@ -36,7 +36,6 @@ validate:
 
 
 def write_project(folder: Path) -> Path:
-    """The deck and its config, whose path is returned."""
     deck = bricks((8, 2, 2))
     for e in range(17, 33):
         deck = deck.replace(f"CHEXA,{e},1,", f"CHEXA,{e},2,")

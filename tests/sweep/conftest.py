@@ -85,7 +85,6 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 @pytest.fixture
 def doomed(tmp_path) -> Iterator[Cluster]:
-    """Two workers of which a test may kill one or both."""
     with cluster_of(tmp_path) as own:
         yield own
 

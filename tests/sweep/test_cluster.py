@@ -47,7 +47,6 @@ def test_warnings_and_errors_come_back(cluster):
 
 @pytest.mark.slow
 def test_a_worker_killed_in_the_middle_loses_nothing(doomed, monkeypatch):
-    """It has done a part and holds what all tasks share. After the last one has gone, nobody waits for ever."""
     monkeypatch.setattr(module, "DESERTED", 1.0)
     points, victim = list(range(16)), doomed.workers[0]
 
@@ -123,7 +122,6 @@ def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monk
 
 @pytest.mark.slow
 def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
-    """Not gone: its connections stay open. The sweep ends, and with it the stage, of which nothing is written."""
     monkeypatch.setattr(module, "SILENT", 2.0)
     began = time.monotonic()
     with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match="has not answered for 2 s"):
@@ -133,7 +131,6 @@ def test_a_scheduler_that_stands_still_is_named_after_the_stated_time(doomed, mo
 
 @pytest.mark.slow
 def test_a_worker_that_stands_still_is_named_after_the_stated_time(doomed, monkeypatch):
-    """Stopped, not gone: the scheduler keeps it, with its tasks and its results."""
     monkeypatch.setattr(module, "FROZEN", 3.0)
     monkeypatch.setattr(module, "ANSWER", 3.0)
     began = time.monotonic()

@@ -131,7 +131,6 @@ def test_interrupted_it_ends_at_once_and_the_cluster_forgets_it(cluster):
 
 
 def _tasks(address: str) -> int:
-    """What the scheduler still has to do."""
     from distributed import Client
 
     with Client(address, set_as_default=False) as client:

@@ -57,7 +57,6 @@ def packed(folder: Path, to: Path) -> int:
 
 
 def unpacked(version: str, folder: Path) -> Path:
-    """The folder of a release, its results as they were."""
     with tarfile.open(KEPT / f"{version}.tar.xz") as archive:
         archive.extractall(folder, filter="data")
     return folder

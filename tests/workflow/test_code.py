@@ -67,7 +67,6 @@ def test_another_source_of_a_module_within_makes_another_code_and_one_beside_doe
 
 
 def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
-    """Readers of measurements, processes of their own, styles and scripts: all that lie in the package."""
     estimate, report = (code.closure(f"strainsight.stages.{name}") for name in ("estimate", "report"))
     assert {f"strainsight.measurements.{name}" for name in ("mdf", "tdms", "mat", "hdf5_file")} <= estimate
     parts = {path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.suffix in (".css", ".js")}
@@ -115,7 +114,6 @@ def git(tmp_path):
 
 
 def test_the_commit_is_that_of_git(git, tmp_path):
-    """On a branch, packed, detached and in a worktree; none where there is no repository."""
     head = git("rev-parse", "HEAD")
     assert commit_of(tmp_path / "own") == head
     git("pack-refs", "--all")
@@ -128,7 +126,6 @@ def test_the_commit_is_that_of_git(git, tmp_path):
 
 
 def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
-    """Those of all stages of a small beam and a small bench are kept in numbers.json, with the versions that made them."""
     kept, found = json.loads(KEPT.read_text(encoding="utf-8")), numbers_of(tmp_path)
     raised = [stage for stage, own in found.items() if own["version"] != kept.get(stage, {}).get("version")]
     assert not raised, f"{raised} have a new version: renew numbers.json, python -m tests.workflow.numbers"
@@ -174,14 +171,12 @@ def folder(request, tmp_path_factory):
 
 
 def stages(folder, name):
-    """Stage, and its artefact, of those that the release has."""
     job = job_of(folder / f"{name}.yaml", folder / "results")
     found = [(stage, job.folder / f"{stage.name}.h5") for stage in stages_of(job)]
     return [(stage, path) for stage, path in found if path.exists()]
 
 
 def opened(path):
-    """The artefact, or None and the error."""
     try:
         return Artefact(path), ""
     except ArtefactError as error:

@@ -70,7 +70,6 @@ def test_an_artefact_is_one_file_and_what_people_edit_is_a_copy(results):
 
 
 def test_a_record_stays_where_another_runs_takes_its_place(results):
-    """What a file said may have been built, whoever made the next one."""
     record = replace(stage(), records=("page.html",))
     (results / "mine").mkdir()
     (results / "mine" / "page.html").write_bytes(b"built by")
@@ -146,7 +145,6 @@ STRANGE = {
 
 @pytest.mark.parametrize("case", STRANGE)
 def test_only_plain_files_of_the_stated_size_and_digest_are_copied(tmp_path, case):
-    """Whatever a sealed artefact of a folder beside says lies beside it: the stage runs itself, at once, and nothing is left."""
     name, digest, size, make = STRANGE[case]
     results = tmp_path / "results"
     source_of(job_of(results, "first"))
@@ -161,7 +159,6 @@ def test_only_plain_files_of_the_stated_size_and_digest_are_copied(tmp_path, cas
 
 
 def test_a_file_that_is_mostly_holes_is_not_copied(results):
-    """Its size and digest may be as stated, and the copy would fill the disk."""
     page = results / "first" / "page.html"
     with page.open("wb") as stream:
         stream.truncate(reuse.LARGEST + 1)
@@ -171,7 +168,6 @@ def test_a_file_that_is_mostly_holes_is_not_copied(results):
 
 
 def test_an_artefact_has_nothing_outside_its_folder_removed(tmp_path):
-    """What the old artefact had beside it and the new has not is removed where nobody altered it: below its folder only."""
     outside = tmp_path / "outside"
     outside.write_bytes(SECRET)
     source_of(job_of(tmp_path / "results", "first"))

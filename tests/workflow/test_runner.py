@@ -166,20 +166,6 @@ def test_a_stage_may_not_read_what_it_does_not_declare(job):
         done(job, (*STAGES[:1], Stage("nosy", 1, ("halve",), (), (), nosy)))
 
 
-def test_what_a_run_beside_has_done_on_the_same_inputs_is_reused(job):
-    """Only the last stage has another setting, so only it runs; the others are the same to the byte."""
-    done(job)
-    other = changed(job, name="other", show={"limit": 200.0})
-    ran = []
-    stages = tuple(Stage(*(s.name, s.version, s.reads, s.upstream, s.files, noted(s.run, s.name, ran))) for s in STAGES)
-    reasons = {event.stage: event.reason for event in run(stages, other) if event.status == "done"}
-    assert ran == ["show"]
-    assert "reused from toy" in reasons["read"]
-    for name in ("read", "halve"):
-        assert (other.folder / f"{name}.h5").read_bytes() == (job.folder / f"{name}.h5").read_bytes()
-    assert {event.status for event in run(STAGES, other)} == {"up to date"}
-
-
 def test_nothing_is_reused_by_force_or_from_a_damaged_file(job):
     done(job)
     other = changed(job, name="other")
@@ -189,14 +175,6 @@ def test_nothing_is_reused_by_force_or_from_a_damaged_file(job):
     assert "reused" not in reasons["read"]
     assert "reused" not in reasons["halve"]
     assert "reused" in reasons["show"]
-
-
-def noted(function, name, ran):
-    def call(context):
-        ran.append(name)
-        return function(context)
-
-    return call
 
 
 KEY = "f" * 64
@@ -228,8 +206,6 @@ def test_a_link_in_place_of_a_lock_leaves_the_file_it_names_alone(tmp_path):
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.EPERM])
 def test_a_folder_that_became_read_only_meanwhile_is_no_error(tmp_path, monkeypatch, number):
-    """The run is done, and what it leaves is a lock that nobody holds."""
-
     def refused(self, missing_ok=False):
         raise OSError(number, "read-only")
 
@@ -247,11 +223,6 @@ CONFIG = {
     "parameters": {},
     "place": {"keep": 4, "estimate": ["E"]},
 }
-
-
-def test_a_pattern_keeps_the_nesting_and_drops_the_rest():
-    kept = prune(CONFIG, ("seed", "loads.*.node", "place.keep"))
-    assert kept == {"seed": 1, "loads": {"tip": {"node": 2}, "root": {"node": 1}}, "place": {"keep": 4}}
 
 
 def test_a_pattern_goes_through_lists_by_their_places():

@@ -74,7 +74,6 @@ def test_what_is_read_is_what_was_written(tmp_path, monkeypatch, held):
 
 
 def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp_path):
-    """An estimate of other records has other files beside it."""
     path, names = tmp_path / "estimate.h5", ("a.csv", "b.csv", "c.csv")
     write_artefact(path, output(files={name: name.encode() for name in names}), HEADER)
     (tmp_path / "b.csv").write_bytes(b"my own notes")
@@ -84,7 +83,6 @@ def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp
 
 
 def test_a_record_that_another_takes_the_place_of_stays_beside_it(tmp_path):
-    """What gauges.csv said may have been bonded."""
     for content in (b"one", b"one", b"two", b"one"):
         made = output(files={"gauges.csv": content})
         write_artefact(tmp_path / "place.h5", made, HEADER, records=("gauges.csv",))
@@ -107,7 +105,6 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
 
 
 def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
-    """Whatever the working directory, and where both are moved together; an artefact without a grid has none."""
     grid = unstructured_grid(np.eye(3), (), {"rank": np.arange(3)})
     raw = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
     content = Output(raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()})

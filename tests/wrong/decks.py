@@ -33,7 +33,6 @@ AS_MEANT = {
 
 
 def config(**changes: str) -> str:
-    """The config of a deck that is sound, with the changes."""
     return CONFIG.format(**{**AS_MEANT, **changes})
 
 
@@ -74,12 +73,10 @@ def bricks(
 
 
 def deck(*cards: str, material: str = STEEL, held: str = "SPC1,1,123,1,6,11,16", case: str = "SPC = 1") -> str:
-    """A Nastran deck of these cards, with what makes bricks a model."""
     return "\n".join(["SOL 103", "CEND", case, "BEGIN BULK", *cards, material, held, "ENDDATA"]) + "\n"
 
 
 def bar(*more: str, **changes: str) -> str:
-    """The bar, with more cards."""
     return deck(*bricks(), "PSOLID,1,1", *more, **changes)
 
 
@@ -106,7 +103,6 @@ def plate(
 def frame(
     *more: str, section: str = "PBAR,1,1,4.-4,2.-8,1.-8,2.-8", rest: str = "", way: str = "0.,0.,1.", **changes: str
 ) -> str:
-    """Four beams in a line of 0.4 m along x."""
     cards = grid(1, (4, 0, 0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.0))
     cards += [f"CBAR,{i},1,{i},{i + 1},{way}{rest}" for i in range(1, 5)]
     recovery = ",.01,.01,-.01,.01,-.01,-.01,.01,-.01"
@@ -122,7 +118,6 @@ def inp(
     held: str = "FIX, 1, 3",
     more: str = "",
 ) -> str:
-    """The bar for Abaqus and CalculiX."""
     nodes = [
         card.removeprefix("GRID,").replace(",,", ",") for card in grid(1, (4, 1, 1), (0.4, 0.1, 0.1), (0.0, 0.0, 0.0))
     ]

@@ -18,7 +18,6 @@ def of_gmsh(E: str = "2.1e11", rho: str = "7850") -> dict[str, str]:
 
 
 def mm(E: str, rho: str, *more: str) -> str:
-    """The bar in mm."""
     return deck(*bricks(size=(400.0, 100.0, 100.0)), "PSOLID,1,1", *more, material=f"MAT1,1,{E},,.3,{rho}")
 
 
@@ -32,7 +31,6 @@ def plies(*angles: str, material: str = CARBON) -> str:
 
 
 def pair(at: tuple[float, float, float], cells: tuple[int, int, int] = (4, 1, 1)) -> str:
-    """The bar and another one."""
     return deck(*bricks(), *bricks(cells=cells, at=at, first=101, element=101), "PSOLID,1,1")
 
 

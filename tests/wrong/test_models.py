@@ -35,7 +35,6 @@ def written(folder: Path, deck: str, own: dict[str, str]) -> Path:
 
 
 def said_of(folder: Path, deck: str, own: dict[str, str]) -> tuple[str, ...]:
-    """What `import` warns of, or the error that it ends with."""
     path = written(folder, deck, own)
     try:
         loaded = load_config(path).model
@@ -171,7 +170,6 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
 
 @pytest.mark.slow
 def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
-    """No estimate from noise lies in a range so narrow."""
     changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E, "place.certificate": False}
     found = finished(tmp_path, "validate", ranges_bricks((4, 1, 1)), changes)
     summary = found["validate"].summary

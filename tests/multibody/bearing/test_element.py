@@ -163,7 +163,6 @@ def test_a_free_ring_stays_where_it_is():
 
 @pytest.mark.parametrize("load", [1e9, 1e14, 1e200])
 def test_a_load_beyond_the_contacts_is_refused(load):
-    """The request is at fault, not the computation."""
     with pytest.raises(InfeasibleError, match="no equilibrium under the load"):
         displacement(pitch_bearing(), np.array([load, 0, 0, 0, load]))
 

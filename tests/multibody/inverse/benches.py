@@ -159,7 +159,6 @@ def spring_step(matrices, known, moving, Q_w, R, method="second_order", correcte
 
 
 def loads(h, steps, frequency=0.5):
-    """Three slow loads [N] (T, 3) at h, 2h, …"""
     t = h * np.arange(1, steps + 1)
     turn = 2 * np.pi * frequency * t
     return np.stack(

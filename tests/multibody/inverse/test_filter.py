@@ -8,9 +8,8 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.verdict import chi_square_band
 from strainsight.multibody.advance import advance
 from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.inverse.loads import walks
 
-from .benches import bench, loads, spring_step, springs
+from .benches import bench, loads
 
 ITERATED = {"iterations": 20, "through_step": True}
 PARTS = ["ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right"]
@@ -208,54 +207,3 @@ def test_covariance_is_semidefinite_and_stays_in_the_tangent_space(noise):
             across = np.sqrt(np.abs(np.einsum("ij,jk,ik->i", unit, whole, unit)))
             assert across.max() < 1e-6 * np.sqrt(np.max(np.tile(d, 2) ** 2 * np.diag(whole)))
     assert not run.covariance[-1, 0][model.w].any()
-
-
-def step_matrices(M, C, K, shape, h, method):
-    """(q', v') of (q, v), loads at start and end, a force on q: F, E₀, E₁, G of M v̇ + C v + K q = Φᵀu + w. With Z = (1 − zA)⁻¹,
-    z = γh, x' = Z (x + (1 − γ)/γ (k − x) + z b(1)), k = Z (x + z b(γ)), b straight in between."""
-    n = len(M)
-    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
-    G = np.concatenate([np.zeros((n, n)), np.linalg.inv(M)])
-    gamma = 1 - 0.5**0.5 if method == "second_order" else 1.0
-    Z = np.linalg.inv(np.eye(2 * n) - gamma * h * A)
-    b = gamma * h * Z @ G
-    if method == "thesis":
-        return Z, 0 * b @ shape.T, b @ shape.T, b
-    c = 1 / gamma - 1
-    between = c * Z @ b
-    return (1 - c) * Z + c * Z @ Z, (1 - gamma) * between @ shape.T, (b + gamma * between) @ shape.T, b + between
-
-
-@pytest.mark.parametrize("method", ["second_order", "thesis"])
-@pytest.mark.parametrize(
-    "how", [{}, ITERATED, {"iterations": 5}], ids=["one shot", "through the step", "behind the step"]
-)
-def test_springs_alone_are_a_textbook_kalman_filter(how, method):
-    """A body on the ground is linear, and its step is a matrix: the filter is Kalman's, coded here by hand."""
-    h, steps, rng = 0.02, 80, np.random.default_rng(1)
-    M, C, K, shape, rows = springs()
-    known = rng.normal(size=(steps + 1, 3))
-    Q_w, Q_u, R = np.array([0.2, 0.1, 0.3]), np.array([0.5]), np.array([1e-6, 4e-6])
-    model = spring_step((M, C, K, shape, rows), known, walks(np.sqrt(Q_u), h), Q_w, R, method)
-    y = 1e-2 * rng.normal(size=(steps, 2))
-    P0 = np.diag([1e-4] * 6 + [2.0])
-    run = filter_runs(model, np.zeros(model.size), model.spread(P0), y, keep="all", **how)
-
-    own, before, after, by_w = step_matrices(M, C, K, shape, h, method)
-    F, drawn, G = np.eye(7), np.ones((7, 1)), np.zeros((7, 3))
-    F[:6, :6], F[:6, 6], drawn[:6, 0], G[:6] = own, before[:, 1] + after[:, 1], after[:, 1], by_w
-    H = np.concatenate([rows, np.zeros((2, 4))], axis=1)
-    mine = [*range(6), *model.u]
-    x, P = np.zeros(7), P0
-    for k in range(steps):
-        told = known[k : k + 2].copy()
-        told[:, 1] = 0.0
-        x = F @ x
-        x[:6] += before @ told[0] + after @ told[1]
-        P = F @ P @ F.T + Q_u[0] * drawn @ drawn.T + G @ np.diag(Q_w) @ G.T
-        gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.diag(R))
-        x, P = x + gain @ (y[k] - H @ x), (np.eye(7) - gain @ H) @ P
-        std = np.sqrt(np.diag(P))
-        np.testing.assert_allclose((run.mean[k + 1, 0, mine] - x) / std, 0, atol=1e-6)
-        found = run.covariance[k + 1, 0][np.ix_(mine, mine)]
-        np.testing.assert_allclose(found / np.outer(std, std), P / np.outer(std, std), atol=1e-8)

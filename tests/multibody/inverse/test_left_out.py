@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.linalg import expm
 
 from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.inverse.left_out import Start, change_at, linearised
 from strainsight.multibody.inverse.loads import load_process, step_responses
 
 from .benches import bench, loads, spring_step, springs
@@ -85,17 +84,6 @@ def test_springs_under_loads_that_move_within_the_step_are_kalmans_filter_of_the
         np.testing.assert_allclose(found / np.outer(std, std), P / np.outer(std, std), atol=1e-6)
 
 
-def test_the_process_of_a_load_keeps_its_variance():
-    """Stationary models: exp(Ah) P exp(Ah)ᵀ + drawn = P with a²  in front, by SciPy's Lyapunov equation."""
-    for word in ("matern", "oscillator"):
-        model, A, intensity = PROCESSES[word]
-        moving = load_process([model], [3.0], [0.0], 0.3)
-        P = solve_continuous_lyapunov(np.array(A), -np.diag([0.0, intensity]))
-        np.testing.assert_allclose(P[0, 0], 9.0)
-        np.testing.assert_allclose(moving.transition @ P @ moving.transition.T + moving.drawn, P, rtol=1e-9, atol=1e-9)
-        np.testing.assert_allclose(moving.std, [0.0, np.sqrt(P[1, 1])])
-
-
 @pytest.mark.parametrize("doublings", [0, 5])
 def test_responses_of_a_step_are_exponentials_of_larger_matrices(doublings):
     """Van Loan: Φ, X, Y in exp([F G 0; 0 0 1; 0 0 0] s), the noise in exp([−F Q; 0 Fᵀ] s), by SciPy."""
@@ -116,28 +104,7 @@ def test_responses_of_a_step_are_exponentials_of_larger_matrices(doublings):
     assert not step_responses(F, None, G, part, doublings)[1].any()
 
 
-@pytest.mark.parametrize("method", ["second_order", "thesis"])
-def test_the_change_alone_is_that_of_the_whole(method):
-    """What the step leaves out of one start by the response to its forces, and by the maps of all of them."""
-    b, h = bench(), 0.02
-    model = b.model(h, 2, load=1e3, corrected=True, rest=False, method=method)
-    x, _ = b.start(model)
-    x[model.u] += [3e2, -2e2, 1e2]
-    x[model.v] += 1e-3 * np.arange(b.system.size)
-    x = model.projected(x[None], 0)[0]
-    u, end = np.array(model.known[:2], dtype=float)
-    u[model.inputs] = x[model.u]
-    end[model.inputs] = x[model.u] + 40.0
-    start = Start(x[model.q], x[model.v], x[model.c], u, end, model.coordinates.theta(x[model.xi])[0])
-    given = b.system, method, model.loads, model.inputs, start, (x[model.q], x[model.v])
-    whole = linearised(*given).left.change
-    assert np.any(whole)
-    d = np.tile(b.system.metric, 2)
-    np.testing.assert_allclose(d * change_at(*given), d * whole, rtol=0, atol=1e-9 * np.abs(d * whole).max())
-
-
 def test_at_rest_nothing_is_left_out_whatever_the_loads():
-    """From its equilibrium under weight and loads the bench does not move, and the step says so."""
     b, h = bench(), 0.05
     model = b.model(h, 2, load=1.0, corrected=True, rest=False)
     x, _ = b.start(model)
@@ -150,7 +117,6 @@ def test_at_rest_nothing_is_left_out_whatever_the_loads():
 
 @pytest.mark.parametrize("method", ["second_order", "thesis"])
 def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(method):
-    """By loads, modulus and preload, with the linearisation made anew: what that changes by itself is of higher order."""
     b, h = bench(["preload"], modulus=True, preload=2e-4), 0.02
     model = b.model(h, 2, free=("E", "b.preload"), load=1e3, corrected=True, rest=False, method=method)
     x, _ = b.start(model)
@@ -176,7 +142,6 @@ def test_slopes_of_what_is_left_out_are_those_of_a_step_that_begins_elsewhere(me
 
 
 def test_what_is_left_out_of_a_short_step_is_of_third_order():
-    """An eighth at half the step, of ten microradians of the quickest mode."""
     b, sizes = bench(), []
     for h in (2e-4, 1e-4):
         model = b.model(h, 2, load=1.0, corrected=True, rest=False)

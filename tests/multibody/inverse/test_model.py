@@ -67,8 +67,6 @@ def test_jacobian_is_the_differences_of_the_step(h, damped, method):
 
 
 def test_jacobian_of_the_first_step_from_rest_is_its_differences():
-    """By loads and parameters, which move the equilibrium that the step begins in; where that was sought from is nothing.
-    All balls are loaded throughout."""
     b, h = bench([*FREE], modulus=True, preload=2e-4), 0.02
     model = b.model(h, 1, free=["E", *(f"b.{name}" for name in FREE)], load=1.0)
     x = b.start(model)[0]
@@ -128,8 +126,6 @@ def test_projection_puts_a_state_back_on_its_constraints():
 
 
 def test_a_modulus_beside_the_loads_of_a_weightless_bench_at_rest_is_not_separated_from_them():
-    """Strain and displacement of springs are load over modulus: twice both reads the same, and a second force on the line of the
-    first adds another such combination. A known force beside them separates them."""
     M, C, K, shape, _ = springs()
     body = FlexibleBody("body", True, AffineOperator(0 * K, {"E": K / 7.0}), M, C, inertia_of(M, 3.0))
     frame = Frame("end", "body", displacement=shape, rotation=0 * shape)
@@ -157,7 +153,6 @@ def test_a_modulus_beside_the_loads_of_a_weightless_bench_at_rest_is_not_separat
 
 
 def test_readings_of_an_accelerometer_feel_loads_and_parameters_at_once():
-    """Slopes by all of x are their differences, and the load at the end of the step is the one that is felt."""
     b = bench(["ball_diameter"], modulus=True)
     tip = Accelerometer("tip", Frame("tip", "blade", np.array([15.0, 0.3, 0.1])))
     b = replace(b, sensors=readings(b.system, [*b.sensors.sensors, tip]))

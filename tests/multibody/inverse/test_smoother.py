@@ -19,7 +19,23 @@ from strainsight.multibody.equations import balance
 from strainsight.multibody.inverse.loads import load_process, walks
 
 from .benches import bench, spring_step, springs
-from .test_filter import ITERATED, step_matrices
+from .test_filter import ITERATED
+
+
+def step_matrices(M, C, K, shape, h, method):
+    """(q', v') of (q, v), loads at start and end, a force on q: F, E₀, E₁, G of M v̇ + C v + K q = Φᵀu + w. With Z = (1 − zA)⁻¹,
+    z = γh, x' = Z (x + (1 − γ)/γ (k − x) + z b(1)), k = Z (x + z b(γ)), b straight in between."""
+    n = len(M)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, C)]])
+    G = np.concatenate([np.zeros((n, n)), np.linalg.inv(M)])
+    gamma = 1 - 0.5**0.5 if method == "second_order" else 1.0
+    Z = np.linalg.inv(np.eye(2 * n) - gamma * h * A)
+    b = gamma * h * Z @ G
+    if method == "thesis":
+        return Z, 0 * b @ shape.T, b @ shape.T, b
+    c = 1 / gamma - 1
+    between = c * Z @ b
+    return (1 - c) * Z + c * Z @ Z, (1 - gamma) * between @ shape.T, (b + gamma * between) @ shape.T, b + between
 
 
 def least_squares(maps, offsets, rows, y, noise):
@@ -34,20 +50,24 @@ def least_squares(maps, offsets, rows, y, noise):
     return mean, np.array([np.linalg.norm(M @ inverse, axis=1) for M in maps])
 
 
-@pytest.mark.parametrize("how", [{}, ITERATED], ids=["one shot", "through the step"])
-def test_springs_are_the_least_squares_solution_over_all_samples(how):
-    """Steps by hand; velocities known at the start and one mass undisturbed, so that P and P⁻ are singular; a sample missing."""
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize(
+    "how", [{}, ITERATED, {"iterations": 5}], ids=["one shot", "through the step", "behind the step"]
+)
+def test_springs_are_the_least_squares_solution_over_all_samples(how, method):
+    """Steps by hand; velocities known at the start and one mass undisturbed, so that P and P⁻ are singular; a sample missing.
+    The filter is the solution over the samples so far (Kalman)."""
     h, steps, rng = 0.02, 40, np.random.default_rng(1)
     M, C, K, shape, rows = springs()
     known, Q_w, R = rng.normal(size=(steps + 1, 3)), np.array([0.2, 0.0, 0.3]), np.array([1e-6, 4e-6])
-    model = spring_step((M, C, K, shape, rows), known, walks(np.array([0.7]), h), Q_w, R)
+    model = spring_step((M, C, K, shape, rows), known, walks(np.array([0.7]), h), Q_w, R, method)
     y = 1e-2 * rng.normal(size=(steps, 2))
     y[7, 1] = y[8] = np.nan
     std = np.array([1e-2] * 3 + [0.0] * 3 + [1.5])
     run = filter_runs(model, np.zeros(model.size), model.spread(np.diag(std**2)), y, "first", form="square_root", **how)
     found = smooth_first(model, run)
 
-    own, before, after, by_w = step_matrices(M, C, K, shape, h, "second_order")
+    own, before, after, by_w = step_matrices(M, C, K, shape, h, method)
     F, draws = np.eye(7), np.zeros((7, 4))
     F[:6, :6], F[:6, 6] = own, before[:, 1] + after[:, 1]
     draws[:, 0], draws[:6, 1:] = 0.7 * np.append(after[:, 1], 1.0), by_w * np.sqrt(Q_w)
@@ -60,8 +80,12 @@ def test_springs_are_the_least_squares_solution_over_all_samples(how):
         maps[-1][:, 7 + 4 * k : 11 + 4 * k] = draws
         offsets.append(F @ offsets[-1])
         offsets[-1][:6] += before @ told[0] + after @ told[1]
-    mean, sigma = least_squares(maps, offsets, [np.hstack([rows, np.zeros((2, 4))])] * steps, y, np.sqrt(R))
-    mine = [*range(6), *model.u]
+    H, mine = [np.hstack([rows, np.zeros((2, 4))])] * steps, [*range(6), *model.u]
+    for k in (1, 8, 20, steps):
+        mean, sigma = (own[-1] for own in least_squares(maps[: k + 1], offsets[: k + 1], H[:k], y[:k], np.sqrt(R)))
+        np.testing.assert_allclose(run.mean[k, 0, mine] / sigma, mean / sigma, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(run.std[k, 0, mine], sigma, rtol=1e-6)
+    mean, sigma = least_squares(maps, offsets, H, y, np.sqrt(R))
     scale = np.where(sigma > 1e-12, sigma, 1.0)
     np.testing.assert_allclose(found.mean[:, 0, mine] / scale, mean / scale, rtol=0, atol=1e-8)
     np.testing.assert_allclose(found.std[:, 0, mine] / scale, sigma / scale, rtol=0, atol=1e-8)
@@ -122,7 +146,6 @@ def test_of_several_runs_the_first_is_smoothed_as_it_is_alone():
 
 
 def test_sigma_of_smooth_loads_is_withheld_where_the_step_is_corrected():
-    """Up to half of what errors are against another integrator (`benchmarks/bench_smoother.py`); of a walk beside it holds."""
     b, h, steps = bench(), 0.02, 4
     mixed = load_process([RandomWalk(), Matern(0.5, 2.5), RandomWalk()], [1e3] * 3, [1e3] * 3, h)
     for corrected in (True, False):

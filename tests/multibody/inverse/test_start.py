@@ -179,7 +179,6 @@ class Unknown:
 
 
 def test_a_motion_that_becomes_free_on_the_way_is_refused_as_from_the_start():
-    """Two stones on rails, one on a spring that is known, one on a spring that is not and goes."""
     stones = [RigidBody(name, 2.0, np.zeros(3), np.eye(3)) for name in ("held", "loose")]
     rails = [prismatic(own.name, Frame("rail"), Frame("centre", own.name)) for own in stones]
     known = bushing("known", Frame("wall"), Frame("end", "held"), [0, 0, 100.0, 0, 0, 0], [0.0] * 6)

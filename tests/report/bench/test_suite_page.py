@@ -49,12 +49,10 @@ def suite(runs, claims=(), over=None, numbers=()):
 
 
 def claim(*values, **more):
-    """Numbers of one seed each."""
     return Statement("A <statement>.", tuple((0, f"n{i}", value) for i, value in enumerate(values)), **more)
 
 
 def over_seeds(*values, **more):
-    """One number of several seeds."""
     return Statement("A <statement>.", tuple((0, "n", value) for value in values), **more)
 
 
@@ -90,7 +88,6 @@ def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdi
     ],
 )
 def test_every_fault_of_a_run_is_counted(numbers, word):
-    """The page of a suite with a run of each fault had no word for the last three."""
     found = counts(suite([run("good"), run("bad", **numbers)]))
     assert [places for said, places in found.items() if said in RED] == [[2]]
     assert word in found
@@ -105,7 +102,6 @@ def test_the_runs_that_contradict_a_statement_are_named():
 
 
 def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_and_why():
-    """0, 1, …, 20: median 10, a tenth of the seeds up to 2 and from 18 on."""
     found = over_seeds(*map(float, range(21)), below=5.0, unit="%", why="Loads <move>.")
     assert measured(found) == "10 (2 to 18) %"
     page = statements_table(suite([run("one")], (found,)))

@@ -32,7 +32,6 @@ def without_facets(beam):
 
 @pytest.fixture(scope="module")
 def pictures():
-    """Name → layout and picture, all by one child process."""
     beam = layout()
     shown = {"beam": beam, "sensors": mixed_layout(), "no facets": without_facets(beam)}
     return {name: (shown[name], png) for name, png in zip(shown, scene.render_all(list(shown.values())), strict=True)}
@@ -40,7 +39,6 @@ def pictures():
 
 @pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,))])
 def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
-    """Four strain gauges; every kind of sensor; gauges of no direction at nodes without facets."""
     shown, png = pictures[name]
     pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGBA"))
     assert pixels.shape == (840, 1280, 4)

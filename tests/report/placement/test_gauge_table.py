@@ -42,7 +42,6 @@ def test_places_directions_and_angles_keep_their_exact_values(mixed):
 
 
 def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(full):
-    """The datum at (1, 0, 0) m, x back along −x, in mm."""
     report = full()
     frame = Frame("mm", 1e-3, np.array([1000.0, 0, 0]), np.diag([-1.0, -1.0, 1.0]))
     first, second, *others = report.layout.gauges

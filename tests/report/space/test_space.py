@@ -4,7 +4,6 @@ import base64
 import json
 import re
 import zlib
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,21 +45,6 @@ def gauge(label="G1", position=(0.5, 0.0, 0.0), normal=(1.0, 0.0, 0.0), **more):
     return Gauge(label, 7, 3, np.array(position), direction, np.array(normal), 12.5, nodes=(4, 5, 6), **more)
 
 
-def test_a_small_surface_is_drawn_as_it_is(cube):
-    drawn = surface(np.asarray(cube.points, float), facets(cube))
-    assert not drawn.thinned
-    assert len(drawn.triangle) == cube.n_cells
-    assert np.abs(drawn.position - cube.points[drawn.source]).max() < 1e-7
-    first = drawn.position[drawn.triangle]
-    assert np.allclose(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]).sum(axis=0), 0, atol=1e-12)
-
-
-def test_normals_point_outwards_and_are_sharp_at_edges(cube):
-    drawn = surface(np.asarray(cube.points, float), facets(cube))
-    assert np.abs(np.abs(drawn.normal).max(axis=1) - 1).max() < 1e-6
-    assert (np.einsum("ij,ij->i", drawn.normal, drawn.position) > 0.49).all()
-
-
 def test_a_cube_has_twelve_edges_and_a_ball_none(cube, ball):
     drawn = surface(np.asarray(cube.points, float), facets(cube))
     crease = drawn.position[drawn.crease]
@@ -88,18 +72,6 @@ def test_vertices_move_with_the_points_they_stand_for(cube):
     assert np.abs(stretched[: len(body.position)] - 0.1 * body.position).max() < 1e-6
     # Gauge and arrow go as a whole, with the points they sit on.
     assert np.unique(stretched[len(body.position) :].round(9), axis=0).shape[0] == 2
-
-
-def test_bars_are_lines_between_points_that_have_no_facets(cube):
-    """A bar from a corner of the cube to a point beside it is as long as they are apart, and moves with both."""
-    layout = layout_of(cube)
-    beside = np.vstack([layout.points, [[3.0, 0.0, 0.0]]])
-    drawn = space([replace(layout, points=beside, bars=np.array([[0, len(beside) - 1]]))])
-    plain = space([layout])
-    (own,) = [part for part in drawn.parts if part.primitive == "lines" and len(part.index) == 1]
-    assert len(drawn.parts) == len(plain.parts) + 1
-    np.testing.assert_allclose(drawn.position[own.index[0]], beside[[0, -1]], atol=1e-6)
-    np.testing.assert_array_equal(drawn.source[own.index[0]], [0, len(beside) - 1])
 
 
 def unpacked(page):

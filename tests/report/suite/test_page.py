@@ -30,7 +30,6 @@ def page(report, scenes=SCENES, drawings=()):
 
 @cache
 def usual():
-    """Figures of the suite of `suite()`, drawn once."""
     return compute_once(suite_figures, suite_report())
 
 
@@ -88,7 +87,6 @@ def test_hostile_names_come_out_escaped(suite, hostile):
 
 
 def written(drawing):
-    """The words of a figure."""
     return " ".join("".join(node.itertext()) for node in ET.fromstring(drawing.svg).iter() if node.tag.endswith("text"))
 
 
