@@ -49,30 +49,12 @@ def test_import_runs_once_and_again_by_force_and_json_is_one_object_a_stage(call
     assert call("import", call.config, "--force").stdout.startswith("import    done")
 
 
-def test_json_is_alone_on_standard_output(call):
-    assert call("import", call.config).exit_code == 0
-    again = call("import", call.config, "--json", results="other")
-    assert [json.loads(line)["status"] for line in again.stdout.splitlines()] == ["done"]
-    assert again.stderr.startswith("note: nothing is computed in")
-
-
 def test_a_dry_run_and_status_write_nothing(call, tmp_path):
     for words in (("run", call.config, "--dry-run"), ("status", call.config)):
         done = call(*words)
         assert done.exit_code == 0
         assert done.output.count("never run") == len(pipelines.stages_of(load_config(Path(call.config)).data))
     assert not (tmp_path / "results").exists()
-
-
-def test_init_takes_a_deck_not_a_config(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "own.yaml").write_text("kind: placement\n", encoding="utf-8")
-    for words in (("own.yaml",), ("own.yaml", "--force"), ("own.yaml", "-o", "new.yaml")):
-        done = CliRunner().invoke(app, ["init", *words])
-        assert done.exit_code == 2
-        assert done.stderr.startswith("own.yaml  a config, not a deck\n")
-    assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
-    assert (tmp_path / "own.yaml").read_text(encoding="utf-8") == "kind: placement\n"
 
 
 def test_what_init_says_to_run_next_can_be_copied_and_its_config_is_not_overwritten(call, tmp_path, monkeypatch):

@@ -8,9 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
 from strainsight.multibody.advance import sensitivities
-from strainsight.multibody.bodies import FlexibleBody, RigidBody, mass_matrix
+from strainsight.multibody.bodies import RigidBody, mass_matrix
 from strainsight.multibody.coupled import coupled_modes, growth
-from strainsight.multibody.equations import mass_at
 from strainsight.multibody.forces import Gravity, PointForce
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.inertia import as_inertia, inertia_load
@@ -157,25 +156,6 @@ def test_clamped_body_steps_as_its_linear_equations(random_particles):
     velocity = np.linalg.solve(M + h * C + h * h * K, M @ v + h * (phi.T @ u - K @ q))
     np.testing.assert_allclose(new.v, velocity, rtol=1e-12)
     np.testing.assert_allclose(new.q, q + h * velocity, rtol=1e-12)
-
-
-def test_mass_matrix_follows_the_body(random_particles):
-    rng = np.random.default_rng(9)
-    cloud = random_particles(rng)
-    system = assemble([cloud.rigid("other"), cloud.flexible("potato", np.eye(3))])
-    q, v = state(
-        system, {"potato": Pose(modal=np.array([0.1, 0.2, 0.3]), velocity=np.ones(3), spin=np.array([1.0, 2, 3]))}
-    )
-    speed = cloud.places(q[12:] + 1e-30j * v[12:]).imag / 1e-30
-    assert v @ mass_at(system, q) @ v == pytest.approx(cloud.m @ np.sum(speed**2, axis=1), rel=1e-13)
-
-
-def test_shapes_without_mass_and_matrices_of_another_size_are_refused(random_particles):
-    inv = random_particles(np.random.default_rng(0)).invariants()
-    with pytest.raises(InfeasibleError, match="not positive definite"):
-        FlexibleBody("hub", True, np.eye(3), np.diag([1.0, 1.0, 0.0]), np.zeros((3, 3)), inv)
-    with pytest.raises(InfeasibleError, match="stiffness is not 3×3"):
-        FlexibleBody("hub", True, np.eye(2), np.eye(3), np.zeros((3, 3)), inv)
 
 
 NONE = np.zeros(0)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.compiled import kept
 from strainsight.multibody.advance import sensitivities
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
@@ -119,26 +118,6 @@ def test_a_compiled_law_is_its_python(kind):
         found.append((again.q, again.v, s.A, s.B_theta))
     for fast, plain in zip(*found, strict=True):
         np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-9 * max(np.abs(plain).max(initial=0.0), 1e-300))
-
-
-def test_an_error_of_a_law_in_python_that_is_no_missing_load_comes_through():
-    def load(rho, rate, theta):
-        raise ZeroDivisionError("of the law")
-
-    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
-    relations = bearing_displacements(Frame("wall"), Frame("held", "stone"))
-    system = assemble([stone], [], [RelativeElement("law", relations, SimpleNamespace(load=load))])
-    with pytest.raises(ZeroDivisionError, match="of the law"):
-        step(system, *state(system, {}), np.zeros(0), 1e-3, np.zeros(0))
-
-
-def test_kept_code_notices_a_change_of_other_files():
-    def function(x):
-        return x
-
-    made = kept("multibody/inertia.py")(function)
-    other = Path(__file__).parents[2] / "pipeline" / "strainsight" / "multibody" / "inertia.py"
-    assert (other.stat().st_mtime, other.stat().st_size) in made._cache._cache_file._source_stamp
 
 
 @pytest.mark.parametrize("entry", [stages.solve_stages, slopes.step_slopes])

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from strainsight.errors import InfeasibleError
 from strainsight.multibody.advance import GAIN, LAG
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.forces import PointMoment
@@ -167,10 +166,3 @@ def test_position_of_a_frame_is_that_of_its_particle(random_particles, everythin
     own = e.q[e.system.of["rock"]]
     R = own[3:].reshape(3, 3).T
     np.testing.assert_allclose(y, np.concatenate([own[:3] + R @ [1.0, 2.0, 3.0], R[:, 1]]), atol=1e-15)
-
-
-def test_strain_rows_of_another_size_are_refused(everything):
-    with pytest.raises(InfeasibleError, match="gauge: strain rows of 3 coordinates on body hub, which has 4"):
-        readings(everything.system, [StrainSensor("gauge", "hub", np.zeros((1, 3)))])
-    with pytest.raises(InfeasibleError, match="there is no body hob"):
-        readings(everything.system, [StrainSensor("gauge", "hob", np.zeros((1, 3)))])

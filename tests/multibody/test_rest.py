@@ -205,18 +205,6 @@ def test_a_body_out_of_all_proportion_is_named():
         project_position(system, state(system, {})[0])
 
 
-def test_unknown_and_twin_names_are_refused():
-    with pytest.raises(InfeasibleError, match="two bodies are called ball"):
-        assemble([BALL, BALL])
-    with pytest.raises(InfeasibleError, match="there is no body bal") as refused:
-        assemble([BALL], [spherical("joint", frame("wall", None), frame("end", "bal"))])
-    assert "did you mean ball?" in str(refused.value)
-    with pytest.raises(InfeasibleError, match="there is no body bull"):
-        state(assemble([BALL]), {"bull": Pose()})
-    with pytest.raises(InfeasibleError, match="right-handed"):
-        Frame("skew", None, axes=np.diag([1.0, 1.0, -1.0]))
-
-
 def test_joints_leave_the_motions_they_are_named_for():
     wall, end = frame("wall", None), frame("end", "ball")
     for joint, free in ((spherical, 3), (revolute, 1), (prismatic, 1), (fixed, 0)):

@@ -70,17 +70,3 @@ def test_the_stone_met_the_floor_and_left_it():
     height = np.array([own.q[2] for own in run(*bouncing(), 150, 2e-3)])
     assert height.min() < -1e-4
     assert height[-1] > 0
-
-
-def test_smooth_motion_takes_one_iteration_a_stage():
-    iterations = [[stage.iterations for stage in own.stages] for own in run(*pendulum(), 100, 1e-3)]
-    assert iterations[0] == [2, 2]
-    assert np.mean(iterations[20:]) < 1.2
-
-
-def test_a_state_that_was_moved_is_solved_without_belief():
-    system, q, v = pendulum()
-    last = run(system, q, v, 40, 1e-3)[-1]
-    beside = last.v + 1e-9 * last.q
-    moved = advance(system, last.q, beside, (NONE, NONE), 1e-3, NONE, "second_order", last=last)
-    assert [stage.iterations for stage in moved.stages] == [2, 2]

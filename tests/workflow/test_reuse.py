@@ -7,8 +7,6 @@ import fcntl
 import hashlib
 import json
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,13 +25,6 @@ from strainsight.workflow.seal import seal
 from strainsight.workflow.stage import Stage
 
 KEY = "0" * 14 + "7" + "0" * 49
-HOLDER = """
-import sys, time, pathlib
-from strainsight.workflow.lock import computing
-with computing(pathlib.Path(sys.argv[1]), sys.argv[2]):
-    print("held", flush=True)
-    sys.stdin.read()
-"""
 
 
 def look(context) -> Output:
@@ -186,24 +177,6 @@ def test_a_disk_without_links_gets_a_copy(results, monkeypatch):
     monkeypatch.setattr(os, "link", refused)
     assert source_of(job_of(results, "second")) == "first"
     assert not os.path.samefile(results / "first" / "look.h5", results / "second" / "look.h5")
-
-
-def test_who_waits_for_another_process_says_so(tmp_path):
-    with subprocess.Popen(
-        [sys.executable, "-c", HOLDER, str(tmp_path), KEY], stdin=subprocess.PIPE, stdout=subprocess.PIPE
-    ) as holder:
-        holder.stdout.readline()
-        said = []
-
-        def waits():
-            said.append(holder.poll())
-            holder.stdin.close()
-
-        with computing(tmp_path, KEY, waits):
-            assert holder.wait(10) == 0
-        with computing(tmp_path, KEY, waits):
-            pass
-    assert said == [None]
 
 
 def test_a_disk_without_locks_is_no_failure(tmp_path, monkeypatch):

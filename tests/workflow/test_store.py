@@ -286,25 +286,6 @@ def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused
     assert time.process_time() - start < 1.0
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"datasets": {"/x": Dataset(np.ones(2), "", "no unit")}},
-        {"datasets": {"/x": Dataset(np.ones(2), "m", "")}},
-        {"datasets": {"x": Dataset(np.ones(2), "m", "no slash")}},
-        {"datasets": {"/x": Dataset(np.array([{}, 1], dtype=object), "m", "objects")}, "attributes": {}},
-        {"datasets": {"/x": Dataset(np.ones(2), "m", "x", ("/none",))}},
-        {"summary": {"x": [1]}},
-        {"files": {"../report.html": b""}},
-        {"files": {"rom.h5": b""}},
-    ],
-)
-def test_an_output_that_breaks_the_rules_writes_nothing(tmp_path, changes):
-    with pytest.raises(ValueError):
-        write_artefact(tmp_path / "a.h5", output(**changes), HEADER)
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
     """The HDF5 library takes the process down where the disk is full: it must never have to ask for more."""
     many = {f"/many/{i}": Dataset(np.ones(i), "m", "x" * i) for i in range(1, 80)}

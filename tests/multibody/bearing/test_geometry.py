@@ -41,16 +41,6 @@ def test_the_nominal_outlives_a_chain_of_changes():
     assert there_and_back == bearing
 
 
-@pytest.mark.parametrize("place", [1, 2, 3, 4])
-@pytest.mark.parametrize("convention", ["follow", "fixed"])
-def test_a_groove_as_narrow_as_the_ball_is_refused_at_any_trial_value_with_both_radii(place, convention):
-    bearing = pitch_bearing(groove_centres=convention)
-    theta = bearing.parameters
-    theta[place] = 0.03
-    with pytest.raises(UserError, match=r"groove of radius 30\.000000 mm does not pass a ball of radius 30\.000000 mm"):
-        bearing.with_parameters(theta)
-
-
 def test_a_ball_that_outgrows_its_grooves_is_refused():
     theta = pitch_bearing().parameters
     theta[0] = 0.0637

@@ -14,7 +14,6 @@ from strainsight.cases.bench.inverse.smoothing import keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.truth import drawn
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.orthogonal_smoother import smooth_first
-from strainsight.estimation.smoother import smooth
 from strainsight.multibody.equations import balance
 from strainsight.multibody.inverse.loads import load_process, walks
 
@@ -139,10 +138,6 @@ def test_of_several_runs_the_first_is_smoothed_as_it_is_alone():
     # an iterated update settles to 1e-6 of σ, so a load near zero has no digits of its own
     np.testing.assert_allclose(found.mean[:, 0, model.u] / sigma, alone.mean[:, 0, model.u] / sigma, rtol=0, atol=1e-7)
     np.testing.assert_allclose(found.std[:, 0, model.u], sigma, rtol=1e-6)
-    with pytest.raises(ValueError, match="only the first run was kept"):
-        smooth(model, several)
-    with pytest.raises(ValueError, match="keep="):
-        smooth_first(model, filter_runs(model, x, P, y[:, :1], **how))
 
 
 def test_sigma_of_smooth_loads_is_withheld_where_the_step_is_corrected():

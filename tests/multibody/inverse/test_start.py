@@ -71,15 +71,6 @@ def test_further_motions_are_those_that_the_constraints_leave():
         start_covariance(b.system, b.q, none, b.theta, model.coordinates, model.inputs, [1.0, 1.0], [])
 
 
-def test_correlated_parameters_may_be_given_as_a_covariance():
-    b = bench(["ball_diameter", "radius_inner_left"])
-    free = ["b.ball_diameter", "b.radius_inner_left"]
-    model = b.model(0.1, 1, free=free, known=np.zeros((1, 3)))
-    known = model.coordinates.covariance(b.theta, 1e-4 * b.theta)
-    P = start_covariance(b.system, b.q, np.zeros(3), b.theta, model.coordinates, model.inputs, [], known)
-    np.testing.assert_allclose(model.spread(P)[model.xi, model.xi], known, rtol=1e-12)
-
-
 def test_white_force_is_mass_times_acceleration():
     b = bench()
     blade = b.system.of["blade"]
@@ -101,19 +92,6 @@ def test_linear_system_of_the_whole_bench_gives_the_static_response():
     moved = 0.5 * (plus - minus)
     np.testing.assert_allclose(T @ np.linalg.solve(K, B_u @ du), moved, atol=1e-6 * np.abs(moved).max())
     assert np.linalg.eigvalsh(M).min() > 0
-
-
-def test_matrices_are_those_of_the_hub_where_the_blade_is_still():
-    b = bench()
-    T, M, C, _, _ = linearised(b.system, b.q, np.zeros(3), b.theta)
-    blade = T[b.system.of["blade"]]
-    rank = np.linalg.matrix_rank(blade, tol=1e-9 * np.abs(T).max())
-    still = np.linalg.svd(blade)[2][rank:].T
-    X = T[b.system.of["hub"]] @ still
-    hub = b.system.bodies[0]
-    assert X.shape[1] > 0
-    np.testing.assert_allclose(still.T @ M @ still, X.T @ hub.mass @ X, atol=1e-9)
-    np.testing.assert_allclose(still.T @ C @ still, X.T @ hub.damping @ X, atol=1e-9 * np.abs(C).max())
 
 
 LOADS = np.array([2e4, -1e4, 1.5e4])
@@ -267,17 +245,6 @@ def test_with_both_it_is_algorithm_1_as_printed(case):
     off = np.abs(run.mean[1:, 0][:, own] - mean)
     assert np.all(off[:, -4:] < 1e-3 * std)
     assert np.all(off[:, : b.system.size] * b.system.metric < 1e-7)
-
-
-def test_sigma_of_a_load_is_then_at_least_its_increment_whatever_is_measured(case):
-    """Before the step, the readings at its end have seen the change: of a noise of 1e-8 it leaves less than a fifth of that."""
-    b, printed, _, _, y = case
-    printed, last = replace(printed, R=np.full(9, 1e-8**2), Q_w=0 * printed.Q_w), []
-    for model in (printed, replace(printed, printed=False)):
-        x, P = b.start(model, std_u=1e4, std_xi=1e-3, spread=1e-3, theta=1.001 * b.theta)
-        last.append(filter_runs(model, x, P, y, form="square_root").std[-1, 0][model.u])
-    assert np.all(last[0] > 0.999 * INCREMENT)
-    assert np.all(last[1] < INCREMENT / 5)
 
 
 def test_its_update_leaves_the_constraints_and_being_put_back_does_not(case):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -84,16 +83,6 @@ def test_missing_samples_are_counted_and_never_drawn_across():
     assert "2100 of 4000 samples are missing" in text
     assert "None of G2: too few samples follow one another" in text
     assert missing().readings[1].missing == SAMPLES
-
-
-def test_the_file_is_stated_with_its_digest_and_every_calibration():
-    text = page()
-    assert "run &lt;7&gt;.csv" in text
-    assert "run <7>" not in text
-    assert f">{'ab' * 32}<" in text.replace("<wbr>", "")
-    for words_ in ("123 kB (123456 bytes)", "2025-03-14", "1 kHz", "less 3 um/m; sign turned"):
-        assert words_ in text.replace("\N{NO-BREAK SPACE}", " ")
-    assert "not stated (estimate.date)" in page(own=replace(findings(), file=replace(findings().file, date="")))
 
 
 def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
