@@ -1,8 +1,9 @@
-"""The files beside the package agree with it: citation, workflow, hooks, links of the first pages, locks."""
+"""The files beside the package agree with it: citation, workflow, hooks, links of the first pages, locks, words to avoid."""
 
 import ast
 import importlib
 import re
+import subprocess
 import tomllib
 
 import pytest
@@ -10,7 +11,7 @@ from ruamel.yaml import YAML
 
 import strainsight
 
-from .shared import ROOT
+from .shared import ROOT, script
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PYTHONS = [line.rsplit(" ", 1)[1] for line in PROJECT["classifiers"] if re.search(r":: Python :: 3\.\d+$", line)]
@@ -95,3 +96,51 @@ def test_ci_runs_the_commands_of_the_readme_in_their_order():
 
     assert {shard_of(path) for path in (ROOT / "tests").rglob("test_*.py")} == set(range(1, SHARDS + 1))
     assert f"% {SHARDS} + 1" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def words():
+    return script(".ci/words.py")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "found"),
+    [
+        ("docs/a.md", "# A\nIt is sure and wrong.\nNothing is taken\nover.\n", [(2, "sure and wrong"), (3, "taken over")]),
+        ("README.md", "He mends recommended amendments.\n", [(1, "mends")]),
+        ("docs/a.md", "`/glued/distance` is how far a glued gauge was moved\n", [(1, "glued")]),
+        ("CHANGELOG.md", "# Changes\n## 2.0 (unreleased)\n- glued\n## 1.0\n- glued\n", [(3, "glued")]),
+        ("pipeline/p/a.py", '"""Sure\nand wrong."""\nx_sure_and_wrong = f"{1} glued"\n', [(1, "Sure and wrong"), (3, "glued")]),
+        ("pipeline/p/heard.py", "x = Heard_of(told, mended)\n", [(1, "Heard"), (1, "heard"), (1, "told")]),
+        ("tests/a/test_x.py", 'x = "glued"\ndef test_a_card_is_taken_over():\n    pass\n', [(2, "taken over")]),
+    ],
+    ids=["page, across lines", "within a word", "code", "unreleased", "texts of source", "names", "names of tests"],
+)  # fmt: skip
+def test_word_is_found_at_its_line(words, tmp_path, name, text, found):
+    path = tmp_path / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+    assert [(line, word) for _, line, word, _ in words.hits(tmp_path)] == found
+
+
+def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words, tmp_path):
+    git = ["git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false"]
+
+    def commit(*names):
+        for name in names:
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_text(f"glued {len(names)}\n", encoding="utf-8")
+        for command in (["add", "-A"], ["commit", "-qm", "x"]):
+            subprocess.run([*git, *command], cwd=tmp_path, check=True)
+
+    assert words.changed(tmp_path) is None
+    subprocess.run([*git, "init", "-q"], cwd=tmp_path, check=True)
+    commit("README.md", "OLD.md", "docs/a.md")
+    assert words.changed(tmp_path) is None
+    commit("README.md")
+    (tmp_path / "docs" / "a.md").write_text("bonded\n", encoding="utf-8")
+    (tmp_path / "NEW.md").write_text("glued\n", encoding="utf-8")
+    assert words.changed(tmp_path) == {"README.md", "docs/a.md", "NEW.md"}
+    assert [name for name, *_ in words.hits(tmp_path, words.changed(tmp_path))] == ["NEW.md", "README.md"]
+    commit(".ci/words.toml")
+    assert words.changed(tmp_path) is None

@@ -1,4 +1,4 @@
-"""The time step: order, control, slopes, and the band of its matrix."""
+"""The time step: control, the band of its matrix, and stages that are foreseen from those before."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
+from strainsight.multibody.advance import advance
 from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.controlled import simulate_controlled
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
-from strainsight.multibody.joints import prismatic
+from strainsight.multibody.joints import prismatic, revolute, spherical
 from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.relations import place
 from strainsight.multibody.simulate import simulate
@@ -176,3 +177,61 @@ def test_two_loads_in_one_miss_as_their_energies_say():
     one, other = (missed(part[:, None], modes, h, "second_order")[0] for part in parts)
     both = missed((3 * parts[0] + parts[1])[:, None], modes, h, "second_order")[0]
     assert both == pytest.approx(np.sqrt((9 * one**2 + other**2) / 10), rel=1e-3)
+
+
+NONE = np.zeros(0)
+
+
+def double_pendulum():
+    """Two bars on hinges across each other, in fast motion."""
+    bars = [RigidBody(name, 1.0, np.array([0.5, 0.1, 0.0]), np.diag([0.1, 0.4, 0.45])) for name in ("upper", "lower")]
+    joints = [
+        spherical("eye", Frame("wall"), Frame("root", "upper")),
+        revolute("hinge", Frame("tip", "upper", np.array([1.0, 0, 0])), Frame("start", "lower"), "y"),
+    ]
+    system = assemble(bars, joints, [Gravity(np.array([1.0, -9.0, 2.0]))])
+    spin = np.array([0.0, 0.0, 3.0])
+    poses = {"upper": Pose(spin=spin), "lower": Pose(np.array([1.0, 0, 0]), velocity=np.array([0, 3.0, 0]), spin=spin)}
+    return system, *state(system, poses)
+
+
+def bouncing():
+    """A stone that falls onto a stiff Hertz contact, F = −k δ^1.5, and leaves it again."""
+
+    def load(rho, rate, theta):
+        deep = np.maximum(-rho, 0)
+        return Load(-1e7 * deep**1.5, np.diag(1.5e7 * np.sqrt(deep)), None, np.zeros((1, 0)))
+
+    height = (place(Frame("centre", "stone"), np.array([0, 0, 1.0])),)
+    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
+    system = assemble([stone], [], [RelativeElement("floor", height, SimpleNamespace(load=load)), Gravity()])
+    q, v = state(system, {})
+    q[2] = 0.05
+    return system, q, v
+
+
+def run(system, q, v, steps, h, method="second_order"):
+    """All steps, each from the end of the one before."""
+    found, last = [], None
+    for _ in range(steps):
+        last = advance(system, q, v, (NONE, NONE), h, NONE, method, last=last)
+        q, v = last.q, last.v
+        found.append(last)
+    return found
+
+
+@pytest.mark.parametrize("method", ["second_order", "thesis"])
+@pytest.mark.parametrize(("case", "h"), [(double_pendulum, 1e-3), (double_pendulum, 0.02), (bouncing, 2e-3)])
+def test_a_step_with_a_past_is_the_step_without(case, h, method):
+    system, q, v = case()
+    for own in run(system, q, v, 150, h, method):
+        alone = advance(system, q, v, (NONE, NONE), h, NONE, method)
+        np.testing.assert_allclose(own.q, alone.q, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(h * own.v, h * alone.v, rtol=0, atol=1e-12)
+        q, v = own.q, own.v
+
+
+def test_the_stone_met_the_floor_and_left_it():
+    height = np.array([own.q[2] for own in run(*bouncing(), 150, 2e-3)])
+    assert height.min() < -1e-4
+    assert height[-1] > 0
