@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import re
 import socket
-import subprocess
 import sys
 import warnings
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -87,15 +85,6 @@ def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
 
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+ \S.*|\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+   \| .*")
-MANY = """
-import sys
-from pathlib import Path
-from strainsight_cli.runlog import append
-for i in range(400):
-    append(Path(sys.argv[1]), "".join(f"{sys.argv[2]} {i} {part} {'x' * 60}\\n" for part in range(3)))
-"""
-
-
 def good(context) -> Output:
     warnings.warn("\x1b[2Jlook at this", stacklevel=1)
     return Output({"/x": Dataset(np.ones(3), "m", "x")}, {}, "three numbers")
@@ -193,14 +182,3 @@ def test_it_keeps_the_last_lines_within_its_bound(tmp_path):
     assert lines[-1].startswith("39 ")
     assert len({line.partition(" ")[2] for line in lines}) == 1
     assert path.stat().st_size > runlog.KEPT // 2
-
-
-def test_two_processes_do_not_garble_it(tmp_path, monkeypatch):
-    path = tmp_path / "run.log"
-    both = [subprocess.Popen([sys.executable, "-c", MANY, str(path), name]) for name in ("a", "b")]
-    assert [process.wait(timeout=60) for process in both] == [0, 0]
-    lines = [line.split() for line in path.read_text().splitlines()]
-    assert Counter(line[0] for line in lines) == {"a": 1200, "b": 1200}
-    assert {len(line) for line in lines} == {4}
-    parts = [line[:2] for line in lines]
-    assert all(parts[i] == parts[i + 1] == parts[i + 2] for i in range(0, len(parts), 3))

@@ -10,7 +10,6 @@ import pytest
 
 from strainsight.report.arrays import History
 from strainsight.report.bench.data import BenchEstimate, BenchMotion, BenchRun, BenchSensor, BenchStress, BenchUnknown
-from strainsight.report.bench.figures import ratio_figure
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
 from strainsight.report.suite.data import Statement, Study, Suite
@@ -108,16 +107,6 @@ def test_a_statement_over_seeds_is_shown_with_its_spread_in_how_many_it_holds_an
     assert "median and 10 to 90 % of 21 seeds" in words(page)
     assert "not in one: n holds in 5 of 21 seeds" in words(page)
     assert "Loads &lt;move&gt;." in page
-
-
-def test_the_ratio_of_two_loads_is_drawn_where_it_means_something():
-    unknown = load(error=0.0, there=4 * TRUE, truth=False)
-    drawing = ratio_figure("k", "t", [("", unknown)])
-    assert "F$z 0.25 to 0.25" in drawing.caption
-    offset = BenchUnknown("input", History("F", "N", TIME, None, TRUE + 1e3, np.ones(41)), there=TRUE)
-    large = np.abs(TRUE) > 0.3 * np.abs(TRUE).max()
-    quotient = (TRUE[large] + 1e3) / TRUE[large]
-    assert f"{quotient.min():.4g} to {quotient.max():.4g}" in ratio_figure("k", "t", [("", offset)]).caption
 
 
 def test_a_sensor_s_mismatch_is_the_rms_of_what_is_left_over_that_of_the_reading():

@@ -10,10 +10,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from strainsight.report.chart.panels import last_periods
 from strainsight.report.page.document import own
 from strainsight.report.placement.data import Benefit
-from strainsight.report.placement.figures import elbow, owner, placement_figures
+from strainsight.report.placement.figures import elbow, placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.section import script
 
@@ -205,17 +204,3 @@ def test_an_even_fall_has_no_elbow():
     count = np.arange(100, 3, -1)
     assert elbow(count, 100.0 / count) is None
     assert elbow(count, np.ones(len(count))) is None
-
-
-def test_the_last_periods_of_a_sine_are_the_last_periods():
-    time = np.arange(10_000) * 1e-4
-    window = last_periods(np.sin(2 * np.pi * 20 * time) + 0.3, periods=4)
-    assert time[-1] - time[window][0] == pytest.approx(4 / 20, abs=0.5 / 20)
-    assert last_periods(np.ones(50)) == last_periods(np.full(50, np.inf)) == slice(0, None)
-
-
-def test_a_channel_belongs_to_the_longest_label_that_it_begins_with():
-    labels = ["G1", "G1 left", "G10"]
-    assert [owner(name, labels, 7) for name in ("G1", "G10", "G10 45°", "G1 left 0°", "G1 0°", "other", "G100")] == [
-        0, 2, 2, 1, 0, 7, 7,
-    ]  # fmt: skip

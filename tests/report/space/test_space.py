@@ -45,13 +45,6 @@ def gauge(label="G1", position=(0.5, 0.0, 0.0), normal=(1.0, 0.0, 0.0), **more):
     return Gauge(label, 7, 3, np.array(position), direction, np.array(normal), 12.5, nodes=(4, 5, 6), **more)
 
 
-def test_a_cube_has_twelve_edges_and_a_ball_none(cube, ball):
-    drawn = surface(np.asarray(cube.points, float), facets(cube))
-    crease = drawn.position[drawn.crease]
-    assert np.linalg.norm(crease[:, 1] - crease[:, 0], axis=1).sum() == pytest.approx(12.0)
-    assert not len(surface(np.asarray(ball.points, float), facets(ball), largest=10**6).crease)
-
-
 @pytest.mark.parametrize("largest", [2000, *slowly(8000)])
 def test_a_thinned_surface_stays_on_the_old_one(ball, largest):
     drawn = surface(np.asarray(ball.points, float), facets(ball), largest=largest)

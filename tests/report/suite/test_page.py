@@ -241,21 +241,3 @@ def test_runs_with_the_same_excitation_are_one_series(suite):
     assert [entry.heading for entry in series][:2] == ["runs 1, 2 and 4", "runs 1, 2 and 4 at 35 Hz"]
     # tip is a load of the layout, rho is not: loads are "input" in all runs, however many they are.
     assert groups_of(series) == ("input", "E + rho", "input + E + rho")
-
-
-def test_another_excitation_is_another_series_though_the_numbers_are_equal(suite):
-    runs = suite().runs[:2]
-    cases = tuple(replace(case, excitation=case.excitation.replace("35", "36")) for case in runs[1].cases)
-    series = series_of(suite(runs=(runs[0], replace(runs[1], cases=cases))))
-    assert [(entry.runs, entry.excitation) for entry in series] == [
-        ((1, 2), "training run"),
-        ((1,), "35 Hz"),
-        ((2,), "36 Hz"),
-    ]
-
-
-def test_singular_conditions_are_equal_whatever_their_digits(suite):
-    one, other = suite().runs[:2]
-    noisy = tuple(replace(case, condition=case.condition * 1e5) if case.lost else case for case in one.cases)
-    same = tuple(replace(case, condition=np.inf) if case.lost else case for case in other.cases)
-    assert len(series_of(suite(runs=(replace(one, cases=noisy), replace(other, cases=same))))) == 2

@@ -10,7 +10,6 @@ import pytest
 
 from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import kept
-from strainsight.report.chart.panels import about
 from strainsight.report.picture.geometry import at_points
 from strainsight.report.tested.figures import figures_of_test, load_figure, residual_figure
 from strainsight.report.tested.page import page_of_test
@@ -129,14 +128,6 @@ def test_a_long_record_keeps_its_peaks_and_is_drawn_in_few_points():
     assert min(measured) == pytest.approx(-700)
     assert len(measured) < 4000
     assert len(reading_figure(own).svg) < 400_000
-
-
-@pytest.mark.parametrize("at", [0, 10, 2000, 3999])
-def test_a_window_lies_within_the_record_and_about_its_instant(at):
-    window = about(np.sin(np.arange(4000) / 20.0), at)
-    assert 0 <= window.start <= at < window.stop <= 4000
-    # five periods of 126 samples, to a crossing
-    assert window.stop - window.start == pytest.approx(5 * 40 * np.pi, rel=0.02)
 
 
 def test_a_load_is_drawn_with_its_band_in_its_unit():
