@@ -5,10 +5,9 @@ from __future__ import annotations
 import h5py
 import pytest
 
-from ..shared import BENCHES, ROOT
+from ..shared import BENCHES, ROOT, made
 from . import answers, space, tables
 from .every import *  # noqa: F403  every page has to pass these
-from .runs import shared_page
 
 pytestmark = pytest.mark.slow
 SHORT = ("simulate.duration=2.0", "estimate.time_step=0.1", "field.instants=5")
@@ -17,7 +16,8 @@ SHORT = ("simulate.duration=2.0", "estimate.time_step=0.1", "field.instants=5")
 @pytest.fixture(scope="module")
 def report():
     """Of a run that takes the reduced hub of other benches over."""
-    return shared_page(ROOT / "configs" / "bench" / "gauges.yaml", *SHORT, "name=bench-gauges", beside=BENCHES)
+    run = made(ROOT / "configs" / "bench" / "gauges.yaml", *SHORT, "name=bench-gauges", beside=BENCHES)
+    return run["report"].path.parent / "report.html"
 
 
 def test_its_answer_has_the_numbers_of_the_estimate(look, report):

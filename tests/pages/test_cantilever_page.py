@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from ..shared import ROOT, SHORT
+from ..shared import ROOT, SHORT, made
 from . import answers, checks, space, tables
 from .every import *  # noqa: F403  every page has to pass these
-from .runs import shared_page
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
 def report():
-    return shared_page(ROOT / "configs" / "cantilever-youngs-modulus.yaml", *SHORT)
+    return made(ROOT / "configs" / "cantilever-youngs-modulus.yaml", *SHORT)["report"].path.parent / "report.html"
 
 
 @pytest.fixture(scope="module")

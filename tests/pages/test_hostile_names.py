@@ -5,10 +5,12 @@ from __future__ import annotations
 import h5py
 import numpy as np
 import pytest
+from typer.testing import CliRunner
+
+from strainsight_cli.main import app
 
 from . import answers, checks, hostile, tables
 from .every import *  # noqa: F403  every page has to pass these
-from .runs import page_of
 
 pytestmark = pytest.mark.slow
 PLACEMENT, SUITE = "beam-hostile", "hostile-suite"
@@ -18,7 +20,9 @@ PLACEMENT, SUITE = "beam-hostile", "hostile-suite"
 def results(tmp_path_factory):
     """Of a suite of placements whose title, labels and notes are such names, too."""
     folder = tmp_path_factory.mktemp("hostile")
-    page_of(hostile.suite(folder, hostile.config(folder)), folder / "results", name=SUITE)
+    suite = hostile.suite(folder, hostile.config(folder))
+    done = CliRunner().invoke(app, ["run", str(suite), "--results", str(folder / "results")])
+    assert done.exit_code == 0, done.output
     return folder / "results"
 
 
