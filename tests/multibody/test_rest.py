@@ -15,6 +15,7 @@ from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
 from strainsight.multibody.joints import Joint, fixed, prismatic, revolute, spherical
 from strainsight.multibody.laws.linear import LinearLaw
+from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
@@ -72,6 +73,27 @@ def test_mechanism_that_nothing_holds_is_named():
     system = assemble([top], [revolute("pivot", Frame("wall"), Frame("end", "top"))], [DOWN])
     with pytest.raises(InfeasibleError, match="nothing holds body top"):
         static_equilibrium(system, state(system, {})[0], np.zeros(0), np.zeros(0))
+
+
+def test_spring_hangs_by_its_stiffness():
+    stone = RigidBody("stone", 2.0, np.zeros(3), np.eye(3))
+    ends = [
+        spring(
+            f"rope {k}",
+            Frame(f"hook {k}", None, np.array([x, 0, z])),
+            Frame(f"eye {k}", "stone", np.array([x, -1.0, z])),
+            300.0,
+            1.0,
+            0.9,
+        )
+        for k, (x, z) in enumerate([(1.0, 0.0), (-0.5, 0.8), (-0.5, -0.8)])
+    ]
+    system = assemble([stone], [], [*ends, DOWN])
+    found, _ = static_equilibrium(
+        system, state(system, {"stone": Pose(np.array([0, -0.1, 0]))})[0], np.zeros(0), np.zeros(0)
+    )
+    np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
+
 
 
 def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none():

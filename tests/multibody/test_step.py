@@ -97,6 +97,18 @@ def test_the_bob_is_where_the_benchmark_has_it_whatever_the_step(h):
     assert np.linalg.norm(found.run.q[-1, 3:5] - EXACT) < 1e-5
 
 
+def test_a_tighter_tolerance_takes_more_parts_and_leaves_less_error():
+    parts, errors = [], []
+    for tolerance in (1e-3, 1e-4, 1e-5):
+        found = simulate_controlled(*pendulum(), none, 0.1, 10, np.zeros(0), "second_order", tolerance)
+        parts.append(found.parts.sum())
+        errors.append(np.linalg.norm(found.run.q[-1, 3:5] - EXACT))
+        assert errors[-1] < tolerance
+    assert parts[0] < parts[1] < parts[2]
+    assert errors[0] > errors[1] > errors[2]
+
+
+
 def test_a_load_between_the_steps_is_seen():
     """A push that is over before the first step ends: momentum J moves a mass on a spring by J/(mω) sin ωt."""
     system = slider(K, 0.0)

@@ -12,14 +12,20 @@ from strainsight_cli.main import app
 COIL = "coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 100.0}"
 
 
-def bob(mass="2.0", moment="0.3", **more):
-    inertia = f"{{xx: {moment}, yy: {moment}, zz: {moment}}}"
+def bob(mass="2.0", moment="0.3", about_z=None, **more):
+    inertia = f"{{xx: {moment}, yy: {moment}, zz: {about_z or moment}}}"
     own = {"pose": "{origin: [0, 0, -1]}", **more}
     return f"{{bob: {{type: rigid, mass: {mass}, inertia: {inertia}, " + ", ".join(f"{k}: {v}" for k, v in own.items()) + "}}"
 
 
 def moving(x, spin):
     return bob(velocity=f"[{x}, 0, 0]", spin=f"[0, {spin}, 0]")
+
+
+def two(first, second, other="pin"):
+    """Two joints of the bob."""
+    return f"{{a: {{type: {first}, frames: [pin, eye]}}, b: {{type: {second}, frames: [{other}, eye]}}}}"
+
 
 
 PARTS = {
@@ -104,6 +110,7 @@ HINGE = "revolute, frames: [pin, eye], axis: y"
 BALL = "spherical, frames: [pin, eye]"
 GIVEN = "{duration: 0.1, time_step: 0.01, start: as_given}"
 FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
+WEAK = "{coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 1.0}}"
 SHORT = "s: {type: spring, frames: [pin, eye], stiffness: 1}"
 STIFF = "s: {type: spring, frames: [side, tip], stiffness: 1.0e+300}"
 HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+30]}}"
@@ -112,6 +119,16 @@ REFUSED = {
     "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
     "a tolerance beyond rounding": (1, "a larger simulate.tolerance", {"simulate": FINE, "bodies": moving(-1, 1)}),
     "nothing holds it, gravity": (1, "simulate.start: no static equilibrium", {"joints": "{}"}),
+    "a joint twice": (2, "5 of 16 constraints are redundant", {"joints": two("revolute", "revolute")}),
+    "joints that contradict": (2, "cannot all be satisfied", {"joints": two("spherical", "spherical", "side")}),
+    "a start far from the joints": (2, "bodies.bob.pose", {"bodies": bob(pose="{origin: [0, 0, 5]}")}),
+    "a spin against the joint": (2, "bodies.bob.velocity", {"bodies": moving(0, 600), "simulate": GIVEN}),
+    "an inertia that no body has": (2, "bodies.bob.inertia", {"bodies": bob(about_z="10")}),
+    "a torsion spring past half a turn": (
+        1,
+        "coil: it is turned by",
+        {"bodies": moving(-60, 60), "forces": WEAK, "simulate": GIVEN},
+    ),
     "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),

@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 
 from strainsight.report.arrays import History
-from strainsight.report.bench.data import BenchEstimate, BenchMotion, BenchRun, BenchSensor, BenchStress, BenchUnknown
+from strainsight.report.bench.data import (
+    BenchEstimate,
+    BenchMotion,
+    BenchPlacement,
+    BenchRun,
+    BenchSensor,
+    BenchStress,
+    BenchUnknown,
+)
 from strainsight.report.bench.page import bench_figures, bench_page
 from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
+from strainsight.report.bench.tables import placement_table
+from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
@@ -129,6 +139,17 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
         assert len(names_of_regions(whole(page))) > 2
         assert not re.search(r"<a>|<v>|<statement>", page)
         assert "F$z: not identified." in page
+
+
+def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
+    placement = BenchPlacement(
+        np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, {}, {"F": "N"},
+        Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace")), np.array([1.5, 2.0, np.inf]),
+        {"F": np.array([1e3, 2e3, np.inf])},
+    )  # fmt: skip
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement))
+    assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]
+
 
 
 def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
