@@ -27,7 +27,7 @@ from strainsight.sweep import processes
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
-from ..estimation.conftest import build_beam, build_filter
+from ..estimation.conftest import make_beam, make_filter
 
 STEPS = int(os.environ.get("STRAINSIGHT_STEPS", "40_000"))
 PLACEMENTS = int(os.environ.get("STRAINSIGHT_PLACEMENTS", "12"))
@@ -145,7 +145,7 @@ def same(one: FilterRun, other: FilterRun) -> bool:
 @pytest.mark.slow
 def test_the_filter_over_many_steps(capsys):
     """A stream of one run: in the end P is that of SciPy's Riccati solver, errors and innovations are as large as claimed."""
-    model, nothing = build_filter(build_beam(MODES, 0.05), ("tip",), q_velocity=1.0), np.zeros((BLOCK, 3, 0))
+    model, nothing = make_filter(make_beam(MODES, 0.05), ("tip",), q_velocity=1.0), np.zeros((BLOCK, 3, 0))
     A = Driven(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
     start = np.diag([1e-6] * MODES + [1e-3] * MODES + [1.0])
     truth = Truth(A, model, start)
