@@ -326,3 +326,13 @@ def test_what_swings_without_damping_needs_a_gauge_that_sees_either_part_of_it()
     assert [hit.tolist() for hit in detection.hits] == [[False, False, True, True, False]]
     found = detection.layout(limits_of(5, 2, near=np.array([(0, 2), (0, 3)])), np.array([5.0, 1, 1, 1, 4]))
     assert found.gauges.tolist() in ([1, 2], [1, 3])
+
+
+def test_a_stopped_search_still_gives_a_bound():
+    greedy = eliminate(scenarios_of(beam_of(40), ("Fz",), ("E",), noise=1e-9), 4)
+    found = [certify(greedy.pools, greedy.kept, greedy.cost[-1], budget=b) for b in (1, 3, 10, 300)]
+    assert [each.iterations for each in found[:3]] == [1, 3, 10]
+    assert 10 < found[3].iterations <= 300
+    bounds = [each.lower_bound for each in found]
+    assert bounds == sorted(bounds)
+    assert 0.9 * greedy.cost[-1] < bounds[-1] <= greedy.cost[-1]

@@ -76,6 +76,15 @@ def test_no_layout_is_worth_more_and_what_is_found_is_one(case, unit):
         assert found.bound == pytest.approx(value[best].sum(), abs=1e-6 * unit)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+def test_the_unit_of_prices_changes_nothing(unit):
+    for seed in range(5):
+        value = np.random.default_rng(seed).uniform(0.5, 1.0, POOL)
+        here, there = (best_layout(limits_of(POOL, 6, price=u * PRICE, budget=u * 3.0), value) for u in (1.0, unit))
+        assert PRICE[here.gauges].sum() <= 3.0
+        assert there.gauges.tolist() == here.gauges.tolist()
+
+
 def test_out_of_nodes_nothing_is_claimed_to_be_settled():
     # a knapsack of prices that are next to what they are worth; no branching allowed
     rng = np.random.default_rng(0)

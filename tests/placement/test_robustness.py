@@ -153,6 +153,12 @@ def test_numbers_that_are_none_and_noises_that_are_not_positive_are_refused(fiel
     broken[at] = value
     with pytest.raises(ConfigError, match=words):
         eliminate([replace(scenario, **{field: broken})], 4)
+    if field == "r" and not value < 0:
+        # one channel of a gauge of three
+        noise = np.repeat(scenario.r[:, None], 3, axis=1)
+        noise[at, 1] = value
+        with pytest.raises(ConfigError, match=words):
+            eliminate([replace(scenario, H=np.repeat(scenario.H[:, None], 3, axis=1), r=noise)], 4)
 
 
 MODES = 34
