@@ -145,6 +145,13 @@ def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
+@pytest.mark.parametrize(("parameters", "free"), [(("k1", "k2"), True), ((), False)])
+def test_the_parts_are_the_whole(parameters, free):
+    model = replace(chain(parameters), free_loads=free)
+    claim = bank_claim(model, nominal(), forces(), start(model.size), constants(model))
+    np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
+
+
 def test_known_constants_and_samples_without_end_leave_nothing():
     model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
     P = np.zeros((6, 6))

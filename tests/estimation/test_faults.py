@@ -162,6 +162,7 @@ def record():
 WRONG = {
     "sign": (-FORCE, Fault("sign", 0, of_load=True)),
     "kilonewtons": (1e-3 * FORCE, Fault("scale", 0, 1e-3, of_load=True)),
+    "pounds": (FORCE / 4.4482216, Fault("scale", 0, 1 / 4.4482216, of_load=True)),
     "late": (WIDE[2:-5], Fault("late", 0, 2, of_load=True)),
     "early": (WIDE[5:-2], Fault("late", 0, -1, of_load=True)),
 }
@@ -171,7 +172,7 @@ def test_a_sound_record_is_consistent(record):
     assert not examined(record).contradicts
 
 
-@pytest.mark.parametrize("name", ["sign", "kilonewtons", "late", *slowly("early")])
+@pytest.mark.parametrize("name", ["sign", "kilonewtons", "pounds", "late", *slowly("early")])
 def test_the_fault_of_a_load_is_named(record, name):
     wrong, fault = WRONG[name]
     found = examined(replace(record, known=held(wrong)))

@@ -195,6 +195,15 @@ def test_a_diverged_run_is_reported_and_leaves_the_others_alone():
         run_filter(model, mean, P0, u, wild[:, 1])
 
 
+@pytest.mark.parametrize("form", ["joseph", "square_root"])
+def test_a_gauge_that_reads_nothing_without_noise_is_refused(form):
+    model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
+    H, r = model.H.copy(), model.r.copy()
+    H[2], r[2] = 0.0, 0.0
+    with pytest.raises(NumericalError, match="not positive definite"):
+        run_filter(replace(model, H=H, r=r), mean, P0, u, y, form=form)
+
+
 def test_a_refusal_names_the_first_sample_without_any_doubt():
     model, mean, P0, u, _, y = drawn(make_filter, make_beam(modes=4), sine, ("tip",), ())
     sure = replace(model, r=0 * model.r, Q=0 * model.Q)
