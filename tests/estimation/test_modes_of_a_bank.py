@@ -10,7 +10,6 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
-from strainsight.estimation import bank
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
@@ -135,16 +134,18 @@ def damped(driven):
 
 
 @pytest.mark.parametrize("driven", [True, False])
-def test_the_end_alone_says_what_a_whole_pass_does(driven, monkeypatch):
+def test_parameters_alone_are_those_of_a_whole_pass(driven):
     model, P, y, nuisances = damped(driven)
-    quick = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
-    monkeypatch.setattr(bank, "_end_of", lambda problem: None)
     whole = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
-    assert quick.about.any()
+    alone = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances, keep="parameters")
+    assert whole.about.any()
     for name in ("about", "point", "weight", "nu", "left"):
-        np.testing.assert_allclose(getattr(quick, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(quick.run.mean, whole.run.mean, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(quick.run.std, whole.run.std, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(getattr(alone, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
+    of = model.parameter_states
+    np.testing.assert_allclose(alone.run.mean[..., of], whole.run.mean[..., of], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(alone.run.std[..., of], whole.run.std[..., of], rtol=1e-9, atol=1e-12)
+    assert np.isnan(alone.run.mean[1:, :, : of.start]).all()
+    assert np.isnan(alone.run.gauge_mean).all()
 
 
 @pytest.mark.parametrize("about", [(0.0, 0.0), (1.2, -0.8)])

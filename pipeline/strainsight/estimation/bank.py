@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from strainsight.estimation.bank_filters import (
     bank_record,
     entered,
     filtered_at,
-    moved,
     on,
     one_standing,
     passed,
@@ -33,12 +31,12 @@ from strainsight.estimation.bank_filters import (
 )
 from strainsight.estimation.columns import first_columns, next_columns
 from strainsight.estimation.conditional import Nuisances, no_nuisances
-from strainsight.estimation.lattice import Lattice
+from strainsight.estimation.lattice import Lattice, one_point
 from strainsight.estimation.laying import Bank, first_lattice, next_lattice
 from strainsight.estimation.mixture import Mixture
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
-from strainsight.estimation.peak import Points, peaks_of_problem
+from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.standing import C, Weights
@@ -54,8 +52,6 @@ SHORTEST, SHARE = 8, 8
 narrows as the record grows."""
 FOLLOWED = 10
 """Grids over the parameters of inconsistent measurements after which σ of the parameters is doubled."""
-LOOK = 0.2
-"""Share of the steps after which it shows whether the ν have to be looked for about which readings are linear."""
 COARSE, REACH, TRIED, MOST_TRIED = 0.05, 3.0, 0.01, 80
 """Where resonances are looked for: share of a reading, RMS, that is believed, σ of a parameter to either side, step of its
 logarithm, and most steps."""
@@ -64,13 +60,13 @@ AGAIN, STAY = 3, 0.2
 
 
 @dataclass(frozen=True)
-class BankEnd:
-    """What the bank found at the end.
+class BankRun:
+    """What a bank found: at the end, and along the samples of a record.
 
     point (B, k) and weight (B,): the posterior of the parameters; nu (B, d) and left (B, d, d): mean and covariance of ν at each
     point, of frequencies beyond those that the centre asks for; about (d,): the ν about which readings are linear, centre (k,):
     the parameters, as of `Nuisances`; laid: how often the lattice was; step (k,): its steps along every
-    parameter, infinite of columns.
+    parameter, infinite of columns; run: as a filter's, of one run; its σ holds what the nuisances add.
     """
 
     point: np.ndarray
@@ -81,6 +77,7 @@ class BankEnd:
     centre: np.ndarray | None
     laid: int
     step: np.ndarray
+    run: FilterRun
 
     @property
     def posterior(self) -> tuple[np.ndarray, np.ndarray]:
@@ -95,13 +92,6 @@ class BankEnd:
         mean = self.weight @ self.nu
         off = self.nu - mean
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
-
-
-@dataclass(frozen=True)
-class BankRun(BankEnd):
-    """And along the samples; run: as a filter's, of one run; its σ holds what the nuisances add."""
-
-    run: FilterRun
 
 
 def filter_bank(
@@ -126,7 +116,7 @@ def filter_bank(
     the lattice in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
     biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found. settled: the motion at
     t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance. keep: "all" keeps the covariance
-    of every instant; progress: called with the share of the steps that are done.
+    of every instant, "parameters" nothing but these, in half the time; progress: called with the share of the steps done.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Where all samples speak for
     ν that slopes do not reach, of a damping or beside free loads of any tolerance, all of this is done again, linear about these
@@ -173,38 +163,37 @@ def filter_records(
     """
     offsets = np.zeros(0, dtype=int) if biased is None else biased
     problem = BankProblem(
-        tuple(records), mean, covariance, offsets, spacing, depth, keep, progress, judged=True, birge_ratio=birge_ratio
+        tuple(records),
+        mean,
+        covariance,
+        offsets,
+        spacing,
+        depth,
+        keep,
+        progress,
+        judged=True,
+        along=keep != "parameters",
+        birge_ratio=birge_ratio,
     )
+    if problem.bilinear:
+        problem = _centred(problem)
+    ends = replace(problem, along=False)
+    peaks = peaks_of_problem(ends) if problem.bilinear or 0 < len(problem.prior[0]) <= FEW else []
+    held = np.array([peak.point for peak in peaks])
     if not problem.bilinear:
-        return _covered(problem)
-    tell = progress or (lambda share: None)
-    problem = _centred(problem)
-    if (end := _end_of(replace(problem, along=False, progress=lambda share: tell(0.5 * share)))) is not None:
-        again = replace(about_samples(end[0], end[1].posterior[0], end[1].nuisances[0]), along=True)
-        found = _covered(replace(again, progress=lambda share: tell(0.5 + 0.5 * share)))
-    else:
-        # the look ended at half of LOOK
-        found = _covered(replace(problem, progress=lambda share: tell(0.1 + 0.45 * share)))
-        again = about_samples(problem, found[0].posterior[0], found[0].nuisances[0])
-        if again is not problem:
-            found = _covered(replace(again, progress=lambda share: tell(0.55 + 0.45 * share)))
-    if again.centre is not None:
-        found = _settled(again, found, again.centre if end is None else end[1].posterior[0])
-    tell(1.0)
-    return found
-
-
-def _settled(problem: BankProblem, found: tuple[BankRun, ...], before: np.ndarray) -> tuple[BankRun, ...]:
-    """Again, about what was found last, until the parameters stay where they are: what a slope in a frequency leaves out at
-    first, they take for theirs. before (k,): the parameters about which the samples were asked for ν."""
-    for _ in range(AGAIN):
+        return _covered(problem, held)
+    before = max(peaks, key=lambda peak: peak.evidence).point
+    here = filtered_at(ends, one_point(before), problem.first[-1])
+    problem = replace(about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along)
+    found = _covered(problem, held)
+    for _ in range(AGAIN if problem.centre is not None else 1):
         mean, covariance = found[0].posterior
-        if np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
+        if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
             break
         again = about_samples(problem, mean, found[0].nuisances[0])
         if again is problem:
             break
-        problem, before, found = again, mean, _covered(replace(again, progress=None))
+        problem, before, found = again, mean, _covered(replace(again, progress=None), held)
     return found
 
 
@@ -221,8 +210,7 @@ def _centred(problem: BankProblem) -> BankProblem:
     for i, std in enumerate(np.sqrt(np.diag(covariance))):
         count = int(np.clip(2 * REACH * std / TRIED, 2, MOST_TRIED))
         points = centre + np.linspace(-REACH * std, REACH * std, count + 1)[:, None] * np.eye(len(centre))[i]
-        found = filtered_at(coarse, Points(points), problem.first[-1]).log_weight  # type: ignore[type-var]
-        centre = points[int(np.argmax(np.where(np.isfinite(found), found, -np.inf)))]
+        centre = points[best_points(points, density_of(coarse), problem.first[-1])[0][0]]
     return problem.with_nuisances(partial(replace, centre=centre))
 
 
@@ -233,29 +221,13 @@ def _coarse(record: BankRecord) -> BankRecord:
     return replace(record, data=replace(own, discrepancy=np.maximum(own.discrepancy, least)))
 
 
-def _end_of(problem: BankProblem) -> tuple[BankProblem, BankEnd] | None:
-    """The posterior at the end alone, without states along the samples and filters that serve these only: in less than half of
-    the time. None where the first LOOK of the steps do not ask for another ν about which readings are linear, and so all of them
-    hardly will."""
-    problem, now, laid, _ = _passed_through(problem)
-    return (problem, _ended(now, laid, problem.centre)) if now.step == problem.first[-1] else None
-
-
-def _covered(problem: BankProblem) -> tuple[BankRun, ...]:
-    """A run of every record."""
-    problem, now, laid, mixtures = _passed_through(problem)
-    end = vars(_ended(now, laid, problem.centre))
-    return tuple(BankRun(**end, run=own.finished()) for own in mixtures)
-
-
-def _passed_through(problem: BankProblem) -> tuple[BankProblem, LinearStanding[Any], int, list[Mixture]]:
-    """By a lattice over few parameters, by columns over more.
+def _covered(problem: BankProblem, held: np.ndarray) -> tuple[BankRun, ...]:
+    """A run of every record, by a lattice over few parameters, by columns over more.
 
     A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
-    or beyond the prior. It keeps hold of the peaks of the whole record from its second laying on."""
+    or beyond the prior. It keeps hold of the peaks (q, k) of the whole record from its second laying on."""
     if len(problem.model.unknowns.parameters) > FEW:
         return _filtered(problem, first_columns(problem), next_columns, at_end=True)
-    held = np.array([own.point for own in peaks_of_problem(replace(problem, along=False))])
     first = first_lattice(_bank(problem, held))
     return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem, held), now))
 
@@ -270,16 +242,14 @@ def _filtered(
     now: LinearStanding[C],
     following: Callable[[BankProblem, LinearStanding[C]], LinearStanding[C]],
     at_end: bool = False,
-) -> tuple[BankProblem, LinearStanding[C], int, list[Mixture]]:
+) -> tuple[BankRun, ...]:
     """Through all samples, from points of the parameters laid at first, with those that follow; at_end: and once more at the
-    end, where what they say is the better, the nearer they are. Returns the problem with its last Birge ratio, the filters then,
-    how often points were laid, and of every record, where they are asked for, the states along it; where they are not, it ends
-    after LOOK of the steps if these do not ask for another ν about which readings are linear."""
-    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)] if problem.along else []
+    end, where what they say is the better, the nearer they are."""
+    steps, laid, mixtures = problem.first[-1], 1, [_mixture(problem, now)]
     while now.step < steps:
         if now.step == problem.first[now.record + 1]:
             now = entered(problem, now)
-            mixtures += [_mixture(problem, now)] if problem.along else []
+            mixtures.append(_mixture(problem, now))
         data, before = problem.records[now.record].data, problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
         ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
@@ -291,16 +261,11 @@ def _filtered(
         span = slice(now.step - before, now.step - before + used)
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
-        if mixtures:
-            mixtures[-1].innovations(span, earlier, constants, passage.own, data.samples[span])
-            mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
-            seen = passage.states.first(used)
-            mixtures[-1].states(span, now.cover.point, weights, seen, now.models, data.known_end[span])
-        first = now.step < LOOK * steps
+        mixtures[-1].innovations(span, earlier, constants, passage.own, data.samples[span])
+        mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
+        seen = passage.states.first(used)
+        mixtures[-1].states(span, now.cover.point, weights, seen, now.models, data.known_end[span])
         now = on(now, passage, used)
-        looked = not problem.along and first and now.step >= LOOK * steps
-        if looked and not moved(problem, _ended(now, laid).nuisances[0]):
-            break
         if problem.progress is not None:
             problem.progress(now.step / steps)
         if not good.all() or (at_end and now.step == steps):
@@ -310,17 +275,11 @@ def _filtered(
             now, laid = following(problem, now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
-            if mixtures:
-                mixtures[-1].states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
-    return problem, now, laid, mixtures
-
-
-def _ended(now: LinearStanding[Any], laid: int, centre: np.ndarray | None = None) -> BankEnd:
-    """As the samples say it that weigh the points."""
-    states = now.states
+            mixtures[-1].states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
+    states, about = now.states, now.models.about
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
-    about = now.models.about
-    return BankEnd(point, weight, nu + about, left, about, centre, laid, now.cover.step)
+    end = point, weight, nu + about, left, about, problem.centre, laid, now.cover.step
+    return tuple(BankRun(*end, run=mixture.finished()) for mixture in mixtures)
 
 
 def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Weights, steps: int) -> float:

@@ -18,7 +18,8 @@ ROUNDING = 1e-12
 
 
 class Mixture:
-    """The arrays of a bank while it runs: T steps of a model with d nuisances."""
+    """The arrays of a bank while it runs: T steps of a model with d nuisances. With keep "parameters" all else is NaN after
+    t = 0."""
 
     def __init__(
         self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, learned: bool, keep: Keep
@@ -26,17 +27,17 @@ class Mixture:
         n, m = len(mean), model.H.shape[-2]
         at = conditional_states(model, n - model.size)
         self.model, self.steps, self.states_of_filters, self.learned = model, steps, len(at), learned
+        self.parameters_alone = keep == "parameters"
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
         self.order = np.concatenate([at, np.arange(n)[model.parameter_states]])
         self.back = np.argsort(self.order)
         self.unknowns = self.back[model.position]
-        self.mean, self.std = np.zeros((steps + 1, n)), np.zeros((steps + 1, n))
-        self.unknown_covariance = np.zeros((steps + 1, len(self.unknowns), len(self.unknowns)))
+        self.mean, self.std = np.full((2, steps + 1, n), np.nan)
+        self.unknown_covariance = np.full((steps + 1, len(self.unknowns), len(self.unknowns)), np.nan)
         self.covariance = np.zeros((steps + 1, n, n)) if keep == "all" else None
         self.mean[0] = mean[self.order]
         self._keep(slice(0, 1), covariance[np.ix_(self.order, self.order)][None])
-        self.gauge_mean, self.gauge_variance = np.zeros((steps, m)), np.zeros((steps, m))
-        self.innovation, self.whitened = np.full((steps, m), np.nan), np.full((steps, m), np.nan)
+        self.gauge_mean, self.gauge_variance, self.innovation, self.whitened = np.full((4, steps, m), np.nan)
         self.log_likelihood = 0.0
 
     def states(
@@ -50,6 +51,9 @@ class Mixture:
     ) -> None:
         """After L steps of these numbers: points (B, k) with their weights, filters at the ends, loads known there (L, p₁)."""
         after = slice(span.start + 1, span.stop + 1)
+        if self.parameters_alone:
+            self._parameters(after, point, weights)
+            return
         x, P, at, covariance = self._moments(after, point, weights, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
         self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
@@ -63,10 +67,19 @@ class Mixture:
 
     def begin(self, point: np.ndarray, weights: Weights, found: States, models: LinearModels, informed: bool) -> None:
         """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
+        if self.parameters_alone:
+            self._parameters(slice(0, 1), point, weights)
+            return
         covariance = self._moments(slice(0, 1), point, weights, found)[-1]
         if informed and not self.learned:
             self._motion_as_read(slice(0, 1), weights, found, models.about, covariance)
         self._keep(slice(0, 1), covariance)
+
+    def _parameters(self, at: slice, point: np.ndarray, weights: Weights) -> None:
+        """At L instants, of points (B, k)."""
+        of, mean = slice(self.states_of_filters, None), weights.mean @ point
+        each = np.broadcast_to(point[:, None], (len(point), *mean.shape))
+        self.mean[at, of], self.std[at, of] = mean, standard_deviation(weights.covariance(each, mean))
 
     def _moments(
         self, at: slice, point: np.ndarray, weights: Weights, found: States
@@ -130,6 +143,8 @@ class Mixture:
     ) -> None:
         """Of L steps of these numbers: weights of the points before each; before the first, mean (B, 1, d) and covariance
         (B, 1, d, d) of ν by each filter; what they found, samples (L, m)."""
+        if self.parameters_alone:
+            return
         L = len(samples)
         own, slope = passage.states, passage.slope[:, :L]
         known, unsure = (

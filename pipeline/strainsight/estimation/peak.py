@@ -92,7 +92,7 @@ def peak_of(
         if again is problem:
             break
         problem, before = again, peak.evidence
-        refined = _refined(_density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
+        refined = _refined(density_of(problem), *problem.prior, peak.point, resonance_widths(problem.records) / 8)
         peak = replace(refined, about=problem.records[0].nuisances.about)
         if abs(peak.evidence - before) <= NOTICED:
             break
@@ -113,7 +113,7 @@ def _best(peaks: Sequence[Peak]) -> Peak:
 def peaks_of_problem(problem: BankProblem) -> list[Peak]:
     """Where the posterior at the end of all records is largest, and other peaks that were tried."""
     centre, prior = problem.prior
-    density = _density_of(problem)
+    density = density_of(problem)
     if not len(centre):
         value = float(density(centre[None])[0])
         return [Peak(centre, value, value)]
@@ -127,8 +127,8 @@ def peaks_of_problem(problem: BankProblem) -> list[Peak]:
     return peaks
 
 
-def _density_of(problem: BankProblem) -> Density:
-    """By filters from the start of the first record on."""
+def density_of(problem: BankProblem) -> Density:
+    """Of the parameters, by filters from the start of the first record on."""
 
     def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
         value = filtered_at(problem, Points(point), steps).log_weight  # type: ignore[type-var]
@@ -137,16 +137,23 @@ def _density_of(problem: BankProblem) -> Density:
     return density
 
 
-def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
-    """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
-    first: by longer and longer parts of the record, keeping after each the best quarter and all within DEPTH of the best."""
-    which = np.arange(len(lattice.node))
+def best_points(point: np.ndarray, density: Density, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the most likely of points (B, k), with ln of their density, best first: by longer and longer parts of the
+    record, keeping after each the best quarter and all within DEPTH of the best."""
+    which = np.arange(len(point))
     for part in PARTS:
-        value = density(lattice.point[which], max(1, round(part * steps)))
+        value = density(point[which], max(1, round(part * steps)))
         order = np.argsort(-value, kind="stable")
         if part < 1:
             order = order[: max(FEWEST, len(order) // 4, int(np.sum(value > value.max() - DEPTH)))]
         which, value = which[order], value[order]
+    return which, value
+
+
+def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.ndarray, float]]:
+    """The highest points (k,) of a lattice that are not neighbours, at most MOST_STARTS, each with ln of its density, highest
+    first."""
+    which, value = best_points(lattice.point, density, steps)
     starts: list[int] = []
     for i, node in enumerate(lattice.node[which]):
         if all(np.abs(node - lattice.node[which[j]]).max() > 1 for j in starts):

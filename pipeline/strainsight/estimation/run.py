@@ -10,8 +10,8 @@ import numpy as np
 from strainsight.estimation.core import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
-Keep = Literal["mean", "first", "all"]
-"""Whether what a smoother needs is kept of no run, of the first one or of all."""
+Keep = Literal["parameters", "mean", "first", "all"]
+"""Whether what a smoother needs is kept of no run, of the first one or of all; a bank can do without all but its parameters."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Record:
         self.lost = np.full(runs, -1)
         # what is the same in every step is kept once
         once = 1 if model.linear else steps
-        kept = keep != "mean"
+        kept = keep in ("first", "all")
         self.first = slice(1 if keep == "first" else None)
         b = 1 if keep == "first" else b
         self.covariance = np.empty((steps + 1, b, n, n)) if kept else None

@@ -38,7 +38,7 @@ def compared(
     model = exactly_damped(problem, model)
 
     def by_bank() -> FilterRun:
-        return filter_bank(model, start, covariance, known, measured, biased=biased).run
+        return filter_bank(model, start, covariance, known, measured, biased=biased, keep="parameters").run
 
     def by_extended() -> FilterRun:
         turns = problem.iterations

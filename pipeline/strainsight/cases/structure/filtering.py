@@ -49,9 +49,9 @@ def filtered(
 ) -> Filtered:
     """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
 
-    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether a filter that is no
-    bank keeps what its smoother needs; settled: as of `filter_bank`; refuse: raise NumericalError where every run fails, and
-    not mark them lost.
+    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether what a smoother needs
+    is kept; with "mean" a bank under known loads has its parameters alone; settled: as of `filter_bank`; refuse: raise
+    NumericalError where every run fails, and not mark them lost.
     """
     if problem.method != "bank":
         return Filtered(by_moments(problem, model, start, covariance, known, measured, keep, refuse=refuse), ())
@@ -59,6 +59,7 @@ def filtered(
     runs = data.shape[1]
     sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
     starts = np.broadcast_to(start, (runs, model.size))
+    kept: Keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
     found: list[BankRun | None] = []
     failure: NumericalError | None = None
     for b in range(runs):
@@ -66,7 +67,8 @@ def filtered(
         own = on_average(tolerated, _of_run(model, b, there), sets[b][there])
         nuisances = nuisances_of(tolerated, own, sets[b][there])
         try:
-            found.append(filter_bank(own, starts[b], covariance, known, data[:, b, there], nuisances, settled=settled))
+            of_run = own, starts[b], covariance, known, data[:, b, there], nuisances
+            found.append(filter_bank(*of_run, settled=settled, keep=kept))
         except NumericalError as error:
             failure = error
             found.append(None)

@@ -31,19 +31,30 @@ def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
 
 
 @loop
-def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, moved):  # type: ignore[no-untyped-def]
-    """V ← A V − (A_ν x + G_ν w), x before it has moved."""
-    d, n = V.shape
-    for k in range(d):
+def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+    """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
+    n, d = V.shape
+    q, s = pairs.shape[1], len(beside)
+    for a in range(q):
+        p0, p1, p2, p3 = pairs[0, a], pairs[1, a], pairs[2, a], pairs[3, a]
+        for k in range(d):
+            position, rate = V[a, k], V[q + a, k]
+            V[a, k] = p0 * position + p1 * rate
+            V[q + a, k] = p2 * position + p3 * rate
+    for b in range(s):
+        for k in range(d):
+            behind[b, k] = V[2 * q + b, k]
+            V[2 * q + b, k] = 0.0
+    for a in range(n):
+        add_rows(beside[:, a], behind, d, V[a])
+    for k in range(len(pairs_nu)):
+        for a in range(q):
+            V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
+            V[q + a, k] -= pairs_nu[k, 2, a] * x[a] + pairs_nu[k, 3, a] * x[q + a]
         for a in range(n):
-            moved[a] = 0.0
-        add_moved(1.0, V[k], pairs, beside, moved)
-        if k < len(pairs_nu):
-            add_moved(-1.0, x, pairs_nu[k], beside_nu[k], moved)
-            for a in range(n):
-                moved[a] -= dot(G_nu[k, a], w)
-        for a in range(n):
-            V[k, a] = moved[a]
+            for b in range(s):
+                V[a, k] -= beside_nu[k, b, a] * x[2 * q + b]
+            V[a, k] -= dot(G_nu[k, a], w)
 
 
 @loop
@@ -74,11 +85,7 @@ def in_states(basis, z, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def corrected(x, V, nu, about, out):  # type: ignore[no-untyped-def]
-    """x less what ν makes of it; ν that is counted from elsewhere than zero has its slopes there."""
+def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
+    """x less what ν makes of it."""
     for a in range(len(x)):
-        out[a] = x[a]
-    for k in range(len(nu)):
-        if about[k] == 0.0:
-            for a in range(len(x)):
-                out[a] -= V[k, a] * nu[k]
+        out[a] = x[a] - dot(V[a], nu)

@@ -4,38 +4,45 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.estimation.compiled.vectors import add_rows, copied, dot, loop, measured, product, solved
+from strainsight.estimation.compiled.vectors import add_rows, dot, loop, measured, product, solved
 
 
 @loop
-def updated_nuisances(V, H, sensed, K, S, y, whitened, nu, left):  # type: ignore[no-untyped-def]
+def updated_nuisances(V, H, sensed, K, S, there, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
     """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
     squares add to the log-likelihood.
 
     By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
+
+    V (n, d); there: channels that measured; slope, W (m, d) and small (m + 2, m): work space.
     """
-    d, n = V.shape
-    there = measured(y)
+    n, d = V.shape
     m = len(there)
     if d == 0:
         fit = 0.0
         for channel in there:
             fit -= 0.5 * whitened[channel] * whitened[channel]
         return fit
-    h, g, along, change = np.empty((m, n)), np.empty((m, n)), np.empty((m, m)), np.empty(m)
-    slope, W, L, rest = np.empty((m, d)), np.zeros((m, d)), np.empty((m, m)), np.empty(m)
+    L, rest, factor = small[:m], small[m], small[m + 1]
     for c in range(m):
-        copied(H[there[c]], h[c])
-        copied(K[there[c]], g[c])
+        h = H[there[c]]
+        for k in range(d):
+            slope[c, k] = 0.0
+            W[c, k] = 0.0
+        add_rows(h, V, d, slope[c])
+        for k in range(d):
+            slope[c, k] = sensed[there[c], k] - slope[c, k]
         for j in range(c):
-            along[c, j] = dot(h[c], g[j])
-    for k in range(d):
+            L[c, j] = -dot(h, K[there[j]])
+        add_rows(L[c, :c], slope, d, slope[c])
+    for a in range(n):
         for c in range(m):
-            change[c] = sensed[there[c], k] - dot(h[c], V[k])
-            for j in range(c):
-                change[c] -= along[c, j] * change[j]
-            slope[c, k] = change[c] / np.sqrt(S[there[c]])
-        add_rows(change, g, n, V[k])
+            factor[c] = K[there[c], a]
+        add_rows(factor[:m], slope, d, V[a])
+    for c in range(m):
+        scale = 1.0 / np.sqrt(S[there[c]])
+        for k in range(d):
+            slope[c, k] *= scale
     for c in range(m):
         add_rows(slope[c], left, d, W[c])
         for j in range(c + 1):
@@ -54,14 +61,15 @@ def updated_nuisances(V, H, sensed, K, S, y, whitened, nu, left):  # type: ignor
                 W[c, k] -= L[c, j] * W[j, k]
         L[c, c] = np.sqrt(L[c, c])
         rest[c] /= L[c, c]
+        scale = 1.0 / L[c, c]
         for k in range(d):
-            W[c, k] /= L[c, c]
+            W[c, k] *= scale
         fit -= 0.5 * rest[c] * rest[c] + np.log(L[c, c])
-    add_rows(rest, W, d, nu)
+    add_rows(rest[:m], W, d, nu)
     for k in range(d):
         for c in range(m):
-            change[c] = -W[c, k]
-        add_rows(change, W, d, left[k])
+            factor[c] = -W[c, k]
+        add_rows(factor[:m], W, d, left[k])
     return fit
 
 
@@ -80,8 +88,8 @@ def without(less, nu, left):  # type: ignore[no-untyped-def]
 
 @loop
 def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
-    """Update by all channels that measured, with the gain of Schmidt."""
-    d, n = V.shape
+    """Update by all channels that measured, with the gain of Schmidt; V (n, d)."""
+    n, d = V.shape
     there = measured(y)
     m = len(there)
     Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
@@ -91,21 +99,19 @@ def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
         product(P, h, Ph[c])
         innovation[c] = y[there[c]] - dot(F[there[c]], w) - dot(h, x)
         for k in range(d):
-            slope[c, k] = dot(h, V[k]) - sensed[there[c], k]
-        copied(Ph[c], K[c])
-        add_rows(slope[c], V, n, K[c])
+            slope[c, k] = -sensed[there[c], k]
+        add_rows(h, V, d, slope[c])
+        for a in range(n):
+            K[c, a] = Ph[c, a] + dot(slope[c], V[a])
         for g in range(c + 1):
             S[c, g] = dot(H[there[g]], Ph[c]) + dot(slope[c], slope[g])
         S[c, c] += R[there[c]]
     solved(S, K)
     add_rows(innovation, K, n, x)
-    for k in range(d):
-        for c in range(m):
-            less[c] = -slope[c, k]
-        add_rows(less, K, n, V[k])
     for a in range(n):
         for c in range(m):
             less[c] = -K[c, a]
+        add_rows(less, slope, d, V[a])
         add_rows(less, Ph, n, P[a])
     # rows of P Hᵀ after the first factor of Joseph's form
     for c in range(m):

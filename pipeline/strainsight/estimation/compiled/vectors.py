@@ -37,6 +37,13 @@ def copied_matrix(A, out):  # type: ignore[no-untyped-def]
 
 
 @loop
+def transposed(A, out):  # type: ignore[no-untyped-def]
+    for i in range(len(A)):
+        for j in range(A.shape[1]):
+            out[j, i] = A[i, j]
+
+
+@loop
 def measured(y):  # type: ignore[no-untyped-def]
     """Places in y that are no NaN."""
     there, m = np.empty(len(y), np.int64), 0
