@@ -231,6 +231,17 @@ def test_innovations_have_the_covariance_of_the_riccati_equation_whatever_was_ke
         np.testing.assert_allclose(found.S[0, 0], H @ P @ H.T + np.diag(R), rtol=1e-11)
 
 
+def test_what_decays_ends_at_zero_and_not_among_the_least_numbers_that_slow_a_processor():
+    never = np.zeros((2, 2))
+    models = plain_models(A, never, H)
+    filters = filters_of(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
+    known = np.zeros((3000, 0))
+    found = advance(models, filters, known, known, np.full((3000, 2), np.nan), np.tile(R, (3000, 1)), np.zeros(2), True)
+    for of in (found.states.x, found.states.P):
+        assert np.all(of[0, -1] == 0)
+        assert np.abs(of[of != 0]).min() > np.finfo(float).tiny
+
+
 def test_threads_change_no_bit(monkeypatch):
     monkeypatch.setattr(parallel_filters, "APART", 1)
     model = chain(tuple(REFERENCE)[:1])

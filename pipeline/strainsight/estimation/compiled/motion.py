@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strainsight.estimation.compiled.vectors import add_rows, dot, loop, mirrored
+from strainsight.estimation.compiled.vectors import add_rows, dot, flushed, loop, mirrored
 
 
 @loop
@@ -27,7 +27,7 @@ def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
         ahead[a] = dot(G[a], w)
     add_moved(1.0, x, pairs, beside, ahead)
     for a in range(n):
-        x[a] = ahead[a]
+        x[a] = flushed(ahead[a])
 
 
 @loop
@@ -47,6 +47,8 @@ def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind): 
             V[2 * q + b, k] = 0.0
     for a in range(n):
         add_rows(beside[:, a], behind, d, V[a])
+        for k in range(d):
+            V[a, k] = flushed(V[a, k])
     for k in range(len(pairs_nu)):
         for a in range(q):
             V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
@@ -74,6 +76,8 @@ def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
             for b in range(a + 1):
                 P[a, b] += own * half[k, b] + rate * half[q + k, b]
         add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
+        for b in range(a + 1):
+            P[a, b] = flushed(P[a, b])
     mirrored(P)
 
 

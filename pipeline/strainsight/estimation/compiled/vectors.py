@@ -13,6 +13,8 @@ import numpy as np
 from strainsight.compiled import inner
 
 LOOPS: dict[str, Any] = {"nogil": True, "fastmath": {"contract", "reassoc"}}
+NEGLIGIBLE = 1e-140
+"""What decays to less is zero: products of numbers near the least that a processor can hold take it a hundred times as long."""
 UNMOVED = 1e-13
 """Of its standard deviations: an entry of a covariance that moves by less is at rest."""
 
@@ -62,6 +64,11 @@ def apart(a, b):  # type: ignore[no-untyped-def]
         if a[j] != b[j]:
             count += 1
     return count
+
+
+@loop
+def flushed(value):  # type: ignore[no-untyped-def]
+    return value if abs(value) > NEGLIGIBLE else 0.0
 
 
 @loop
