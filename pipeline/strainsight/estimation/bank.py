@@ -118,11 +118,10 @@ def filter_bank(
     t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance. keep: "all" keeps the covariance
     of every instant, "parameters" nothing but these, in half the time; progress: called with the share of the steps done.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
-    narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Where all samples speak for
-    ν that slopes do not reach, of a damping or beside free loads of any tolerance, all of this is done again, linear about these
-    (`about_samples`). Raises NumericalError
-    where a lattice would need more than MOST_POINTS points, where no columns follow the posterior, and where that leaves the
-    guess by a factor of exp(LOST).
+    narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Beside a damping, a frequency
+    or free loads readings are linear about the ν that all samples speak for at the most likely parameters, and at their mean
+    (`about_samples`). Raises NumericalError where a lattice would need more than MOST_POINTS points, where no columns follow the
+    posterior, and where that leaves the guess by a factor of exp(LOST).
     """
     own = no_nuisances(model) if nuisances is None else nuisances
     record = bank_record(model, known, measurement, own, settled)
@@ -186,6 +185,7 @@ def filter_records(
     here = filtered_at(ends, one_point(before), problem.first[-1])
     problem = replace(about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along)
     found = _covered(problem, held)
+    # what slopes in a frequency leave out at first, the parameters take for theirs
     for _ in range(AGAIN if problem.centre is not None else 1):
         mean, covariance = found[0].posterior
         if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
