@@ -237,7 +237,7 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     motion and rows; the same where that is hardly MOVED from where it is linear.
 
     point (k,), nu (d,): parameters, and the mean of ν there. Slopes at the mean of ν, again and again, are the way of Gauss and
-    Newton to the most likely ν, here at one value of the parameters. The normal density there is Laplace's: the parameters are off
+    Newton to the most likely ν, at one value of the parameters. The normal density there is Laplace's: the parameters are off
     by what second order does with what is left of ν, and not with all that it was before the samples.
     Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
     """
