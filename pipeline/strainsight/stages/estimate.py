@@ -63,7 +63,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 ESTIMATE = Stage(
     "estimate",
-    version=39,
+    version=40,
     reads=(
         "seed",
         "loads",

@@ -81,7 +81,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 
 VALIDATE = Stage(
     "validate",
-    version=32,
+    version=33,
     reads=(
         "damping",
         *(
