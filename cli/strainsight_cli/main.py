@@ -18,7 +18,7 @@ from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.check_modes import check_modes
 from strainsight_cli.example import example
-from strainsight_cli.failures import CONTRADICTED, USER, failure_of, reported, saying, tell
+from strainsight_cli.failures import USER, failure_of, reported, saying, tell
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
@@ -38,7 +38,7 @@ from strainsight_cli.printing import say
 from strainsight_cli.status import show_plan
 from strainsight_cli.surroundings import missing, prepare_streams, unwritten
 from strainsight_cli.view import figures, view
-from strainsight_cli.work import Work, bring_up_to_date, contradicted, refuse_warned, show_results
+from strainsight_cli.work import Work, bring_up_to_date, exit_code, refuse_warned, show_results
 
 # The dense matrices here have tens of rows: a second OpenBLAS thread doubles the time of rom and validate, and changes the
 # last digits. Numpy reads this when it is first imported, inside the commands. PARDISO has its own threads.
@@ -371,8 +371,8 @@ def _bring_up_to_date(
         artefacts = bring_up_to_date(work, forced, as_json, verbose, say, progress)
     if not as_json:
         show_results(artefacts, tables)
-    if any(contradicted(artefact) for artefact in artefacts):
-        raise typer.Exit(CONTRADICTED)
+    if code := exit_code(artefacts):
+        raise typer.Exit(code)
 
 
 def main() -> None:

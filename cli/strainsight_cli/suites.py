@@ -14,7 +14,7 @@ from strainsight.errors import ConfigError, did_you_mean
 from strainsight.sweep.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.failures import CONTRADICTED, tell
+from strainsight_cli.failures import tell
 from strainsight_cli.printing import say
 from strainsight_cli.status import print_statuses, sum_of
 from strainsight_cli.timing import peak_memory, timing_table
@@ -22,7 +22,7 @@ from strainsight_cli.work import (
     Progress,
     Work,
     bring_up_to_date,
-    contradicted,
+    exit_code,
     makers,
     refuse_taken,
     show_results,
@@ -172,8 +172,8 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
         show_results([own], [page.stages[0].name])
         render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
         say(peak_memory(jobs))
-    if any(contradicted(artefact) for run in found for artefact in run):
-        raise typer.Exit(CONTRADICTED)
+    if code := exit_code([artefact for run in found for artefact in run]):
+        raise typer.Exit(code)
 
 
 def _all_runs(

@@ -214,6 +214,8 @@ def refuse_warned(work: Work) -> None:
         )
 
 
-def contradicted(artefact: Artefact) -> bool:
-    """Whether a record of a test contradicts its model, and nobody has accepted that."""
-    return artefact.summary.get("trusted") is False and not artefact.summary.get("accepted")
+def exit_code(artefacts: Sequence[Artefact]) -> int:
+    """Of a command that has brought these up to date, by what their stages have decided."""
+    from strainsight.estimation.decision import exit_code_in
+
+    return max((exit_code_in(artefact.summary) for artefact in artefacts), default=0)

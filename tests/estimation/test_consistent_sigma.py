@@ -13,25 +13,29 @@ from scipy.stats import binom, chi2
 
 from strainsight.augmentation.input_models import Matern, Oscillator
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness, whiteness_band
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.filter import run_filter
-from strainsight.estimation.metrics import after_start
-from strainsight.estimation.smoother import smooth
-from strainsight.estimation.verdict import (
+from strainsight.estimation.decision import (
     ALLOWED,
     LEVEL,
     OVERCONFIDENT,
     TOO_CAUTIOUS,
+    Claim,
+    Decision,
     band_of,
     benefit_of,
     chi_square_band,
     claim_of,
+    exit_code_in,
     expected_ratio,
     judged,
     not_identified,
     samples_alike,
     word_of,
 )
+from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.metrics import after_start
+from strainsight.estimation.smoother import smooth
+from strainsight.report.text import number
 
 from ..shared import slowly
 from .conftest import make_beam, make_filter, sine
@@ -310,3 +314,38 @@ def test_sets_that_diverged_did_worse_and_a_layout_that_did_is_no_gain():
     assert benefit_of(1.0, np.full(10, np.nan)).verdict == "shown"
     assert benefit_of(np.nan, np.ones(10)).verdict == "none"
     assert benefit_of(1.0, np.full(4, 9.0)) is None
+
+
+@pytest.mark.parametrize(
+    ("ratio", "most", "shown"),
+    [
+        (25.2, 3.2145, ("25", "3.21")),
+        (3.2199, 3.2145, ("3.22", "3.21")),
+        (3.2149, 3.2141, ("3.215", "3.214")),
+        (2.0, 2.0, ("2", "2")),
+    ],
+)
+def test_a_ratio_above_its_limit_is_printed_above_it(ratio, most, shown):
+    words = Claim("test", 1, ratio, (0.0, most), "overconfident").words(number)
+    assert words == "overconfident (error {} times the claimed σ, at most {} where it holds)".format(*shown)
+
+
+WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}
+
+
+@pytest.mark.parametrize(
+    ("decision", "withheld", "message", "code"),
+    [
+        (Decision(), "", "", 0),
+        (Decision(accept=True), "", "", 0),
+        (Decision(WRONG), f"σ is not to be trusted: {WRONG}", f"σ is not to be trusted: {WRONG}", 3),
+        (Decision(WRONG, accept=True), "", f"accepted: {WRONG}", 0),
+        (Decision(WRONG, "", False, ("no load",), BEYOND, "widen"), f"σ is not to be trusted: {WRONG}; E is beyond", None, 3),
+        (Decision("", "", False, ("no load", ""), BEYOND, "widen"), "σ is withheld: no load; E is beyond: widen", None, 0),
+    ],
+)
+def test_decision_withholds_sigma_and_sets_the_exit_code(decision, withheld, message, code):
+    assert decision.withheld == withheld
+    assert decision.message == (withheld if message is None else message)
+    assert decision.exit_code == exit_code_in(decision.numbers) == code
+    assert decision.numbers.get("withheld", "") == withheld

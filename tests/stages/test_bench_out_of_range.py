@@ -66,14 +66,14 @@ def test_beyond_it_every_sigma_is_withheld_and_within_it_none_is(done):
     assert all(np.isnan(estimate[path]).all() == narrow for path in std)
     claimed = [key for key in estimate.summary if key.split(".")[0] in ("std", "claim", "claim_ratio", "identified")]
     assert bool(claimed) != narrow
-    assert ("out_of_range" in estimate.summary) == narrow
+    assert ("withheld" in estimate.summary) == narrow
     assert np.isfinite(estimate["/parameters/E/estimate"]).all()
 
 
 def test_console_and_page_begin_with_it(done):
     narrow, found = done
     estimate = found["estimate"]
-    said = str(estimate.summary.get("out_of_range", ""))
+    said = str(estimate.summary.get("withheld", ""))
     assert said.startswith("σ is withheld: E came out at") == narrow
     assert (estimate.summary["verdict.E"] == "beyond the range of the reduced model") == narrow
     assert (estimate.summary["verdict.down"] == "σ is withheld") == narrow

@@ -17,10 +17,10 @@ from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
+from strainsight.estimation.decision import claims_of
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
-from strainsight.report.placement.verdicts import in_words
-from strainsight.stages.pages.claims import claims_of
+from strainsight.report.text import number
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect
@@ -142,7 +142,7 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
     usual = dict.fromkeys(("error.a", "std.a", "smoothed.a", "smoothed_std.a", "draws.a", "smoothed_draws.a"), 1)
     claims = claims_of("a", usual | numbers, (np.array(repeats), np.ones(len(repeats))))
     assert [(claim.of, claim.verdict) for claim in claims][: len(found)] == found
-    assert in_words(claims[0]).startswith(found[0][1])
+    assert claims[0].words(number).startswith(found[0][1])
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import mesh_of
-from strainsight.cases.structure.out_of_range import validated_out_of_range
+from strainsight.cases.structure.withheld import beyond_ranges, widen
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
@@ -167,9 +167,9 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
     (tmp_path / "own.yaml").write_text(config(), encoding="utf-8")
     model = SimpleNamespace(damping=SimpleNamespace(parameter=None))
     problem = SimpleNamespace(unknowns=SimpleNamespace(parameters=("E",)), model=model)
-    found = validated_out_of_range(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
-    named = f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11" in found
-    assert (bool(found), named, "widen parameters.E.range" in found) == (said, said, said)
+    beyond = beyond_ranges(load_config(tmp_path / "own.yaml").model, problem, {"E": value})
+    assert beyond == ({"E": f"E came out at {value:.4g} Pa, and rom made the model for 1e+11 to 3e+11"} if said else {})
+    assert widen({"E": ""}) == "widen parameters.E.range"
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from strainsight.estimation.verdict import ALLOWED, OVERCONFIDENT, word_of
+from strainsight.estimation.decision import ALLOWED, OVERCONFIDENT, word_of
 from strainsight.records.estimated import Compared
 from strainsight.workflow.output import Scalar, Table
 

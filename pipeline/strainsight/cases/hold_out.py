@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, samples_alike
+from strainsight.estimation.decision import OVERCONFIDENT, Claim, claim_of, samples_alike
 from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.workflow.output import Scalar, Table
 

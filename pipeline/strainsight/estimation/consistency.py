@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from strainsight.estimation.verdict import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, judged
+from strainsight.estimation.decision import LEVEL, OVERCONFIDENT, SLACK, TOO_CAUTIOUS, judged
 
 PROCESS, NOISE = "process_noise", "noise_std"
 """Q and R by the keys of a config."""

@@ -11,6 +11,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.decision import OVERCONFIDENT, judged
 from strainsight.estimation.faults import (
     ANGLES,
     FORESEEN,
@@ -34,7 +35,6 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import known_at, peak_of
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.unmodelled_load import ResidualPattern
-from strainsight.estimation.verdict import OVERCONFIDENT, judged
 
 BELIEVABLE = 1.5
 """Innovations, RMS over the claimed size, up to which a record does not contradict its model."""

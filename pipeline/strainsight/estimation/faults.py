@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.verdict import SLACK
+from strainsight.estimation.decision import SLACK
 from strainsight.measurements.delay import shifted
 
 Kind = Literal[

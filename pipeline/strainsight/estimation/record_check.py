@@ -10,6 +10,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.decision import OVERCONFIDENT, judged
 from strainsight.estimation.fault_search import (
     APART,
     BELIEVABLE,
@@ -38,7 +39,6 @@ from strainsight.estimation.stretches import (
     with_intensity,
 )
 from strainsight.estimation.unmodelled_load import ResidualPattern, residual_pattern
-from strainsight.estimation.verdict import OVERCONFIDENT, judged
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""

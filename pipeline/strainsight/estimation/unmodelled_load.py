@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.estimation.consistency import whiteness_band
-from strainsight.estimation.verdict import SLACK
+from strainsight.estimation.decision import SLACK
 
 SHARE = 0.8
 """Share of the excess over the claim that lies in the one pattern, at least."""

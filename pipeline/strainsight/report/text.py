@@ -33,11 +33,6 @@ def number(value: float, digits: int = 4) -> str:
     return f"{mantissa}×10{str(power).translate(SUPERSCRIPTS)}".replace("-", "−", 1)
 
 
-def digits_apart(a: float, b: float, digits: int) -> int:
-    """Significant digits, at least so many, with which two numbers look different; nine where they are equal to that."""
-    return next((k for k in range(digits, 9) if f"{a:.{k}g}" != f"{b:.{k}g}"), 9)
-
-
 def quantity(value: float, unit: str, digits: int = 4) -> str:
     """A number with its unit, prefixed where engineers do: 209.9 GPa, 10 kN, 7850 kg/m³; a factor, of unit 1, alone."""
     factor, prefixed = prefix(abs(value), unit)

@@ -10,12 +10,6 @@ from strainsight.cases.structure.campaign_text import (
     campaign_record,
     campaign_tables,
 )
-from strainsight.cases.structure.estimation_text import (
-    estimation_csv,
-    estimation_message,
-    estimation_numbers,
-    estimation_tables,
-)
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.config.placement import PlacementConfig
 from strainsight.records.estimated import record_group
@@ -38,26 +32,19 @@ def run(context: Context[PlacementConfig]) -> Output:
         context,
     )
     grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
-    found = campaign.only
-    if found is None:
-        datasets = written(campaign_record(campaign), next(iter(campaign.records.values())).units)
+    if campaign.only is None:
+        datasets = written(campaign_record(campaign), campaign.first.units)
         for name, own in campaign.records.items():
             datasets |= below(record_group(name), written(own.estimated, own.units))
-        return Output(
-            datasets=datasets | grid,
-            attributes=attributes,
-            summary=campaign_numbers(campaign),
-            message=campaign_message(campaign),
-            tables=campaign_tables(campaign),
-            files=campaign_files(campaign),
-        )
+    else:
+        datasets = written(campaign.only.estimated, campaign.only.units)
     return Output(
-        datasets=written(found.estimated, found.units) | grid,
+        datasets=datasets | grid,
         attributes=attributes,
-        summary=estimation_numbers(found),
-        message=estimation_message(found),
-        tables=estimation_tables(found),
-        files={"estimate.csv": estimation_csv(found)},
+        summary=campaign_numbers(campaign),
+        message=campaign_message(campaign),
+        tables=campaign_tables(campaign),
+        files=campaign_files(campaign),
     )
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 from strainsight.errors import StrainsightError
+from strainsight.estimation.decision import FAULTS
 from strainsight.records.record import written
 from strainsight.report.picture.scene import look, render_all
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import RED, counts, is_estimated, without_benefit
+from strainsight.report.suite.results import counts, is_estimated, without_benefit
 from strainsight.stages.pages.suite import suite_of
 from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.workflow.output import Output
@@ -29,7 +30,7 @@ def run(context: Context[Slice]) -> Output:
     page = suite_page(suite, drawings, scenes).encode()
     verdicts = [statement.verdict for statement in suite.statements]
     many, estimated, confirmed = len(suite.runs), sum(map(is_estimated, suite.runs)), verdicts.count(CONFIRMED)
-    wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in RED)
+    wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
     message += f"; placement brings no benefit in {len(none)}" * bool(none)

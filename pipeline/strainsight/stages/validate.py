@@ -7,21 +7,17 @@ import numpy as np
 from strainsight.cases.filters_compared import comparison_table
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
-from strainsight.cases.structure.excluded import by_bank, excluded, excluded_in_words
 from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.cases.structure.out_of_range import validated_out_of_range, without_sigma
 from strainsight.cases.structure.sweeps import sweep_table
-from strainsight.cases.structure.validation import measured_csv, validation_of
+from strainsight.cases.structure.validation import measured_csv, validation_decision, validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import NONE, tolerances_of
+from strainsight.estimation.decision import WITHHELD, claims_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
-from strainsight.report.placement.verdicts import OVER, WITHHELD, in_words
 from strainsight.stages import inputs
-from strainsight.stages.pages.claims import claims_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -44,19 +40,15 @@ def run(context: Context[PlacementConfig]) -> Output:
     )
     labels = layout_labels(training.name, found.trial.gauges)
     own, repeats = found.validated, found.validated.repeats
-    numbers = validation_numbers(found, config.validation.truth.model)
-    values = {name: own.estimate for name, own in found.accuracy.items()}
-    ends = {name: (own.smoothed[name][-1], own.smoothed_std[name][-1]) for name in own.smoothed}
-    apart = excluded(ends, by_bank(own.compared)) if tolerances_of(config.tolerances) == NONE else ""
-    beyond = validated_out_of_range(config, found.trial.problem, values)
-    beyond = beyond or excluded_in_words(apart, found.trial.settled is not None, "train.settle")
-    claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
-    numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own and not beyond}
-    doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}
-    if beyond:
+    numbers, decision = validation_numbers(found, config.validation.truth.model), validation_decision(config, found)
+    claims = {}
+    if decision.withheld:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
-        numbers |= {"out_of_range": beyond, "verdict": WITHHELD}
-        own = without_sigma(own)
+        numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
+        own = own.without_sigma()
+    else:
+        claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
+        numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}
     units = {name: load.unit for name, load in config.loads.items()}
     field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
     # Where not all read strain, an array has several units.
@@ -68,9 +60,9 @@ def run(context: Context[PlacementConfig]) -> Output:
         datasets=grid | written(own, found.units),
         attributes=attributes,
         summary=numbers,
-        message=validation_message(found, doubts, beyond),
+        message=validation_message(found, claims, decision.withheld),
         tables=(
-            validation_table(found, bool(beyond)),
+            validation_table(found, bool(decision.withheld)),
             *budget_tables(own.budget, found.without),
             *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
             *([] if own.sweep is None else [sweep_table(own.sweep)]),

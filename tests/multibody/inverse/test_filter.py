@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
+from strainsight.estimation.decision import chi_square_band
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.verdict import chi_square_band
 from strainsight.multibody.advance import advance
 from strainsight.multibody.initial import constraints_at
 

@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from strainsight.estimation.decision import FAULTS
 from strainsight.report.arrays import History
 from strainsight.report.bench.data import (
     BenchEstimate,
@@ -25,7 +26,7 @@ from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import RED, counts
+from strainsight.report.suite.results import counts
 from strainsight.report.suite.statements import measured, statements_table
 
 from ...models import compute_once
@@ -98,7 +99,7 @@ def test_a_claim_holds_where_every_number_does_in_nine_of_ten_seeds(found, verdi
 )
 def test_every_fault_of_a_run_is_counted(numbers, word):
     found = counts(suite([run("good"), run("bad", **numbers)]))
-    assert [places for said, places in found.items() if said in RED] == [[2]]
+    assert [places for said, places in found.items() if said in FAULTS] == [[2]]
     assert word in found
 
 

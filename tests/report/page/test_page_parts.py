@@ -13,7 +13,6 @@ import pytest
 from strainsight.report.page.document import document, own, policy
 from strainsight.report.page.markup import count, data, measure, pairs, share, table
 from strainsight.report.text import (
-    digits_apart,
     number,
     percent,
     quantity,
@@ -125,17 +124,3 @@ def test_readings_are_shown_in_the_units_of_their_instruments():
     assert reading_unit(41.0, "m/s^2") == reading_unit(41.0, "m/s²") == (1.0, "m/s²")
     for size in (math.nan, math.inf, 0.0):
         assert reading_unit(size, "m") == (1.0, "m")
-
-
-@pytest.mark.parametrize(
-    ("ratio", "most", "shown"),
-    [
-        (25.2, 3.2145, ("25", "3.21")),
-        (3.2199, 3.2145, ("3.22", "3.21")),
-        (3.2149, 3.2141, ("3.215", "3.214")),
-        (2.0, 2.0, ("2", "2")),
-    ],
-)
-def test_what_lies_above_a_limit_looks_so(ratio, most, shown):
-    digits = digits_apart(ratio, most, 2)
-    assert (number(ratio, digits), number(most, max(digits, 3))) == shown

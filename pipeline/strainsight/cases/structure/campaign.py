@@ -15,7 +15,6 @@ from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.diagnosed import Judgement, Together, judgement_of, together_of
 from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
-from strainsight.cases.structure.excluded import excluded_by_comparison
 from strainsight.cases.structure.filtered_test import (
     Filtered,
     Filtering,
@@ -30,7 +29,6 @@ from strainsight.cases.structure.forecast import CHECKED, FILTERED, HELD, LATER,
 from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
-from strainsight.cases.structure.out_of_range import beyond_ranges, out_of_range_in_words
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
 from strainsight.cases.structure.source import source_of
@@ -38,9 +36,11 @@ from strainsight.cases.structure.surface import damage_on_surface, virtual_strai
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_at
+from strainsight.cases.structure.withheld import beyond_ranges, excluded_by_comparison, last_values, widen
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, InfeasibleError, NumericalError, blame
+from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
 from strainsight.estimation.tuning import Tuning
@@ -60,14 +60,13 @@ AT_ONCE = 1000
 class Campaign:
     """What the records of a test say.
 
-    records: what each says, by its name, empty of a test that is one file; withheld, accepted, undetectable: as of an
-    `Estimation`; together: what they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its
-    grid, None where neither that nor pictures in time are asked for.
+    records: what each says, by its name, empty of a test that is one file; decision, undetectable: as of an `Estimation`;
+    together: what they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None
+    where neither that nor pictures in time are asked for.
     """
 
     records: dict[str, Estimation]
-    withheld: str
-    accepted: bool
+    decision: Decision
     undetectable: str
     together: Together | None
     posterior: dict[str, Posterior]
@@ -75,9 +74,13 @@ class Campaign:
     surface: VtkHdf | None
 
     @property
+    def first(self) -> Estimation:
+        return next(iter(self.records.values()))
+
+    @property
     def only(self) -> Estimation | None:
         """The one record; None where there are several."""
-        return next(iter(self.records.values())) if len(self.records) == 1 else None
+        return self.first if len(self.records) == 1 else None
 
 
 def campaign_of(
@@ -153,15 +156,22 @@ def campaign_of(
         using.progress("filter and smoother", FILTERED + (LATER - FILTERED) * share)
 
     found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
-    contradicted = _contradicted(records, judgements)
     excluded, note = excluded_by_comparison(config.tolerances, each[0], found[0])
-    beyond = beyond_ranges(config, each, found)
-    untold = withheld = _reasons(untold, out_of_range_in_words(beyond), excluded)
-    if contradicted and not settings.accept:
-        # the range is not to blame, and nothing to widen
-        withheld = _reasons(f"σ is not to be trusted: {contradicted}", *beyond.values())
+    beyond: dict[str, str] = {}
+    for given, by in zip(each, found, strict=True):
+        ends = last_values(given, by.smoothed.mean[-1, 0], by.smoothed.std[-1, 0])
+        beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
+    decision = Decision(
+        apart or _contradicted(records, judgements),
+        _faults(records, judgements),
+        settings.accept,
+        (untold, excluded),
+        beyond,
+        f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated",
+    )
+    withheld = decision.withheld
     # What contradicts the model is looked for there: the claim is what is tested.
-    without = _without_each(config, settings, each, untold, using)
+    without = _without_each(config, settings, each, decision.unfounded, using)
     using.progress("field", HELD if settings.hold_out else LATER)
 
     def otherwise(changed: PlacementConfig) -> list[Filtering]:
@@ -171,16 +181,14 @@ def campaign_of(
     damage, damage_words = drawn_damage(config, settings, skin, each, found, withheld, otherwise, using)
     not_held = not_held_in_words(config, reduced, training)
     bare = (*bare, note) if note else bare
-    common = Common(withheld, settings.accept, hidden, bare, tuning, not_held, virtual, damage_words)
+    common = Common(decision, hidden, bare, tuning, not_held, virtual, damage_words)
     single, said = len(records) == 1, {}
     for i, (own, given) in enumerate(zip(records, each, strict=True)):
         test = given.test
         source = source_of(own.settings, using.files[own.file], test.labels, problem.known, test.h * test.every)
-        judged = replace(judgements[i], trusted=False, words=apart, apart=True) if apart else judgements[i]
+        judged = replace(judgements[i], words=apart, apart=True) if apart else judgements[i]
         said[own.name] = estimation_of_record(
             config,
-            mesh,
-            reduced,
             skin,
             own,
             source,
@@ -197,7 +205,7 @@ def campaign_of(
         surface = said[records[0].name].surface
     elif skin is not None and damage is not None and damage.surface is not None:
         surface = damage_on_surface(skin, damage.surface)
-    return Campaign(said, withheld, settings.accept, hidden, together, posterior, damage, surface)
+    return Campaign(said, decision, hidden, together, posterior, damage, surface)
 
 
 def estimation_of(
@@ -241,12 +249,6 @@ def _filterings(
     return each, tuning
 
 
-def _reasons(*words: str) -> str:
-    """Why there is no σ, all of it; empty where there is one."""
-    first, *others = [*filter(None, words), ""]
-    return "; ".join([first, *(own.removeprefix("σ is withheld: ") for own in others if own)])
-
-
 def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
     return f"{what} of {records[i].name}" if len(records) > 1 else what
 
@@ -257,6 +259,14 @@ def _contradicted(records: Sequence[RecordSettings], judgements: Sequence[Judgem
         return judgements[0].words
     pairs = zip(records, judgements, strict=True)
     return "; ".join(f"record '{own.name}': {judged.words}" for own, judged in pairs if not judged.trusted)
+
+
+def _faults(records: Sequence[RecordSettings], judgements: Sequence[Judgement]) -> str:
+    """The faults that are named, record by record."""
+    if len(records) == 1:
+        return judgements[0].named
+    pairs = zip(records, judgements, strict=True)
+    return "; ".join(f"{own.name}: {judged.named}" for own, judged in pairs if judged.named)
 
 
 def _found(

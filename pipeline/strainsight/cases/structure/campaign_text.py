@@ -1,32 +1,29 @@
-"""What the records of a test say, for people: a table over records, shared parameters, then record by record."""
+"""What a test says, for people, of one record or of several: numbers by name, one line, tables, all time signals as CSV."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
+from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.cases.hold_out import Left, hold_out_numbers, hold_out_table, left_out, misfits_in_words, size_in_words
+from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.damage_text import damage_in_words, damage_numbers, damage_tables
 from strainsight.cases.structure.estimation import Estimation
-from strainsight.cases.structure.estimation_text import channel_table, estimation_csv, rms, without_each
 from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers
-from strainsight.estimation.consistency import Verdict, verdict
-from strainsight.records.estimated import CampaignRecord
+from strainsight.csv_cells import csv_bytes
+from strainsight.estimation.consistency import verdict
+from strainsight.estimation.decision import record_verdict
+from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.workflow.output import Scalar, Table
-
-FITS, DOES_NOT, CONTRADICTS, APART = (
-    "fits",
-    "the noise does not fit",
-    "contradicts the model",
-    "contradicts other records",
-)
-"""Verdicts on a record."""
 
 
 def campaign_record(found: Campaign) -> CampaignRecord:
-    """What estimate.h5 has beside the records."""
+    """What estimate.h5 has beside several records."""
     together = found.together
-    assert together is not None  # of several records
+    assert together is not None
     return CampaignRecord(
         name=tuple(found.records),
         alone=together.alone,
@@ -37,97 +34,116 @@ def campaign_record(found: Campaign) -> CampaignRecord:
 
 
 def campaign_numbers(found: Campaign) -> dict[str, Scalar]:
-    """Every number by its name; of one record with that behind it."""
-    first, whole, together = _first(found), _verdict(found), found.together
-    assert together is not None
-    trusted = all(own.judgement.trusted for own in found.records.values())
+    """Every number by its name; of one record of several with that behind it."""
+    first, together, given = found.first, found.together, not found.decision.withheld
+    every = list(found.records.values())
+    whole = first.verdict if found.only else verdict(np.concatenate([own.estimated.whitened for own in every]))
     numbers: dict[str, Scalar] = {
-        "records": len(found.records),
-        "samples": sum(len(own.estimated.gauge.time) for own in found.records.values()),
+        "samples": sum(len(own.estimated.gauge.time) for own in every),
         "channels": len(first.estimated.gauge.label),
         "verdict": whole.text,
         "innovation_ratio": whole.ratio,
         "consistent": whole.consistent,
-        "trusted": trusted,
-        "accepted": found.accepted and not trusted,
-        "gain": together.gain,
+        **found.decision.numbers,
     }
-    if apart := _apart(found):
-        numbers["apart"] = apart
-    if faults := [f"{name}: {own.judgement.named}" for name, own in found.records.items() if own.judgement.named]:
-        numbers["fault"] = "; ".join(faults)
     for name in first.unknowns.inputs:
-        histories = [own.estimated.smoothed[name] for own in found.records.values()]
-        stds = [own.estimated.smoothed_std[name] for own in found.records.values()]
-        numbers[f"estimate.{name}"] = rms(np.concatenate(histories))
-        if not found.withheld:
-            numbers[f"std.{name}"] = rms(np.concatenate(stds))
+        numbers[f"estimate.{name}"] = rms(np.concatenate([own.estimated.smoothed[name] for own in every]))
+        if given:
+            numbers[f"std.{name}"] = rms(np.concatenate([own.estimated.smoothed_std[name] for own in every]))
     for name in first.unknowns.parameters:
         numbers[f"estimate.{name}"] = _shared(found, name)
-        if not found.withheld:
+        if given:
             numbers[f"std.{name}"] = rms(first.estimated.smoothed_std[name])
-        numbers |= {
-            f"alone.{name}.{of}": float(value) for of, value in zip(found.records, together.alone[name], strict=True)
-        }
-    for of, own in found.records.items():
-        numbers |= {f"innovation_ratio.{of}": own.verdict.ratio, f"trusted.{of}": own.judgement.trusted}
-        for name in first.unknowns.inputs:
-            numbers[f"estimate.{name}.{of}"] = rms(own.estimated.smoothed[name])
-            if not found.withheld:
-                numbers[f"std.{name}.{of}"] = rms(own.estimated.smoothed_std[name])
-        numbers |= {f"{key}.{of}": value for key, value in hold_out_numbers(without_each(own.estimated)).items()}
-    if found.withheld:
-        numbers["withheld"] = found.withheld
+    if first.tuning:
+        numbers |= {f"factor.{part}": float(value) for part, value in first.tuning.factors.items()}
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
-    return numbers | damage_numbers(found.damage, first.labels) | posterior_numbers(found.posterior)
+    if together is None:
+        numbers |= hold_out_numbers(without_each(first.estimated))
+    else:
+        numbers |= {"records": len(every), "gain": together.gain}
+        numbers |= {"apart": together.words} if _apart(found) else {}
+        for name, values in together.alone.items():
+            numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(found.records, values, strict=True)}
+        for of, own in found.records.items():
+            numbers |= {f"{key}.{of}": value for key, value in _record_numbers(own, given).items()}
+    numbers |= damage_numbers(found.damage, first.labels)
+    return numbers | posterior_numbers(found.posterior) | ratios(first.estimated.compared)
+
+
+def _record_numbers(own: Estimation, given: bool) -> dict[str, Scalar]:
+    """Of one record of several; given: whether σ is."""
+    numbers: dict[str, Scalar] = {"innovation_ratio": own.verdict.ratio, "trusted": own.judgement.trusted}
+    for name in own.unknowns.inputs:
+        numbers[f"estimate.{name}"] = rms(own.estimated.smoothed[name])
+        if given:
+            numbers[f"std.{name}"] = rms(own.estimated.smoothed_std[name])
+    return numbers | hold_out_numbers(without_each(own.estimated))
 
 
 def campaign_message(found: Campaign) -> str:
     """One line."""
-    numbers, first, names = campaign_numbers(found), _first(found), ", ".join(found.records)
-    parts = [found.withheld] if found.withheld else []
-    if found.accepted and not numbers["trusted"]:
-        wrong = {of: own.judgement.words for of, own in found.records.items()}
-        each = "; ".join(f"{of}: {words}" for of, words in wrong.items() if words)
-        parts.append(f"accepted: {_apart(found) or each}")
-    parts.append(
-        f"{numbers['samples']} samples of {numbers['channels']} channels in {len(found.records)} records ({names})"
-    )
+    numbers, first, only = campaign_numbers(found), found.first, found.only
+    source = first.estimated.source.file if only else f"{len(found.records)} records ({', '.join(found.records)})"
+    parts = [found.decision.message] if found.decision.message else []
+    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
     for name in first.unknowns.names:
         what = " RMS" if name in first.unknowns.inputs else ""
-        sigma = "" if found.withheld else f" ± {numbers[f'std.{name}']:.2g}"
+        sigma = "" if found.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
         parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {first.units[name]}{what}")
+    if "hold_out.inside" in numbers:
+        parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
     for of, own in found.records.items():
-        parts += [f"{of}: {words}" for words in misfits_in_words(without_each(own.estimated), "gauges")]
+        parts += [
+            f"{'' if only else f'{of}: '}{text}" for text in misfits_in_words(without_each(own.estimated), "gauges")
+        ]
     if loud := [of for of, own in found.records.items() if own.judgement.trusted and not own.verdict.consistent]:
-        parts.append(f"the noise does not fit the innovations of {', '.join(loud)}")
+        parts.append(f"the noise does not fit the innovations{'' if only else ' of ' + ', '.join(loud)}")
     parts += damage_in_words(found.damage)
     parts += posterior_doubts(found.posterior, first.units)
+    parts += disagreements_in_words(first.estimated.compared)
     return ", ".join(parts)
 
 
 def campaign_tables(found: Campaign) -> tuple[Table, ...]:
-    """The records, the parameters by all of them and by each alone, then what there is of each."""
-    first = _first(found)
-    tables = [records_table(found)]
-    if first.unknowns.parameters:
-        tables.append(_parameter_table(found))
-    tables += damage_tables(found.damage, first.labels)
-    notes: list[tuple[str, ...]] = []
+    """The unknowns as smoothed, or the records and the parameters by all of them and by each alone; then what there is of each
+    record, what was done to the measurements, and the verdict on them."""
+    first, only, notes = found.first, found.only, list[tuple[str, ...]]()
+    tables = [_unknowns_table(first) if only else records_table(found)]
+    tables += [_parameter_table(found)] if not only and first.unknowns.parameters else []
+    tables += [*damage_tables(found.damage, first.labels), *budget_tables(first.estimated.budget)]
+    if first.estimated.compared is not None:
+        tables.append(comparison_table(first.estimated.compared, first.units))
     for of, own in found.records.items():
-        if held := without_each(own.estimated):
-            table = hold_out_table(held, own.channel_units, "gauge")
-            tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
-        table = channel_table(own.estimated, own.channel_units)
-        tables.append(Table(f"{table.title}: {of}", table.columns, table.rows))
+        held = without_each(own.estimated)
+        each = [hold_out_table(held, own.channel_units, "gauge")] if held else []
+        for table in (*each, channel_table(own.estimated, own.channel_units)):
+            tables.append(Table(table.title if only else f"{table.title}: {of}", table.columns, table.rows))
+        # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
         notes += [(of, note) for note in filter(None, (*own.estimated.notes, own.innovations_in_words))]
-    return (*tables, Table("measurements", ("record", ""), tuple(_once(notes, len(found.records)))))
+    if only:
+        return (*tables, Table("measurements", ("",), tuple((note,) for _, note in notes)))
+    return (*tables, Table("measurements", ("record", ""), _once(notes, len(found.records))))
+
+
+def _unknowns_table(found: Estimation) -> Table:
+    rows = []
+    for name, value in found.estimated.smoothed.items():
+        std, unit = found.estimated.smoothed_std[name], found.units[name]
+        if name in found.unknowns.inputs:
+            span = f"{value.min():.5g} to {value.max():.5g} {unit}"
+            estimate, sigma = f"RMS {rms(value):.5g}, {span}", f"± {rms(std):.3g} {unit}"
+        else:
+            # of a factor the unit is 1
+            estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
+            sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
+        rows.append((name, estimate, found.decision.cell if found.decision.withheld else sigma))
+    return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
 
 
 def records_table(found: Campaign) -> Table:
     """A row a record: how long it is, peak and RMS of every load with σ, how large its innovations are, and the verdict."""
-    first, rows = _first(found), []
+    first, rows = found.first, []
     loads = first.unknowns.inputs
     for of, own in found.records.items():
         time, cells = own.estimated.time, []
@@ -137,33 +153,21 @@ def records_table(found: Campaign) -> Table:
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
         whitened = own.estimated.whitened
         inside = float(np.mean(np.abs(whitened[np.isfinite(whitened)]) < 2)) if np.isfinite(whitened).any() else np.nan
-        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, f"{100 * inside:.3g} %", verdict_in_words(own)))
+        judged = record_verdict(own.judgement.trusted, own.judgement.apart, own.verdict.consistent)
+        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, f"{100 * inside:.3g} %", judged))
     heads = [f"{name} {what} [{first.units[name]}]" for name in loads for what in ("peak", "RMS")]
     return Table("records", ("record", "duration", *heads, "innovations within 2σ", "verdict"), tuple(rows))
 
 
-def verdict_in_words(own: Estimation) -> str:
-    """On one record of several."""
-    if not own.judgement.trusted:
-        return APART if own.judgement.apart else CONTRADICTS
-    return FITS if own.verdict.consistent else DOES_NOT
-
-
-def campaign_files(found: Campaign) -> dict[str, bytes]:
-    """All time signals of every record as a table."""
-    return {f"estimate-{of}.csv": estimation_csv(own) for of, own in found.records.items()}
-
-
 def _parameter_table(found: Campaign) -> Table:
-    first, together, rows = _first(found), found.together, []
+    first, together, rows = found.first, found.together, []
     assert together is not None
     for name in first.unknowns.parameters:
         value, std = _shared(found, name), float(first.estimated.smoothed_std[name][-1])
-        trusted = all(own.judgement.trusted for own in found.records.values())
         sigma = f"± {std:.3g} ({100 * std / value:.2g} %)"
-        none = "withheld" if trusted else "not to be trusted"
         each = (f"{alone:.5g}" for alone in together.alone[name])
-        rows.append((name, f"{value:.5g} {first.units[name]}", none if found.withheld else sigma, *each))
+        shown = found.decision.cell if found.decision.withheld else sigma
+        rows.append((name, f"{value:.5g} {first.units[name]}", shown, *each))
     some = 0 < len(_agreeing(found)) < len(found.records)
     by = "by those that agree" if some else "by all records"
     columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in found.records))
@@ -174,40 +178,79 @@ def _with_sigma(value: float, std: float) -> str:
     return f"{value:.4g}" if np.isnan(std) else f"{value:.4g} ± {std:.2g}"
 
 
-def _once(notes: list[tuple[str, ...]], records: int) -> list[tuple[str, ...]]:
+def _once(notes: list[tuple[str, ...]], records: int) -> tuple[tuple[str, ...], ...]:
     """A note that is of all records once."""
     texts = [text for _, text in notes]
-    found: list[tuple[str, ...]] = []
-    for of, text in notes:
-        row = ("all", text) if texts.count(text) == records else (of, text)
-        if row not in found:
-            found.append(row)
-    return found
+    return tuple(dict.fromkeys(("all", text) if texts.count(text) == records else (of, text) for of, text in notes))
 
 
 def _agreeing(found: Campaign) -> list[Estimation]:
     """The records whose parameters were estimated together."""
-    records = found.records.values()
-    return [own for own in records if found.accepted or own.judgement.trusted]
+    return [own for own in found.records.values() if found.decision.accept or own.judgement.trusted]
 
 
 def _shared(found: Campaign, parameter: str) -> float:
-    """A parameter by the records that agree with the model; where none does the most likely one of all."""
-    assert found.together is not None
-    for own in _agreeing(found):
-        return float(np.mean(own.estimated.smoothed[parameter]))
-    return found.together.shared[parameter]
+    """A parameter by the records that agree with the model; where none of several does the most likely one of all."""
+    if found.together is not None and not _agreeing(found):
+        return found.together.shared[parameter]
+    own = next(iter(_agreeing(found)), found.first)
+    return float(np.mean(own.estimated.smoothed[parameter]))
 
 
-def _first(found: Campaign) -> Estimation:
-    return next(iter(found.records.values()))
+def _apart(found: Campaign) -> bool:
+    """Whether records that agree with the model one by one contradict each other, and that is accepted."""
+    return all(own.judgement.apart for own in found.records.values())
 
 
-def _apart(found: Campaign) -> str:
-    """That records that agree with the model one by one contradict each other, where that is accepted; else empty."""
-    together = found.together
-    return together.words if together and all(own.judgement.apart for own in found.records.values()) else ""
+def without_each(own: Estimated) -> tuple[Left, ...]:
+    """Every gauge by the others, empty where that was not asked for."""
+    if (held := own.hold_out) is None:
+        return ()
+    return left_out(held.predicted, held.std, held.left_in, own.gauge.label, own.gauge.measured)
 
 
-def _verdict(found: Campaign) -> Verdict:
-    return verdict(np.concatenate([own.estimated.whitened for own in found.records.values()]))
+def channel_table(own: Estimated, units: Sequence[str]) -> Table:
+    """Every channel beside what the others, or the samples before, say of it; units of the channels."""
+    check, rows = own.check, []
+    for i, (name, unit) in enumerate(zip(own.gauge.label, units, strict=True)):
+        sizes = (size_in_words(size, unit) for size in (check.measured[i], check.predicted[i]))
+        rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}"))
+    columns: tuple[str, ...] = ("channel", "RMS measured", "RMS predicted", "residual / σ", "correlation")
+    if check.by_others:
+        columns = (*columns, "what explains the record best")
+        rows = [(*row, text or "nothing") for row, text in zip(rows, check.fault, strict=True)]
+    by = "by all other channels" if check.by_others else "one step ahead, by all channels"
+    part = (
+        ""
+        if check.end - check.begin >= 0.99 * float(own.gauge.time[-1] - own.gauge.time[0])
+        else (f", from {check.begin:.4g} to {check.end:.4g} s")
+    )
+    return Table(f"channels, predicted {by}{part}", columns, tuple(rows))
+
+
+def campaign_files(found: Campaign) -> dict[str, bytes]:
+    """All time signals of every record as a table."""
+    return {f"estimate{'' if found.only else f'-{of}'}.csv": _csv(own) for of, own in found.records.items()}
+
+
+def _csv(found: Estimation) -> bytes:
+    """SI units in the header."""
+    own = found.estimated
+    columns = {"time [s]": own.time}
+    for name in own.estimate:
+        words = ("filtered", "filtered std", "smoothed", "smoothed std")
+        values = (own.estimate[name], own.std[name], own.smoothed[name], own.smoothed_std[name])
+        columns |= {f"{name} {word} [{found.units[name]}]": value for word, value in zip(words, values, strict=True)}
+    for where, sum_there in zip(found.places, own.resultant.values(), strict=True):
+        columns |= {f"{where} {axis} [N]": sum_there.force[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{where} size [N]": sum_there.magnitude, f"{where} size std [N]": sum_there.std}
+    if own.virtual is not None:
+        for i, label in enumerate(found.labels):
+            columns |= {f"{label} [strain]": own.virtual.strain[:, i], f"{label} std [strain]": own.virtual.std[:, i]}
+    rows = np.column_stack(list(columns.values()))
+    return csv_bytes([list(columns), *([f"{x:.9g}" for x in row] for row in rows)])
+
+
+def rms(history: np.ndarray) -> float:
+    """Of values (T,)."""
+    return float(np.sqrt(np.mean(history**2)))

@@ -10,11 +10,11 @@ from strainsight.cases.filters_compared import BANK, EXTENDED, SIGMA_POINT
 from strainsight.cases.structure.problem import Problem, exactly_damped
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.estimation.verdict import expected_ratio
 from strainsight.records.estimated import Compared
 
 

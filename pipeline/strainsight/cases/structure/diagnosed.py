@@ -15,6 +15,7 @@ from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.bank_filters import BankRecord, bank_record
+from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.fault_search import MARGIN, ShiftedMode, Suspect
 from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
 from strainsight.estimation.peak import peak_of_records
@@ -35,17 +36,19 @@ OTHER_STEP = 100.0
 
 @dataclass(frozen=True)
 class Judgement:
-    """trusted: whether the record agrees with the model; named: the fault that explains it, in words with the key that undoes
-    it, empty where none or several do; words: all that there is to say, empty of a record that agrees; check: by channel; apart:
-    it is not the model but other records that it contradicts; birge_ratio: RMS of the innovations over their claim, 1 of a
-    record that agrees with the model, and where no filter runs."""
+    """words: why the record is inconsistent with the model, else empty; named: the fault that explains it, with the key that
+    undoes it, empty where none or several do; check: by channel; apart: it is not the model but other records that it
+    contradicts; birge_ratio: RMS of the innovations over their claim, 1 of a consistent record, and where no filter runs."""
 
-    trusted: bool
-    named: str
     words: str
+    named: str
     check: ChannelsChecked
     apart: bool = False
     birge_ratio: float = 1.0
+
+    @property
+    def trusted(self) -> bool:
+        return not self.words
 
 
 def judgement_of(
@@ -59,11 +62,10 @@ def judgement_of(
     """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
     found = check_record(suspect, discrepancy, progress)
     finding, diagnosis = found.finding, found.finding.diagnosis
-    if diagnosis is None:
-        return Judgement(True, "", "", _checked(found, test, False))
-    if not finding.contradicts:
+    by_others = diagnosis is not None and bool(len(diagnosis.without))
+    if diagnosis is None or not finding.contradicts:
         # what explains it a little better than no fault is chance, and no explanation
-        return Judgement(True, "", "", _checked(found, test, bool(len(diagnosis.without))))
+        return Judgement("", "", _checked(found, test, by_others))
     words = FaultInWords(own, test, found.stretch, problem.known)
     named = "" if diagnosis.named is None else f"{words.fault(diagnosis.named)}: {words.remedy(diagnosis.named)}"
     # which of several it is has to be checked on the structure: the key of another one would hide it
@@ -72,38 +74,30 @@ def judgement_of(
     checked = _checked(
         found,
         test,
-        bool(len(diagnosis.without)),
+        by_others,
         tuple("" if one is None else words.fault(one) for one in best),
         np.array([0.0 if one is None else _finite(one.evidence - finding.as_it_is.evidence) for one in best]),
         candidates,
     )
-    ratio = finding.as_it_is.ratio
+    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
     if named:
-        text = f"the record contradicts the model: {named}"
+        text = f": {named}"
     elif candidates:
         text = (
-            "the record contradicts the model, and which of these explains it stays open: "
-            f"{'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on the structure which of them it is "
-            f"({own.channels})"
+            f", and which of these explains it stays open: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on "
+            f"the structure which of them it is ({own.channels})"
         )
     elif finding.shifted is not None:
-        text = (
-            "the record contradicts the model, and no single fault of a channel or a known load explains it: "
-            f"{_shift_in_words(problem, finding.shifted)}"
-        )
+        text = f", and {alone}: {_shift_in_words(problem, finding.shifted)}"
     elif finding.pattern is not None:
-        text = (
-            "the measurements are inconsistent with the model, and no single fault of a channel or a known load explains it: "
-            f"{_pattern_in_words(finding.pattern, test.labels)}"
-        )
+        text = f", and {alone}: {_pattern_in_words(finding.pattern, test.labels)}"
     else:
         size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
         text = (
-            f"the record contradicts the model: innovations are {size}{_worst_in_words(found, test)}, and no single fault of a "
-            f"channel or a known load explains it: check {own.channels}, loads, estimate.start and the model"
-            f"{_step_in_words(problem, test)}"
+            f": innovations are {size}{_worst_in_words(found, test)}, and {alone}: check {own.channels}, loads, estimate.start "
+            f"and the model{_step_in_words(problem, test)}"
         )
-    return Judgement(False, named, text, checked, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
+    return Judgement(INCONSISTENT + text, named, checked, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
 
 
 def _worst_in_words(found: RecordCheck, test: Measured) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -25,15 +26,14 @@ from strainsight.cases.structure.surface import Skin, Virtual, resultants_of, vi
 from strainsight.cases.structure.surface_in_test import grid_of, moment_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import Verdict, verdict
+from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import physical
 from strainsight.estimation.tuning import Tuning
 from strainsight.gauges.candidates import UNITS
-from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.budget import budget_of_shares
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Resultant, Source
-from strainsight.records.reduced import Reduced
 from strainsight.signals.histories import instant_values
 
 
@@ -41,26 +41,28 @@ from strainsight.signals.histories import instant_values
 class Estimation:
     """What a record of a test says.
 
-    unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; verdict on
-    the innovations; tuning: factors on the noises, None where they are as stated; withheld: that there is no σ, and why, empty
-    where there is one; judgement: whether the record agrees with the model; accepted: whether σ is given all the same;
-    undetectable: what the channels cannot tell, in words; places of the resultants, labels of the virtual gauges; surface: its
-    pictures in time, None where none are asked for.
+    unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; tuning:
+    factors on the noises, None where they are as stated; judgement: whether the record is consistent with the model; decision:
+    whether σ is given, by all records; undetectable: what the channels cannot tell, in words; places of the resultants, labels
+    of the virtual gauges; surface: its pictures in time, None where none are asked for.
     """
 
     unknowns: Unknowns
     estimated: Estimated
     units: Mapping[str, str]
     channel_units: tuple[str, ...]
-    verdict: Verdict
     tuning: Tuning | None
-    withheld: str
     judgement: Judgement
-    accepted: bool
+    decision: Decision
     undetectable: str
     places: tuple[str, ...]
     labels: tuple[str, ...]
     surface: VtkHdf | None
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """On the innovations."""
+        return verdict(self.estimated.whitened)
 
     @property
     def innovations_in_words(self) -> str:
@@ -72,12 +74,11 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Common:
-    """What records of a test have in common: withheld, accepted, undetectable as of `Estimation`; bare: why there are no strain
-    and stress of the surface, tuning of one record, not_held: tolerances that σ does not hold; virtual: gauges that are not
-    there; damage: what its reader has to know."""
+    """What records of a test have in common: decision, undetectable as of `Estimation`; bare: why there are no strain and stress
+    of the surface, tuning of one record, not_held: tolerances that σ does not hold; virtual: gauges that are not there;
+    damage: what its reader has to know."""
 
-    withheld: str
-    accepted: bool
+    decision: Decision
     undetectable: str
     bare: tuple[str, ...]
     tuning: Tuning | None
@@ -88,8 +89,6 @@ class Common:
 
 def estimation_of_record(
     config: PlacementConfig,
-    mesh: Mesh,
-    reduced: Reduced,
     skin: Skin | None,
     record: RecordSettings,
     source: Source,
@@ -101,7 +100,7 @@ def estimation_of_record(
     common: Common,
 ) -> Estimation:
     """Of one record, σ as claimed; without: every gauge by the others; damage: of a test that is this record."""
-    settings, problem, test, withheld = record.settings, given.problem, given.test, common.withheld
+    settings, problem, test, withheld = record.settings, given.problem, given.test, common.decision.withheld
     load_units = {name: load.unit for name, load in config.loads.items()}
     budget, not_so = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
@@ -109,12 +108,12 @@ def estimation_of_record(
     resultants = resultants_of(config.loads, problem.unknowns.inputs, given.model, found.smoothed)
     notes = (
         *test.notes,
-        *_words(config, given, judgement, withheld, common.not_held),
+        *_words(config, given, judgement, common),
         *not_so,
         *common.bare,
         *_doubts(common.undetectable, common.tuning),
+        *common.damage,
     )
-    notes += common.damage
     kinds = problem.channels.quantity[test.channels]
     units = load_units | unknown_units(config) | {"the channel": units_in_words(kinds)}
     return Estimation(
@@ -131,11 +130,9 @@ def estimation_of_record(
         ),
         units | {"the biased channel": units_in_words(kinds[given.biased])},
         tuple(UNITS[kind] for kind in kinds),
-        verdict(found.run.whitened[:, 0]),
         common.tuning,
-        withheld,
         judgement,
-        common.accepted,
+        common.decision,
         common.undetectable,
         tuple(resultants),
         virtual_labels(settings.virtual),
@@ -183,14 +180,12 @@ def _estimated(
     )
 
 
-def _words(
-    config: PlacementConfig, given: Filtering, judgement: Judgement, withheld: str, not_held: tuple[str, ...]
-) -> tuple[str, ...]:
+def _words(config: PlacementConfig, given: Filtering, judgement: Judgement, common: Common) -> tuple[str, ...]:
     """What a reader has to know of the estimate, sentence by sentence."""
-    problem, test = given.problem, given.test
-    rests = withheld or rests_on_loads_in_words(problem)
-    if not withheld and not judgement.trusted:
-        rests = f"accepted (estimate.accept), and σ given all the same: {judgement.words}"
+    problem, test, withheld = given.problem, given.test, common.decision.withheld
+    rests = (
+        withheld or replace(common.decision, inconsistent=judgement.words).message or rests_on_loads_in_words(problem)
+    )
     others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
     if withheld and config.filter.compare:
         others = "filter.compare: other filters are not compared where σ is withheld"
@@ -200,7 +195,7 @@ def _words(
     words = (
         clock_in_words(test, config.train.time_step),
         scheme_in_words(problem, test.h),
-        *not_held,
+        *common.not_held,
         "" if withheld else exact_frequencies_in_words(config),
         rests,
         stated,

@@ -273,9 +273,9 @@ def judged_as_stated_in_words(problem: Problem) -> str:
 
 
 def withheld_in_words(problem: Problem) -> str:
-    """That a test has no σ, and why; empty where it has one."""
+    """Why a test has no σ; empty where it has one."""
     rests = rests_on_loads_in_words(problem)
-    return f"σ is withheld: {rests}, or set estimate.loads_as_stated where the loads are as stated" if rests else ""
+    return f"{rests}, or set estimate.loads_as_stated where the loads are as stated" if rests else ""
 
 
 def scheme_in_words(problem: Problem, h: float) -> str:

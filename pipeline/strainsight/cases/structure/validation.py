@@ -18,16 +18,18 @@ from strainsight.cases.structure.sweeps import sweeps_of
 from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.cases.structure.truth import truth_of
 from strainsight.cases.structure.variance import budget_of
+from strainsight.cases.structure.withheld import beyond_ranges, by_bank, excluded, excluded_in_words, widen
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
+from strainsight.estimation.decision import Benefit, Decision, band_of, benefit_of, samples_alike
 from strainsight.estimation.metrics import after_start, settling_time
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.estimation.verdict import Benefit, band_of, benefit_of, samples_alike
 from strainsight.gauges.candidates import ACCELERATION, STRAIN
 from strainsight.gauges.screening import CLEARANCE
 from strainsight.mesh.model import Mesh
@@ -120,6 +122,16 @@ def validation_of(
         int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
         without,
     )
+
+
+def validation_decision(config: PlacementConfig, found: Validation) -> Decision:
+    """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
+    own, trial = found.validated, found.trial
+    ends = {name: (own.smoothed[name][-1], own.smoothed_std[name][-1]) for name in own.smoothed}
+    apart = excluded(ends, by_bank(own.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    beyond = beyond_ranges(config, trial.problem, {name: own.estimate for name, own in found.accuracy.items()})
+    reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
+    return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
 
 
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:

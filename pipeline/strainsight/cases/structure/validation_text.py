@@ -10,6 +10,8 @@ from strainsight.cases.filters_compared import disagreements_in_words, ratios
 from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers
 from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.cases.structure.validation import Validation
+from strainsight.estimation.decision import Claim
+from strainsight.report.text import number
 from strainsight.workflow.output import Scalar, Table
 
 
@@ -47,13 +49,14 @@ def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
     )
 
 
-def validation_message(found: Validation, doubts: Mapping[str, str], withheld: str) -> str:
-    """One line, first what does not hold; doubts: unknown → that its claimed σ does not hold, and by how much; withheld: that
-    there is no σ, and why."""
+def validation_message(found: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+    """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
+    why."""
     trial, problem = found.trial, found.trial.problem
     words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
-    for name in found.accuracy:
-        words += [f"{name} is {doubts[name]}"] if name in doubts else []
+    words += [
+        f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
+    ]
     words += posterior_doubts(found.validated.posterior, trial.units)
     words += [
         f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "

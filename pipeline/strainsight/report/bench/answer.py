@@ -6,10 +6,11 @@ from html import escape
 
 import numpy as np
 
+from strainsight.estimation.decision import OVERCONFIDENT
 from strainsight.report.bench.data import BenchMotion, BenchRun, BenchStress, BenchUnknown
 from strainsight.report.bench.tables import ratio
-from strainsight.report.bench.verdicts import leading
-from strainsight.report.page.markup import count, data, measure, share
+from strainsight.report.page.markup import count, data, measure, plain, share
+from strainsight.report.placement.verdicts import accused
 from strainsight.report.text import number
 
 
@@ -51,7 +52,18 @@ def run_answer(run: BenchRun) -> str:
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
         listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
         text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
-    return leading(run) + text
+    return _leading(run) + text
+
+
+def _leading(run: BenchRun) -> str:
+    """What does not hold, as HTML."""
+    lost = run.number("lost")
+    text = f'<strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong> ' if lost else ""
+    for unknown in run.unknowns:
+        claim = run.claim(unknown.name)
+        over = OVERCONFIDENT if claim is None else claim.words(plain)
+        text += accused(unknown.name, [over if one == OVERCONFIDENT else one for one in run.faults(unknown.name)])
+    return text
 
 
 def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:

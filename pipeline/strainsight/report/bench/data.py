@@ -11,6 +11,16 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.estimation.decision import (
+    BEYOND,
+    CONTRADICTED,
+    DIVERGED,
+    LOST,
+    OVERCONFIDENT,
+    WITHHELD,
+    Claim,
+    judged,
+)
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.page.run import Run, Scalar
 from strainsight.report.placement.data import Criteria, Metric, Trend
@@ -175,3 +185,21 @@ class BenchRun(Run):
     def sensors(self) -> tuple[BenchSensor, ...]:
         """What the estimate was compared with."""
         return () if self.estimate is None else self.estimate.sensors
+
+    def claim(self, name: str) -> Claim | None:
+        """Whether the estimate of an unknown keeps to its σ; None where no truth is known."""
+        ratio, draws = (self.number(f"claim_{key}.{name}") for key in ("ratio", "draws"))
+        return None if ratio is None or draws is None else judged(ratio, int(draws))
+
+    def faults(self, name: str) -> tuple[str, ...]:
+        """What is wrong with the estimate of an unknown, empty where nothing is."""
+        found = [OVERCONFIDENT] * (self.summary.get(f"claim.{name}") == OVERCONFIDENT)
+        found += [LOST] * (self.summary.get(f"identified.{name}") is False)
+        word = str(self.summary.get(f"verdict.{name}"))
+        return (*found, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
+
+    @property
+    def all_faults(self) -> tuple[str, ...]:
+        """What is wrong with the run, each once."""
+        found = [DIVERGED] * bool(self.number("lost"))
+        return tuple(dict.fromkeys([*found, *(fault for own in self.unknowns for fault in self.faults(own.name))]))

@@ -12,7 +12,6 @@ from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, un
 from strainsight.report.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
 from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
-from strainsight.report.bench.verdicts import faults
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import (
@@ -124,7 +123,7 @@ def bench_page(
     return document(
         "bench",
         run.name,
-        headline([*((unknown.name, faults(run, unknown.name)) for unknown in run.unknowns), *too_high(run)]) + run.name,
+        headline([*((unknown.name, run.faults(unknown.name)) for unknown in run.unknowns), *too_high(run)]) + run.name,
         bench_answer(run),
         sections,
         FOOTER,

@@ -7,15 +7,13 @@ import re
 from collections.abc import Callable, Sequence
 from html import escape
 
+from strainsight.estimation.decision import FAULTS, UNTESTED, WEAK
 from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
 from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
 from strainsight.report.page.positions import AXES, axes, decimals
-from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, DIVERGED, LOST, OVER, UNTESTED, WEAK, WITHHELD
 from strainsight.report.text import number
 
-NOT_GOOD = (DIVERGED, BEYOND, WITHHELD, LOST, OVER, CONTRADICTED, WEAK)
-"""Verdicts on an unknown whose σ does not hold, is withheld, or says that nothing is known."""
 Cell = Callable[[BenchRun, BenchUnknown], str]
 
 
@@ -60,7 +58,7 @@ def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    mark, style = ("✕", "bad") if word in NOT_GOOD else ("✓", "good")
+    mark, style = ("✕", "bad") if word in (*FAULTS, WEAK) else ("✓", "good")
     if word == UNTESTED:
         return word
     return f'<strong class="{style} whole">{mark} {word}</strong>'

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
+from strainsight.estimation.decision import CONSISTENT
 from strainsight.report.page.markup import measure, plain, share, table
 
-HELD = "consistent"
 LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
 CAPTION = (
     "The bank is Bayes' rule but for quadrature; sigma-point and extended filter take parameter and motion as normal, and the "
@@ -42,7 +42,7 @@ def filters_section(claims: Sequence[OtherFilter]) -> str:
             measure(own.estimate, own.unit),
             share(own.std),
             plain(own.ratio, 3) if own.verdict else "–",
-            f"{'✓' if own.verdict == HELD else '✕'} {own.verdict}" * bool(own.verdict),
+            f"{'✓' if own.verdict == CONSISTENT else '✕'} {own.verdict}" * bool(own.verdict),
         ]
         for own in claims
     ]

@@ -10,37 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
+from strainsight.estimation.decision import Benefit as Benefit
+from strainsight.estimation.decision import Claim as Claim
 from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.chart.posterior import Posterior as Posterior
 from strainsight.report.page.filters import OtherFilter as OtherFilter
 from strainsight.report.picture.layout import Gauge as Gauge
 from strainsight.report.picture.layout import Layout as Layout
 from strainsight.report.picture.layout import Load as Load
-
-
-@dataclass(frozen=True)
-class Claim:
-    """Errors of an unknown against the σ claimed for them.
-
-    of: the filtered estimate of the test, the smoothed one, or the repeats, which are filtered; draws: how many errors;
-    ratio √(mean (error/σ)²); band in which it lies where the claim holds; verdict: consistent, overconfident or too cautious.
-    """
-
-    of: Literal["test", "smoothed", "repeats"]
-    draws: int
-    ratio: float
-    band: tuple[float, float]
-    verdict: str
-
-
-@dataclass(frozen=True)
-class Benefit:
-    """The layout among random ones of its size: as_well of so many sets have an error no larger than its own; verdict: "none",
-    "shown" or "not shown"."""
-
-    as_well: int
-    sets: int
-    verdict: str
 
 
 @dataclass(frozen=True)

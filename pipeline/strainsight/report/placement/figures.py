@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.estimation.decision import LOST
 from strainsight.report.arrays import FloatArray, History, IntArray
 from strainsight.report.chart.drawing import (
     BLUE,
@@ -49,7 +50,6 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.report.placement.verdicts import LOST, OVER
 from strainsight.report.text import READINGS, number, percent, reading_unit, short
 
 
@@ -316,7 +316,7 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
     place = np.arange(1, len(error) + 1)
     with styled():
         drawn, axes = figure()
-        wrong = claim is not None and claim.verdict == OVER
+        wrong = claim is not None and claim.overconfident
         axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
         axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
         finite = np.concatenate([error, std])

@@ -6,22 +6,13 @@ import math
 from collections.abc import Sequence
 from html import escape
 
+from strainsight.estimation.decision import LOST, WITHHELD
 from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
 from strainsight.report.page.positions import axes, decimals
 from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
 from strainsight.report.placement.gauge_table import SINGLE, names_without
-from strainsight.report.placement.verdicts import (
-    HARDLY,
-    LOST,
-    OVER,
-    WITHHELD,
-    denominator,
-    faults,
-    in_words,
-    leading,
-    not_shown,
-)
+from strainsight.report.placement.verdicts import HARDLY, denominator, faults, leading, not_shown
 from strainsight.report.text import listed
 
 
@@ -138,8 +129,8 @@ def _mark(unknown: Unknown, lost: bool) -> str:
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]
-    good = claim.verdict != OVER
-    said = in_words(claim, plain, limit=False)
+    good = not claim.overconfident
+    said = claim.words(plain, limit=False)
     return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {said}</p>'
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from html import escape
 
+from strainsight.estimation.decision import CONSISTENT
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.budget import budget_section
 from strainsight.report.page.document import document
@@ -14,7 +15,7 @@ from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.first import answer, first_screen, lost_of
 from strainsight.report.placement.gauge_table import gauge_table
 from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table, load_cases_table
-from strainsight.report.placement.verdicts import HELD, faults, headline
+from strainsight.report.placement.verdicts import faults, headline
 from strainsight.report.sheets.section import sheets_section
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import STYLE, script, space_section
@@ -170,7 +171,7 @@ def _observability(report: PlacementReport) -> str:
             name,
             plain(value, 3),
             "–" if band is None else f"{plain(band[0], 2)} to {plain(band[1], 3)}",
-            f"{'✓' if verdict == HELD else '✕'} {verdict}" * bool(verdict),
+            f"{'✓' if verdict == CONSISTENT else '✕'} {verdict}" * bool(verdict),
         ]
         for name, value, band, verdict in (
             ("NEES of the run; band of one instant", check.nees, check.nees_band, check.nees_verdict),

@@ -3,32 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
-from strainsight.report.page.filters import HELD as HELD
+from strainsight.estimation.decision import DIVERGED, LOST, OVERCONFIDENT, WITHHELD
 from strainsight.report.page.markup import plain, share
-from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.text import digits_apart, number
+from strainsight.report.placement.data import Unknown
 
-OVER, CAUTIOUS = "overconfident", "too cautious"
-LOST, DIVERGED = "not identified", "diverged"
-WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
-BEYOND, WITHHELD = "beyond the range of the reduced model", "σ is withheld"
-BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
 HARDLY = "the measurements hardly narrow it"
-
-Shown = Callable[[float, int], str]
-"""How a number is written: `number` for people, `plain` for a page."""
-
-
-def in_words(claim: Claim, shown: Shown = number, *, limit: bool = True) -> str:
-    """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
-    what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
-    limit &= claim.verdict == OVER
-    digits = digits_apart(claim.ratio, claim.band[1], 2) if limit else 2
-    most = f", at most {shown(claim.band[1], max(digits, 3))} where it holds" * limit
-    return f"{claim.verdict} ({what} {shown(claim.ratio, digits)} times the claimed σ{most})"
 
 
 def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:
@@ -36,14 +18,14 @@ def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, .
     whether a repeat did."""
     found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
     found += [WITHHELD] * unknown.withheld
-    found += [OVER] * (bool(unknown.claims) and unknown.claims[0].verdict == OVER)
+    found += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].overconfident)
     return (*found, *[LOST] * lost)
 
 
 def why(fault: str, unknown: Unknown) -> str:
     """A fault and what it stands on, as HTML."""
-    if fault == OVER:
-        return in_words(unknown.claims[0], plain)
+    if fault == OVERCONFIDENT:
+        return unknown.claims[0].words(plain)
     return f"{LOST} ({HARDLY})" if fault == LOST else fault
 
 
@@ -57,11 +39,15 @@ def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
     """What a page begins with, as HTML: what does not hold, and unknowns for which the placement gains nothing."""
     text = ""
     for unknown in unknowns:
-        if wrong := faults(unknown, unknown.name in lost):
-            off = f"; it is {share(unknown.error)} off" * (OVER in wrong)
-            said = ", ".join(why(fault, unknown) for fault in wrong)
-            text += f'<strong class="bad">{escape(unknown.name)}: {said}{off}.</strong> '
+        wrong = faults(unknown, unknown.name in lost)
+        off = f"; it is {share(unknown.error)} off" * (OVERCONFIDENT in wrong)
+        text += accused(unknown.name, [why(fault, unknown) for fault in wrong], off)
     return text + no_benefit(unknowns)
+
+
+def accused(name: str, faults: Sequence[str], more: str = "") -> str:
+    """What is wrong with an unknown, as HTML; empty where nothing is."""
+    return f'<strong class="bad">{escape(name)}: {", ".join(faults)}{more}.</strong> ' if faults else ""
 
 
 def no_benefit(unknowns: Sequence[Unknown]) -> str:

@@ -7,26 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from strainsight.estimation.decision import CONSISTENT, FAULTS, LOST, TOO_CAUTIOUS
 from strainsight.report.arrays import FloatArray
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.bench.verdicts import run_faults
 from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.placement.verdicts import (
-    BEYOND,
-    CAUTIOUS,
-    CONTRADICTED,
-    DIVERGED,
-    HELD,
-    LOST,
-    OVER,
-    WITHHELD,
-    faults,
-)
+from strainsight.report.placement.verdicts import faults
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
 NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
-RED = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVER)
-WORDS = (*RED, HELD, CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
+WORDS = (*FAULTS, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
 """What a run may come to, what does not hold first."""
 
 
@@ -102,12 +91,12 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
     if not is_estimated(run):
         return (NOT_ESTIMATED,)
     if isinstance(run, BenchRun):
-        wrong, held = run_faults(run), {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
+        wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
     else:
         results = results_of(run)
         wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
         held = {result.claim.verdict for result in results if result.claim is not None}
-    return wrong or ((CAUTIOUS,) if CAUTIOUS in held else (HELD,) if HELD in held else (UNKNOWN,))
+    return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
 
 
 def _result(run: PlacementRun, unknown: Unknown) -> Result:

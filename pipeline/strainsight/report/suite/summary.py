@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from html import escape
 from urllib.parse import quote
 
+from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS
 from strainsight.report.page.markup import block, cell, count, grouped_table, plain, share
-from strainsight.report.placement.verdicts import CAUTIOUS, DIVERGED, HELD, LOST, OVER, in_words, no_benefit, why
+from strainsight.report.placement.verdicts import no_benefit, why
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.report.suite.results import RED, Result, counts, is_estimated, results_of, without_benefit
+from strainsight.report.suite.results import Result, counts, is_estimated, results_of, without_benefit
 
 METRIC = "metric"
 COLUMNS = (
@@ -26,9 +27,9 @@ def answer(report: Suite) -> str:
     """What the runs came to, what does not hold first."""
     found, parts = counts(report), []
     for word, places in found.items():
-        text = f'<strong class="bad">{word}</strong>' if word in RED else word
+        text = f'<strong class="bad">{word}</strong>' if word in FAULTS else word
         parts.append(f"{count(len(places))} {text} ({_links(places)})")
-    both = [index for index in found.get(OVER, ()) if index in found.get(LOST, ())]
+    both = [index for index in found.get(OVERCONFIDENT, ()) if index in found.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
     none = without_benefit(report)
     gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""
@@ -37,7 +38,7 @@ def answer(report: Suite) -> str:
 
 def headline(report: Suite) -> str:
     """How many runs have which fault, as the beginning of the page's title; empty where none has."""
-    parts = [f"{len(places)} {word}" for word, places in counts(report).items() if word in RED]
+    parts = [f"{len(places)} {word}" for word, places in counts(report).items() if word in FAULTS]
     return f"✕ {', '.join(parts)} of {len(report.runs)} runs – " if parts else ""
 
 
@@ -144,12 +145,12 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
-        if result.verdict == CAUTIOUS:
-            return f'<strong class="good">✓ {CAUTIOUS}</strong> <small>{_measured(result)}</small>'
-        return f'<strong class="good">✓ {HELD}</strong>' if result.verdict == HELD else result.verdict
+        if result.verdict == TOO_CAUTIOUS:
+            return f'<strong class="good">✓ {TOO_CAUTIOUS}</strong> <small>{_measured(result)}</small>'
+        return f'<strong class="good">✓ {CONSISTENT}</strong>' if result.verdict == CONSISTENT else result.verdict
     lines = []
     for verdict in result.verdicts:
-        over = f" <small>{_measured(result)}</small>" if verdict == OVER else ""
+        over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
         over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
         lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
     return "<br>".join(lines)
@@ -165,7 +166,7 @@ def _why(verdict: str, result: Result) -> str:
 def _measured(result: Result) -> str:
     """What decides: the errors that were held against σ, in units of it."""
     assert result.claim is not None
-    return in_words(result.claim, plain, limit=False).removeprefix(f"{result.claim.verdict} ")
+    return result.claim.words(plain, limit=False).removeprefix(f"{result.claim.verdict} ")
 
 
 def _lost(result: Result) -> str:

@@ -10,14 +10,7 @@ import numpy as np
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
 from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, without_sigma
-from strainsight.cases.bench.inverse.verdicts import (
-    claim_numbers,
-    contradicted,
-    contradiction_in_words,
-    message_of,
-    verdicts_of,
-    warnings_of,
-)
+from strainsight.cases.bench.inverse.verdicts import Evidence, claim_numbers
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
@@ -70,36 +63,31 @@ def run(context: Context[BenchConfig]) -> Output:
         context,
     )
     beyond = bench_out_of_range(own, bodies)
-    out_of_range: dict[str, Scalar] = {"out_of_range": beyond} if beyond else {}
-    tested = () if own.without is None else own.without.rows
+    held = [row.claim for row in own.without.rows if row.claim is not None] if own.without is not None else []
     own = without_sigma(own) if beyond else own
     result = compared(config, own)
-    found, summary = result.found, _summary(estimate, own, result) | out_of_range
-    method, truth = str(summary["method"]), str(summary["truth"])
-    free = own.unknowns.free
+    summary = _summary(estimate, own, result)
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
-    judged = config, free, summary, result.claims, float(summary["nis"]), late
-    rows = () if own.without is None else own.without.rows
-    verdicts = verdicts_of(*judged, tested)
-    against = contradiction_in_words(config, contradicted(config, free, result.claims, *judged[-2:], tested))
-    words = against if not estimate.accept else against and f"accepted: {against}"
+    evidence = Evidence(config, own.unknowns.free, summary, result.claims, late, own.lost, held, beyond)
+    decision, rows = evidence.decision, () if own.without is None else own.without.rows
     warnings = [
-        *filter(None, (beyond, words)),
+        *filter(None, (decision.message,)),
         *misfits_in_words(rows, "channels"),
         *own.notes,
-        *warnings_of(*judged, own.lost),
+        *evidence.warnings(),
     ]
-    warnings += [*_disagreements(estimate, own), *_loud(estimate, found)]
-    if against and not estimate.accept:
+    warnings += [*_disagreements(estimate, own), *_loud(estimate, result.found)]
+    verdicts = {name: evidence.verdict(name) for name in evidence.names}
+    if decision.withheld and not beyond:
         # what the others say of a channel keeps its σ: that claim is what is tested
         own = replace(without_sigma(own), without=own.without)
         result = compared(config, own)
-        found, summary = result.found, _summary(estimate, own, result) | out_of_range | {"withheld": against}
-    if isinstance(estimate.measured, FromFile):
-        summary |= {"trusted": not against, "accepted": estimate.accept}
-    summary |= {f"verdict.{name}": word for name, word in verdicts.items()}
+        summary = _summary(estimate, own, result)
+    shown = decision.numbers if evidence.in_test else {"withheld": decision.withheld} if beyond else {}
+    summary |= shown | {f"verdict.{name}": word for name, word in verdicts.items()}
+    found, free = result.found, own.unknowns.free
     units = dataset_units(config, load_units(config, found.inputs))
-    tables = [_table(own, result, verdicts, isinstance(estimate.measured, FromFile))]
+    tables = [_table(own, result, verdicts, evidence.in_test)]
     if own.without is not None:
         tables.append(hold_out_table(rows, own.without.units, "channel"))
     if offsets := _offsets(found, units):
@@ -114,7 +102,7 @@ def run(context: Context[BenchConfig]) -> Output:
     return Output(
         datasets=written(found, units),
         summary=summary,
-        message=message_of(config, free, summary, load_units(config, found.inputs) | of, method, truth),
+        message=replace(evidence, numbers=summary).message(load_units(config, found.inputs) | of, decision),
         tables=tuple(tables),
         files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
     )

@@ -17,6 +17,7 @@ from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unre
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
+from strainsight.estimation.decision import claims_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import Placed
@@ -25,10 +26,8 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.verdicts import OVER, in_words
-from strainsight.report.text import capital, listed
+from strainsight.report.text import capital, listed, number
 from strainsight.stages.pages.assumed import ASSUMES
-from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page, measured
 from strainsight.stages.pages.page_numbers import (
     cases_of,
@@ -125,8 +124,8 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     for name in names if not beyond else ():
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
-        if claims and claims[0].verdict == OVER:
-            notes.append(f"{name} is {in_words(claims[0])}.")
+        if claims and claims[0].overconfident:
+            notes.append(f"{name} is {claims[0].words(number)}.")
         random = own.all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.cases.filters_compared import BANK, comparison_verdict
 from strainsight.cases.layout.comparison import RULES
 from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.estimation.verdict import word_of
+from strainsight.estimation.decision import benefit_of, claims_of, word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.records.estimated import Histories
@@ -34,7 +34,6 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.stages.pages.claims import benefit_on, claims_of
 from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, placed_size
 from strainsight.workflow.artefact import Artefact
 
@@ -59,7 +58,7 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
         claims=() if beyond else claims_of(name, summary, repeated(name, validate)),
         withheld=beyond,
-        benefit=benefit_on(name, summary, own.all.error[name]),
+        benefit=benefit_of(float(summary[f"error.{name}"]), own.all.error[name]),
     )
 
 

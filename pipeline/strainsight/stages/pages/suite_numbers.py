@@ -16,7 +16,6 @@ from strainsight.records.suite import (
     columns,
 )
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.bench.verdicts import faults
 from strainsight.report.suite.comparisons import side
 from strainsight.report.suite.data import Comparison, PlacementRun, Suite, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of
@@ -132,7 +131,7 @@ def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:
 
 def _verdict(run: BenchRun, name: str) -> str:
     """What is wrong with it, else whether its σ holds; empty where that was not judged."""
-    return ", ".join(faults(run, name)) or str(run.summary.get(f"claim.{name}", ""))
+    return ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
 
 
 def _of_placement(run: PlacementRun, mixed: bool) -> Iterator[tuple[str, ...]]:

@@ -9,12 +9,13 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
+from strainsight.cases.structure.campaign_text import channel_table
 from strainsight.cases.structure.damage_text import damage_tables
-from strainsight.cases.structure.estimation_text import channel_table
 from strainsight.cases.structure.filtering import posterior_doubts
 from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.consistency import verdict
+from strainsight.estimation.consistency import Verdict, verdict
+from strainsight.estimation.decision import record_verdict
 from strainsight.records import estimated as recorded
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
@@ -36,8 +37,6 @@ from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
-CONTRADICTS = "the record contradicts the model"
-APART = "the record contradicts other records"
 NOTHING = "nothing was done"
 
 
@@ -75,16 +74,12 @@ def _findings_of(
     loads = [name for name in names if name in config.loads]
     mesh = mesh_from(up["import"])
     layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
-    withheld = str(summary.get("withheld", ""))
     readings = readings_of(own, marks, read(Training, up["train"]))
     shared = own.posterior if campaign is None else campaign.posterior
     doubts = posterior_doubts(shared, units)
-    judged = verdict(own.whitened) if record else None
-    text, consistent = (
-        (summary["verdict"], summary["consistent"]) if judged is None else (judged.text, judged.consistent)
-    )
+    noise = verdict(own.whitened)
     others = [(name, page) for name, page in pages.items() if name != record]
-    contradicts = APART if summary.get("apart") else CONTRADICTS
+    judged = record_verdict(own.trusted, "apart" in summary, noise.consistent)
     return Findings(
         name=config.name,
         title=title_of(f"{config.name}, record {record}" if record else config.name, tuple(names)),
@@ -100,9 +95,9 @@ def _findings_of(
             )
             for name in names
         ),
-        verdict=str(text) if own.trusted else contradicts,
-        consistent=bool(own.trusted and consistent),
-        warnings=_warnings(own, summary, withheld, doubts, str(text), bool(consistent)),
+        verdict=noise.text if own.trusted else f"the record {judged}",
+        consistent=own.trusted and noise.consistent,
+        warnings=_warnings(own, summary, doubts, noise),
         notes=own.notes,
         layout=layout,
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
@@ -141,10 +136,9 @@ def _campaign_findings(
     config, summary = context.config, context.upstream["estimate"].summary
     names = tuple(str(name) for name in config.place.estimate)
     first = next(iter(found.values()))
-    rows = []
+    rows, apart = [], str(summary.get("apart", ""))
     for name, own in records.items():
         report, inside = found[name], own.whitened[np.isfinite(own.whitened)]
-        fits = "fits" if report.consistent else "the noise does not fit"
         rows.append(
             RecordRow(
                 name=name,
@@ -152,11 +146,10 @@ def _campaign_findings(
                 file=report.file,
                 loads=tuple(one for one in report.unknowns if one.kind == "load"),
                 inside=float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan,
-                verdict=fits if own.trusted else report.verdict,
+                verdict=record_verdict(own.trusted, bool(apart), report.consistent),
                 fits=report.consistent,
             )
         )
-    apart = str(summary.get("apart", ""))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [f"record {name}: {report.verdict}" for name, report in found.items() if not (report.consistent or apart)]
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
@@ -202,14 +195,12 @@ def _provenance(context: Context[PlacementConfig]) -> dict[str, str]:
     return own | {f"{stage} artefact": found.key[:16] for stage, found in context.upstream.items()}
 
 
-def _warnings(
-    own: Estimated, summary: Mapping[str, object], withheld: str, doubts: list[str], verdict_: str, consistent: bool
-) -> tuple[str, ...]:
+def _warnings(own: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
     """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
-    texts = [withheld] * bool(withheld)
+    texts = [str(summary.get("withheld", ""))]
     # A record that contradicts the model has its own warning, and the noise is not to blame.
-    if own.trusted and not consistent:
-        texts.append(verdict_)
+    if own.trusted and not noise.consistent:
+        texts.append(noise.text)
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
     texts += [*doubts, *disagreements_in_words(own.compared)]
     return tuple(capital(text) for text in texts if text)

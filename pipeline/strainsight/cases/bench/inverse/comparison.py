@@ -21,8 +21,8 @@ from strainsight.cases.bench.inverse.numbers import (
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
+from strainsight.estimation.decision import Claim, claim_of, not_identified, samples_alike
 from strainsight.estimation.metrics import settling_time
-from strainsight.estimation.verdict import OVERCONFIDENT, Claim, claim_of, not_identified, samples_alike
 from strainsight.records.bench_estimated import (
     BenchEstimated,
     LoadHistory,
@@ -148,7 +148,7 @@ def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | N
     late = slice(len(mean) // 2, None)
     off, claimed = (mean - true)[late], std[late]
     scaled = np.divide(off, claimed, out=np.full_like(off, np.nan), where=claimed > 0)
-    return claim_of(off, claimed, alike=samples_alike(scaled[:, None])), numbers
+    return claim_of(off, claimed, alike=samples_alike(scaled[:, None]), of="smoothed"), numbers
 
 
 def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
@@ -162,7 +162,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
     learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
-    wrong = claim is not None and claim.verdict == OVERCONFIDENT
+    wrong = claim is not None and claim.overconfident
     withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
     numbers: Numbers = {}
     if not withheld:

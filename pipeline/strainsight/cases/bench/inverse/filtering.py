@@ -15,10 +15,10 @@ from strainsight.cases.bench.inverse.unknowns import Unknowns
 from strainsight.cases.filters_compared import BANK, EXTENDED
 from strainsight.config.bench.estimate import Method
 from strainsight.errors import ConfigError, NumericalError
+from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.estimation.run import Keep
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
-from strainsight.estimation.verdict import expected_ratio
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.records.estimated import Compared
 

@@ -10,12 +10,18 @@ import numpy as np
 from strainsight.cases.bench.inverse.comparison import in_theta
 from strainsight.cases.bench.inverse.estimation import Estimated
 from strainsight.cases.bench.inverse.hold_out import HeldOut
-from strainsight.cases.out_of_range import beyond_their_ranges, withheld_beyond
+from strainsight.estimation.decision import out_of_range
 from strainsight.records.bodies import ReducedBody
 
+REMEDY = (
+    "set bodies.*.moduli.*.value nearer to it, keep more modes (bodies.*.modes), or look for a load, unit, support or "
+    "sensor that is not as stated"
+)
+"""Of a modulus that came out beyond its `reach`."""
 
-def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> str:
-    """That there is no σ as a modulus came out beyond its `reach`, empty where none did; of all runs, the first that did.
+
+def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> dict[str, str]:
+    """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
 
     Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
     """
@@ -27,12 +33,8 @@ def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> st
             continue
         for value in in_theta(own, own.bench.system.parameters.index(inner))[0][-1]:
             if np.isfinite(value) and name not in beyond:
-                beyond |= beyond_their_ranges({name: float(value)}, {name: reach[inner]}, {name: "Pa"}, "reduce")
-    return withheld_beyond(
-        beyond,
-        "set bodies.*.moduli.*.value nearer to it, keep more modes (bodies.*.modes), or look for a load, unit, support or "
-        "sensor that is not as stated",
-    )
+                beyond |= out_of_range({name: float(value)}, {name: reach[inner]}, {name: "Pa"}, "reduce")
+    return beyond
 
 
 def without_sigma(own: Estimated) -> Estimated:
