@@ -200,20 +200,18 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
 
 def outcome(found: Finding, fault: Fault | None) -> str:
     """What was made of a record that has this fault."""
-    diagnosis = found.diagnosis
     if not found.contradicts:
         return "not seen"
     if fault is None:
         return "accused"
-    assert diagnosis is not None
-    named = diagnosis.named
+    named = found.named
     if named is not None and named.fault is not None:
         own, other = named.fault.amount, fault.amount
         right = named.fault.family == fault.family and (own == other or (fault.kind == "angle" and own == -other))
         return "named" if right else "wrong"
-    if any(own.fault is not None and own.fault.family == fault.family for own in diagnosis.candidates):
+    if any(own.fault is not None and own.fault.family == fault.family for own in found.candidates):
         return "among candidates"
-    return "other candidates" if diagnosis.candidates else "no name"
+    return "other candidates" if found.candidates else "no name"
 
 
 def main(words: Sequence[str]) -> None:
@@ -233,7 +231,7 @@ def main(words: Sequence[str]) -> None:
         for r in range(given.records):
             samples, fault = with_fault(study, FAULTS[r % len(FAULTS)], first + r + 1)
             found = check_record(suspect(study, samples), discrepancy).finding
-            named = None if found.diagnosis is None else found.diagnosis.named
+            named = found.named
             said = outcome(found, fault)
             counts[said] += 1
             print(f"| {name} | {fault} | {named and named.fault} | {said} |", flush=True)

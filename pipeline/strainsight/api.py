@@ -221,9 +221,12 @@ def estimate(
     strains with their σ as estimate.h5 has them, `.surface` the pictures of the surface for `to_pyvista`. Raises UserError
     for what the file contradicts, and InfeasibleError where its channels cannot tell the unknowns.
     """
-    from strainsight.cases.structure.campaign import estimation_of
-
-    return estimation_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)
+    estimation = campaign(case, mesh, reduced, training, screened, gauges).only
+    if estimation is None:
+        raise ConfigError(
+            "several records", key="estimate.records", remedy="take `campaign`, which has each by its name"
+        )
+    return estimation
 
 
 def campaign(

@@ -162,7 +162,7 @@ def test_a_fault_of_one_channel_is_named(four, kind):
     samples, fault = broken(kind, y[:, 3])
     found = examined(suspect(model, P, forces(LONG), samples))
     assert found.contradicts
-    assert found.diagnosis.named.fault == fault
+    assert found.named.fault == fault
 
 
 STRAIN = np.array([[1.0, 0.0], [-0.3, 0.2], [0.4, 1.1]])
@@ -194,7 +194,7 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
     given = Suspect(straight, mean, P, forces(LONG), samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
     found = examined(given)
     assert found.contradicts
-    assert found.diagnosis.named.fault == Fault("angle", 0, 60.0)
+    assert found.named.fault == Fault("angle", 0, 60.0)
     sound = draw_truth(straight, np.zeros(5), P, forces(LONG), [3])[1][:, 0]
     assert not examined(replace(given, samples=sound)).contradicts
 
@@ -217,8 +217,8 @@ def test_of_two_channels_that_read_the_same_none_is_blamed_for_a_delay(four):
     samples[3:, 1] = samples[:-3, 1].copy()
     found = examined(suspect(twin, P, calm, samples))
     assert found.contradicts
-    assert found.diagnosis.named is None
-    assert {own.fault.channel for own in found.diagnosis.candidates} == {0, 1}
+    assert found.named is None
+    assert {own.fault.channel for own in found.candidates} == {0, 1}
 
 
 def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
@@ -227,4 +227,4 @@ def test_no_channel_is_blamed_where_any_reading_is_some_load(four):
     samples = y[:, 0, :1] + 0.5 * np.sin(0.5 * np.arange(LONG))[:, None]
     found = examined(suspect(one, P, forces(LONG), samples))
     assert found.contradicts
-    assert found.diagnosis.candidates == ()
+    assert found.candidates == ()

@@ -177,28 +177,28 @@ def test_the_fault_of_a_load_is_named(record, name):
     wrong, fault = WRONG[name]
     found = examined(replace(record, known=held(wrong)))
     assert found.contradicts
-    named = found.diagnosis.named.fault
+    named = found.named.fault
     assert (named.kind, named.channel, named.of_load) == (fault.kind, fault.channel, True)
     assert named.amount == pytest.approx(fault.amount)
-    assert name == "early" or {own.fault.of_load for own in found.diagnosis.tried} == {True}
-    assert found.diagnosis.best_of(0) is None
+    assert name == "early" or {own.fault.of_load for own in found.tried} == {True}
+    assert found.best_of(0) is None
 
 
 def test_all_channels_reversed_are_one_load_reversed(record):
     found = examined(replace(record, samples=-record.samples))
-    assert found.diagnosis.named.fault == Fault("sign", 0, of_load=True)
+    assert found.named.fault == Fault("sign", 0, of_load=True)
 
 
 def test_one_channel_reversed_is_no_load(record):
     found = examined(replace(record, samples=record.samples * [1, -1, 1, 1]))
-    assert found.diagnosis.named.fault == Fault("sign", 1)
+    assert found.named.fault == Fault("sign", 1)
 
 
 def test_of_one_channel_and_one_load_neither_is_blamed(record):
     model = record.model.of_channels(np.array([1]))
     found = examined(suspect(model, record.covariance, record.known, -record.samples[:, 1:2]))
-    assert found.diagnosis.named is None
-    assert {own.fault for own in found.diagnosis.candidates} == {Fault("sign", 0), Fault("sign", 0, of_load=True)}
+    assert found.named is None
+    assert {own.fault for own in found.candidates} == {Fault("sign", 0), Fault("sign", 0, of_load=True)}
 
 
 def test_evidence_is_that_of_the_record_with_the_right_load(record):

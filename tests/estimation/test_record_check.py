@@ -11,9 +11,8 @@ from strainsight.estimation import record_check, stretches
 from strainsight.estimation.conditional import known_ends, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.faults import misfits
-from strainsight.estimation.record_check import check_record
+from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
 from strainsight.estimation.settled import Settled
-from strainsight.estimation.spikes import SPIKE, spikes_of
 from strainsight.estimation.stretches import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 from strainsight.estimation.unmodelled_load import residual_pattern
 
@@ -50,7 +49,7 @@ def changed(record, change):
 def named(record):
     found = check_record(record).finding
     assert found.contradicts
-    return found.diagnosis.named
+    return found.named
 
 
 def test_a_stretch_lies_where_the_channels_read_most(record):
@@ -156,7 +155,7 @@ def test_spikes_are_named_wherever_they_are(record):
 def test_what_is_wrong_in_the_rest_is_found(record):
     check = check_record(changed(record, lambda y: y.__setitem__((slice(100, 200), 2), y[100:200, 2] + 15 * NOISE)))
     assert check.finding.contradicts
-    fault = check.finding.diagnosis.named.fault
+    fault = check.finding.named.fault
     ((channel, first, behind),) = fault.spans
     assert (fault.kind, channel) == ("shift", 2)
     assert abs(first + check.stretch.begin - 100) <= 2
@@ -167,7 +166,7 @@ def test_innovations_are_looked_at_to_the_end_of_the_record(record):
     noise = 10 * NOISE * np.random.default_rng(2).standard_normal((100, 4))
     check = check_record(changed(record, lambda y: y.__setitem__(slice(50, 150), y[50:150] + noise)))
     assert check.finding.contradicts
-    assert check.finding.diagnosis.named is None
+    assert check.finding.named is None
     assert 50 <= check.worst[0] <= 150
 
 
@@ -202,7 +201,7 @@ def test_additional_load_is_named_and_no_channel_accused(sound, strain):
     finding = check_record(replace(sound, samples=sound.samples + 2 * NOISE * np.outer(SLOW, strain))).finding
     assert finding.contradicts
     assert finding.pattern is not None
-    assert not finding.diagnosis.candidates
+    assert not finding.candidates
     assert finding.pattern.share.sum() == pytest.approx(1)
     assert np.count_nonzero(finding.pattern.share > 0.05) > 1
 
@@ -211,7 +210,7 @@ def test_load_faster_than_its_process_noise_is_no_additional_load(sound):
     finding = check_record(with_intensity(sound, 0.01)).finding
     assert finding.contradicts
     assert finding.pattern is None
-    assert not finding.diagnosis.candidates
+    assert not finding.candidates
 
 
 @pytest.mark.parametrize("change", [lambda y: 1.5 * y, lambda y: y + 10 * NOISE])
@@ -220,7 +219,7 @@ def test_fault_of_one_channel_is_no_additional_load(sound, change):
     samples[:, 1] = change(samples[:, 1])
     finding = check_record(replace(sound, samples=samples)).finding
     assert finding.pattern is None
-    assert finding.diagnosis.named.fault.channel == 1
+    assert finding.named.fault.channel == 1
 
 
 def test_pattern_is_that_of_the_dyad_in_white_innovations():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.decision import OVERCONFIDENT, Claim, claim_of, samples_alike
+from strainsight.estimation.decision import Claim, claim_in_time
 from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.workflow.output import Scalar, Table
 
@@ -35,7 +35,7 @@ def left_out(
     for i, (label, why) in enumerate(zip(labels, left_in, strict=True)):
         own, error = measured[..., i], predicted[..., i] - measured[..., i]
         scaled = error / std[..., i]
-        claim = claim_of(error, std[..., i], alike=samples_alike(scaled)) if np.isfinite(scaled).any() else None
+        claim = claim_in_time(error, std[..., i])
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
         there = np.isfinite(error)
         rows.append(Left(label, _rms(own[there]), _rms(error[there]), inside, claim, why))
@@ -51,7 +51,7 @@ def hold_out_numbers(rows: Sequence[Left]) -> dict[str, Scalar]:
 
 def misfits_in_words(rows: Sequence[Left], others: str) -> list[str]:
     """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
-    off = [(own.claim.ratio, own.label) for own in rows if own.claim and own.claim.verdict == OVERCONFIDENT]
+    off = [(own.claim.ratio, own.label) for own in rows if own.claim and own.claim.overconfident]
     said = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
     return [f"the other {others} contradict {', '.join(said)}"] if said else []
 

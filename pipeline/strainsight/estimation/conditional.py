@@ -35,10 +35,8 @@ class Nuisances:
     misplaced gauge where that has gradients.
     The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
     corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
-    loads consider ν (`considers`). discrepancy: σ of what else
-    a reading is off by, over its RMS, white: second order of all these, and what the model leaves out. It matters where
-    parameters are estimated under known loads from readings of small noise, which would be believed beyond what the model can
-    say of them.
+    loads consider ν (`considers`). discrepancy: σ of what else a reading is off by, over its RMS, white: second order of all
+    these, and what the model leaves out. It matters where parameters are estimated under known loads from quiet readings.
     about (d,), or of the first of ν, the others zero: about which readings are linear in them. ln c of a mode has a σ of 0.4
     where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth. Beside
     unknown loads products of errors, of gauges and of loads, are not small beside what samples say of parameters

@@ -4,7 +4,8 @@ withheld, and the exit code; each with the numbers it stands on and its sentence
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.special import bdtr, gammaincinv
@@ -26,6 +27,7 @@ FAULTS = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVERCONFIDENT)
 NOT_TRUSTED = "σ is not to be trusted"
 INCONSISTENT = "the record contradicts the model"
 
+T = TypeVar("T")
 Shown = Callable[[float, int], str]
 """How a number is written with so many digits: for a terminal or a page."""
 
@@ -105,6 +107,15 @@ def claim_of(error: np.ndarray, std: np.ndarray, *, alike: float = 1.0, of: str 
         return None
     ratio = float(np.sqrt(np.mean((error[drawn] / std[drawn]) ** 2)))
     return judged(ratio, int(np.count_nonzero(drawn) / alike), of)
+
+
+def claim_in_time(error: np.ndarray, std: np.ndarray, *, starts: int = 1, of: str = "test") -> Claim | None:
+    """Whether errors (T, ...) in time keep to the σ claimed for them: as many draws as they are worth (`samples_alike`).
+
+    starts: so many runs of one seed are one draw.
+    """
+    scaled = np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0)
+    return claim_of(error, std, alike=samples_alike(scaled) * starts, of=of)
 
 
 def claims_of(
@@ -282,6 +293,26 @@ def out_of_range(
         for name, (low, high) in ranges.items()
         if not low <= values[name] <= high
     }
+
+
+def without_sigma(own: T) -> T:
+    """With NaN for every array that is a σ by its name, `std` or `…_std`, in parts and mappings of a dataclass, too."""
+    if isinstance(own, dict):
+        return {name: without_sigma(part) for name, part in own.items()}  # type: ignore[return-value]
+    if not is_dataclass(own) or isinstance(own, type):
+        return own
+    changed = {}
+    for part in fields(own):
+        value = getattr(own, part.name)
+        is_sigma = part.name == "std" or part.name.endswith("_std")
+        changed[part.name] = _nothing(value) if is_sigma else without_sigma(value)
+    return replace(own, **changed)
+
+
+def _nothing(std: Any) -> Any:
+    if isinstance(std, dict):
+        return {name: _nothing(each) for name, each in std.items()}
+    return None if std is None else np.full_like(std, np.nan)
 
 
 def record_verdict(trusted: bool, apart: bool, noise_fits: bool) -> str:

@@ -4,14 +4,14 @@ fault, by the bank."""
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.decision import OVERCONFIDENT, judged
+from strainsight.estimation.decision import judged
 from strainsight.estimation.faults import (
     ANGLES,
     FORESEEN,
@@ -98,18 +98,36 @@ class Suspect:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
-    """as_it_is: the record without a fault; check: every channel against what all others foresee of it; without (m,): ratio
-    of innovations to their claim of the record without that channel, none (0,) where a load is to blame, and check is one step
-    ahead, by all channels; tried: every fault that was looked at closely; named: the
-    one that explains the record, None where none or several do; candidates: all that do, best first."""
+class ShiftedMode:
+    """A mode whose natural frequency fits a record best `factor` times that of the model, `size` σ of its tolerance away."""
 
+    mode: int
+    factor: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Whether a record contradicts its model, and why.
+
+    as_it_is: the record without a fault; check: every channel against what all others foresee of it, or one step ahead by all
+    channels where no fault was searched, or a load is to blame; without (m,): ratio of innovations to their claim of the record
+    without that channel, none (0,) there; tried: every fault that was looked at closely; named: the one that explains the
+    record, None where none or several do; candidates: all that do, best first; shifted: the mode that is too far from the
+    model, where innovations are believable and no fault explains them; pattern: of a load that the model does not have, where
+    neither does; searched: whether there was a reason to look for a fault.
+    """
+
+    contradicts: bool
     as_it_is: Explained
     check: ChannelCheck
-    without: np.ndarray
-    tried: tuple[Explained, ...]
-    named: Explained | None
-    candidates: tuple[Explained, ...]
+    without: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    tried: tuple[Explained, ...] = ()
+    named: Explained | None = None
+    candidates: tuple[Explained, ...] = ()
+    shifted: ShiftedMode | None = None
+    pattern: ResidualPattern | None = None
+    searched: bool = True
 
     def best_of(self, channel: int) -> Explained | None:
         """What explains the record best among the faults of one channel, None where none makes it believable, or none is better
@@ -202,22 +220,17 @@ def surprise_of(bank: BankRun) -> float:
     return float(np.abs(bank.nuisances[0]).max(initial=0.0))
 
 
-def suspected(as_it_is: Explained, bank: BankRun | None) -> bool:
-    """Whether the faults of a record are to be looked for: its innovations are larger than claimed, beyond the band of
-    `verdict.judged`, or a tolerance is stretched beyond STRETCHED of its σ to explain it."""
-    if bank is None or not as_it_is.ratio <= BELIEVABLE:
+def too_large(fit: Explained, bank: BankRun | None) -> bool:
+    """Whether the innovations of a record are larger than claimed, beyond the band of `decision.judged`."""
+    if bank is None or not fit.ratio <= BELIEVABLE:
         return True
-    samples = int(np.isfinite(bank.run.whitened).sum())
-    return judged(as_it_is.ratio, samples).verdict == OVERCONFIDENT or surprise_of(bank) > STRETCHED
+    return judged(fit.ratio, int(np.isfinite(bank.run.whitened).sum())).overconfident
 
 
-@dataclass(frozen=True)
-class ShiftedMode:
-    """A mode whose natural frequency fits a record best `factor` times that of the model, `size` σ of its tolerance away."""
-
-    mode: int
-    factor: float
-    size: float
+def suspected(as_it_is: Explained, bank: BankRun | None) -> bool:
+    """Whether the faults of a record are to be looked for: its innovations are too large, or a tolerance is stretched beyond
+    STRETCHED of its σ to explain it."""
+    return bank is None or too_large(as_it_is, bank) or surprise_of(bank) > STRETCHED
 
 
 def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
@@ -230,20 +243,6 @@ def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
     size = np.abs(change) / np.sqrt(np.sum(rows**2, axis=0))
     j = int(np.argmax(size))
     return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > STRETCHED else None
-
-
-@dataclass(frozen=True)
-class Finding:
-    """contradicts: whether a record contradicts its model; as_it_is: without a fault; check of its channels; diagnosis: None
-    where there was no reason to look for a fault; shifted: the mode that is too far from the model, where its innovations
-    are believable and no fault explains them; pattern: of a load that the model does not have, where neither does."""
-
-    contradicts: bool
-    as_it_is: Explained
-    check: ChannelCheck
-    diagnosis: Diagnosis | None
-    shifted: ShiftedMode | None = None
-    pattern: ResidualPattern | None = None
 
 
 def examined(
@@ -261,12 +260,12 @@ def examined(
     """
     as_it_is, bank = first or explained(suspect, None)
     if bank is not None and not suspected(as_it_is, bank):
-        return Finding(False, as_it_is, _check_ahead(suspect, bank), None)
+        return Finding(False, as_it_is, _check_ahead(suspect, bank), searched=False)
     found = diagnosed(suspect, progress, (as_it_is, bank))
     beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
     more_channels = suspect.samples.shape[1] > len(suspect.model.unknowns.inputs)
-    shifted = shifted_mode(suspect, bank) if more_channels and not (found.candidates or beyond) else None
-    return Finding(bool(found.candidates) or beyond or shifted is not None, as_it_is, found.check, found, shifted)
+    shifted = shifted_mode(suspect, bank) if more_channels and not (found.contradicts or beyond) else None
+    return replace(found, contradicts=found.contradicts or beyond or shifted is not None, shifted=shifted)
 
 
 def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
@@ -283,7 +282,7 @@ def diagnosed(
     suspect: Suspect,
     progress: Callable[[float], None] = lambda share: None,
     first: tuple[Explained, BankRun | None] | None = None,
-) -> Diagnosis:
+) -> Finding:
     """Try every fault of a known load and of a channel on a record; first: what it is without a fault.
 
     Faults of loads are ranked by filters that take everything else for exact (`load_faults`), and the best are weighed with all
@@ -302,14 +301,14 @@ def diagnosed(
     named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)
     if bank is not None and innovations is not None and _of_loads_alone(innovations, candidates):
         check = _check_ahead(suspect, bank)
-        return Diagnosis(as_it_is, check, np.zeros(0), tuple(tried), named, candidates)
+        return Finding(bool(candidates), as_it_is, check, tried=tuple(tried), named=named, candidates=candidates)
     left_out = _each_left_out(suspect, lambda share: progress(0.4 * share))
     check, without = _by_others(suspect, left_out)
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
     if m <= len(suspect.model.unknowns.inputs):
         # any reading is some load's: only what is stated of loads speaks against it
-        return Diagnosis(as_it_is, check, without, (), None, ())
+        return Finding(False, as_it_is, check, without)
     if m == 1:
         # nothing else says whether it is the channel or the load
         wanted = [_of_channel(one.fault) for one in candidates if one.fault is not None and one.fault.kind != "swapped"]
@@ -322,7 +321,7 @@ def diagnosed(
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
     tried += _later_of_all(suspect, wanted, tried)
     named, candidates = chosen(as_it_is.evidence, tried, BELIEVABLE, MARGIN, APART)
-    return Diagnosis(as_it_is, check, without, tuple(tried), named, candidates)
+    return Finding(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
 
 
 def _loads_tried(suspect: Suspect) -> tuple[list[Explained], Innovations | None]:

@@ -96,12 +96,8 @@ class Innovations:
                 acting[i], acting[j] = self.by_load[j][i], self.by_load[i][j]
             elif fault.kind == "late":
                 n = int(fault.amount)
-                moved = np.zeros_like(acting[i])
-                if n > 0:
-                    moved[:, :-n] = acting[i][:, n:]
-                else:
-                    moved[:, -n:] = acting[i][:, :n]
-                acting[i] = moved
+                acting[i] = np.roll(acting[i], -n, axis=1)
+                acting[i][:, slice(-n, None) if n > 0 else slice(-n)] = 0.0
             else:
                 acting[i] = -acting[i] if fault.kind == "sign" else acting[i] / fault.amount
         return self.unloaded + np.sum(acting, axis=0)

@@ -10,12 +10,11 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.decision import OVERCONFIDENT, judged
+from strainsight.estimation.decision import judged
 from strainsight.estimation.fault_search import (
     APART,
     BELIEVABLE,
     MARGIN,
-    Diagnosis,
     Finding,
     Suspect,
     checked_by_others,
@@ -24,10 +23,10 @@ from strainsight.estimation.fault_search import (
     missed_of,
     ratio_of,
     suspected,
+    too_large,
 )
-from strainsight.estimation.faults import Explained, chosen
+from strainsight.estimation.faults import Explained, Fault, chosen
 from strainsight.estimation.peak import known_at
-from strainsight.estimation.spikes import SPIKE, sizes_of, spikes_of
 from strainsight.estimation.stretches import (
     LONGEST,
     at_rest,
@@ -46,6 +45,22 @@ INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 FASTER = (3.0, 10.0, 30.0, 100.0)
 """Factors on the intensity of unknown loads, which explain a pattern of residuals where their process noise is too small."""
 
+SPIKE = 8.0
+"""Of its σ, from which an innovation is no noise."""
+ROUNDS = 12
+"""Most samples of one disturbance that are marked one after the other."""
+BETWEEN = 10
+"""Samples between two disturbances: within it the filter still follows the first."""
+MOST_SHARE, ALWAYS, MOST_ROWS = 0.01, 5, 50
+"""Share of the readings that may be marked, and the number of them that may be in any record; instants of large innovations, as
+many as which are no spikes."""
+SILENT = 3
+"""Instants one after the other without any reading, which explain whatever comes behind them."""
+
+SUDDEN = 1e6
+"""Factor on the intensity of unknown loads, with which they may change from one sample to the next."""
+
+Fit = Callable[[Suspect], tuple[Explained, BankRun | None]]
 Progress = Callable[[float], None]
 
 
@@ -97,27 +112,23 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
         fault, without, cleaned = spikes
         best = replace(cleaned, fault=fault)
         check, ratios = checked_by_others(without, progress)
-        diagnosis = Diagnosis(as_it_is[0], check, ratios, (best,), best, (best,))
-        return RecordCheck(Finding(True, as_it_is[0], check, diagnosis), part, worst, _moving(part))
+        finding = Finding(True, as_it_is[0], check, ratios, (best,), best, (best,))
+        return RecordCheck(finding, part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
-    if finding.diagnosis is not None and (pattern := _unmodelled_load(part, as_it_is, finding.diagnosis)) is not None:
-        diagnosis = replace(finding.diagnosis, named=None, candidates=())
-        finding = replace(finding, contradicts=True, diagnosis=diagnosis, shifted=None, pattern=pattern)
-    if len(part.samples) == len(whole.samples) or finding.diagnosis is None or len(finding.diagnosis.candidates) < 2:
+    if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:
+        finding = replace(finding, contradicts=True, named=None, candidates=(), shifted=None, pattern=pattern)
+    if len(part.samples) == len(whole.samples) or len(finding.candidates) < 2:
         return RecordCheck(finding, part, worst, _moving(part))
     later = part.begin - whole.begin
-    faults = [one.fault.later(later) for one in finding.diagnosis.candidates if one.fault is not None]
+    faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
     tried = [explained(whole, fault)[0] for fault in faults]
     named, candidates = chosen(explained(whole, None)[0].evidence, tried, BELIEVABLE, MARGIN, APART)
     if not candidates:
         return RecordCheck(finding, part, worst, _moving(part))
-    diagnosis = replace(finding.diagnosis, named=named, candidates=candidates)
-    return RecordCheck(replace(finding, diagnosis=diagnosis), whole, worst, _moving(part))
+    return RecordCheck(replace(finding, named=named, candidates=candidates), whole, worst, _moving(part))
 
 
-def _unmodelled_load(
-    part: Suspect, fit: tuple[Explained, BankRun | None], diagnosis: Diagnosis
-) -> ResidualPattern | None:
+def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], finding: Finding) -> ResidualPattern | None:
     """The pattern of a load that the model does not have.
 
     None where a fault leaves innovations as large as claimed, where a fault or loads of the model that change faster than stated
@@ -126,7 +137,7 @@ def _unmodelled_load(
     as_it_is, bank = fit
     inputs, every = part.model.unknowns.inputs, part.model.every
     samples = int(np.isfinite(part.samples).sum())
-    explains = any(judged(one.ratio, samples).verdict != OVERCONFIDENT for one in diagnosis.candidates)
+    explains = any(not judged(one.ratio, samples).overconfident for one in finding.candidates)
     if bank is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
     sampled = slice(every - 1, None, every)
@@ -134,7 +145,7 @@ def _unmodelled_load(
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
-    others = [one.evidence for one in diagnosis.candidates]
+    others = [one.evidence for one in finding.candidates]
     others += [explained(with_intensity(part, factor), None)[0].evidence for factor in FASTER if inputs]
     evidence = as_it_is.evidence + pattern.gain
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
@@ -169,7 +180,7 @@ def _moving(part: Suspect) -> tuple[int, int]:
 def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: float, progress: Progress) -> RecordCheck:
     """All samples of a record, whose checked stretches agree with the model, or the last of them does but for spikes."""
     check = checks[-1]
-    named = check.finding.diagnosis.named if _has_spikes(check.finding) and check.finding.diagnosis else None
+    named = check.finding.named if _has_spikes(check.finding) else None
     point = np.array((named or check.finding.as_it_is).point)
 
     def fit(own: Suspect) -> tuple[Explained, BankRun | None]:
@@ -177,21 +188,21 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
 
     whole = fit(suspect)
     worst = _worst_of(suspect, whole[1])
-    if not _too_large(*whole) and worst[2] <= SPIKE:
+    # tolerances that are stretched do not count: a long rest stretches those that make channels read less of the loads
+    if not too_large(*whole) and worst[2] <= SPIKE:
         return check
     if worst[2] > SPIKE and (spikes := spikes_of(suspect, fit)) is not None:
         fault, _, cleaned = spikes
         named = replace(cleaned, fault=fault)
-        found = check.finding.check
-        diagnosis = Diagnosis(whole[0], found, np.zeros(0), (named,), named, (named,))
-        return RecordCheck(Finding(True, whole[0], found, diagnosis), suspect, worst, check.part)
+        finding = Finding(True, whole[0], check.finding.check, tried=(named,), named=named, candidates=(named,))
+        return RecordCheck(finding, suspect, worst, check.part)
     if named is not None:
         return check
     if whole[1] is None:
         bounds = stretch_at(suspect, worst[0])
     elif (elsewhere := _stretch_elsewhere(suspect, whole[1], checks)) is not None:
         bounds = elsewhere
-    elif _too_large(*whole):
+    elif too_large(*whole):
         begin = _loudest_innovations(suspect, whole[1])
         bounds = begin, begin + LONGEST
     else:
@@ -219,16 +230,6 @@ def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordC
         return None
     begin, end = stretch_at(suspect, k)
     return max([begin, *(b for _, b in checked if b <= k)]), min([end, *(a for a, _ in checked if a > k)])
-
-
-def _too_large(fit: Explained, bank: BankRun | None) -> bool:
-    """Whether the innovations of all of a record are larger than claimed.
-
-    Tolerances that are stretched do not count here: a long rest stretches those that make channels read less of the loads.
-    """
-    if bank is None or not fit.ratio <= BELIEVABLE:
-        return True
-    return judged(fit.ratio, int(np.isfinite(bank.run.whitened).sum())).verdict == OVERCONFIDENT
 
 
 def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:
@@ -272,6 +273,72 @@ def _worst_of(suspect: Suspect, bank: BankRun | None) -> tuple[int, int, float]:
 
 
 def _has_spikes(finding: Finding) -> bool:
-    diagnosis = finding.diagnosis
-    named = None if diagnosis is None or diagnosis.named is None else diagnosis.named.fault
-    return named is not None and named.kind == "spikes"
+    fault = None if finding.named is None else finding.named.fault
+    return fault is not None and fault.kind == "spikes"
+
+
+def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
+    """Size (T,) of the innovations of all channels together over their σ; and every one (T, m) over what is usual of its
+    channel."""
+    every = suspect.model.every
+    sampled = slice(every - 1, None, every)
+    size = np.sqrt(np.nansum(bank.run.whitened[sampled, 0] ** 2, axis=1))
+    innovation = np.abs(np.nan_to_num(bank.run.innovation[sampled, 0]))
+    usual = np.maximum(suspect.noise, 1.5 * np.median(innovation, axis=0))
+    return size, innovation / usual
+
+
+def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> tuple[Fault, Suspect, Explained] | None:
+    """Few samples without which a record agrees with its model, the record without them, and how it fits; None where it does not
+    come to agree. fit: how a record does.
+
+    They are sought beside unknown loads that may change at once, which channels then show together. The first sample of every
+    disturbance is that of the channel whose innovation is largest; what follows it is what the filter made of it.
+    """
+    marked: list[tuple[int, int]] = []
+    free, samples = _with_sudden_loads(suspect), suspect.samples.copy()
+    found = fit(free)
+    most = max(ALWAYS, int(MOST_SHARE * samples.size))
+    for _ in range(ROUNDS):
+        if found[1] is None:
+            return None
+        size, each = sizes_of(suspect, found[1])
+        rows = np.flatnonzero(size > max(SPIKE, 0.1 * size.max()))
+        if not len(rows):
+            break
+        if len(rows) > max(MOST_ROWS, MOST_SHARE * len(samples)):
+            return None
+        rows = rows[np.diff(rows, prepend=-BETWEEN - 1) > BETWEEN]
+        marked += [(int(np.argmax(each[k])), int(k)) for k in rows]
+        if len(marked) > most:
+            return None
+        samples[tuple(np.transpose(marked)[::-1])] = np.nan
+        found = fit(replace(free, samples=samples))
+    else:
+        return None
+    without = replace(suspect, samples=samples)
+    silent = np.isnan(samples).all(axis=1) & np.isfinite(suspect.samples).any(axis=1)
+    if not marked or any(silent[k : k + SILENT].sum() == SILENT for k in np.flatnonzero(silent)):
+        return None
+    as_stated = fit(without)
+    if suspected(*as_stated):
+        return None
+    spans = _joined(marked)
+    return Fault("spikes", spans[0][0], 0.0, spans=spans), without, as_stated[0]
+
+
+def _with_sudden_loads(suspect: Suspect) -> Suspect:
+    model, Q = suspect.model, suspect.model.Q.copy()
+    Q[..., model.input_states, model.input_states] *= SUDDEN
+    return replace(suspect, model=replace(model, Q=Q))
+
+
+def _joined(marked: list[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:
+    """Spans of samples that follow one another, by channel and time."""
+    spans: list[tuple[int, int, int]] = []
+    for channel, k in sorted(marked):
+        if spans and spans[-1][0] == channel and spans[-1][2] == k:
+            spans[-1] = (channel, spans[-1][1], k + 1)
+        else:
+            spans.append((channel, k, k + 1))
+    return tuple(spans)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from strainsight.records.estimated import Histories
@@ -102,20 +100,3 @@ class Validated(Histories):
     screened: RandomSets = group("/random_sets/screened", what="random set of the screened pool")
     all: RandomSets = group("/random_sets/all", what="random set of all candidates")
     sweep: SweepTable | None = group("/sweep", default=None)
-
-    def without_sigma(self) -> Validated:
-        """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
-
-        def nothing(std: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-            return {name: np.full_like(values, np.nan) for name, values in std.items()}
-
-        return replace(
-            self,
-            std=nothing(self.std),
-            smoothed_std=nothing(self.smoothed_std),
-            gauge=replace(self.gauge, std=np.full_like(self.gauge.std, np.nan)),
-            field=replace(self.field, std=np.full_like(self.field.std, np.nan)),
-            noise=replace(self.noise, std=nothing(self.noise.std)),
-            compared=None,
-            budget=None,
-        )

@@ -9,8 +9,15 @@ from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.layout.names import layout_labels
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.sweeps import sweep_table
-from strainsight.cases.structure.validation import measured_csv, validation_decision, validation_of
-from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
+from strainsight.cases.structure.validation import (
+    measured_csv,
+    validated_without_sigma,
+    validation_decision,
+    validation_message,
+    validation_numbers,
+    validation_of,
+    validation_table,
+)
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.decision import WITHHELD, claims_of
 from strainsight.gauges.candidates import STRAIN
@@ -45,7 +52,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     if decision.withheld:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
         numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
-        own = own.without_sigma()
+        own = validated_without_sigma(own)
     else:
         claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
         numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}

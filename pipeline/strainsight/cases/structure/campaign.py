@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from strainsight.augmentation.linearisation import linearisation_instants, linearise
-from strainsight.augmentation.observability import undetectable_directions, undetectable_in_words, unseen_along
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.bonded_gauges import bonded_gauges
 from strainsight.cases.structure.damage_drawn import drawn_damage
 from strainsight.cases.structure.diagnosed import Judgement, Together, judgement_of, together_of
-from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record
+from strainsight.cases.structure.estimation import Common, Estimation, estimation_of_record, held_out
 from strainsight.cases.structure.filtered_test import (
     Filtered,
     Filtering,
@@ -25,13 +24,11 @@ from strainsight.cases.structure.filtered_test import (
     model_of,
 )
 from strainsight.cases.structure.filtering import posteriors_of
-from strainsight.cases.structure.forecast import CHECKED, FILTERED, HELD, LATER, forecast_in_words, forecast_of, paced
-from strainsight.cases.structure.hold_out import held_out
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
+from strainsight.cases.structure.observation import undetectable
 from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
-from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of
-from strainsight.cases.structure.source import source_of
+from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of, source_of
 from strainsight.cases.structure.surface import damage_on_surface, virtual_strain
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
 from strainsight.cases.structure.suspected import suspect_of, turning_of
@@ -39,7 +36,7 @@ from strainsight.cases.structure.thick_rows import free_thicknesses, thickness_a
 from strainsight.cases.structure.withheld import beyond_ranges, excluded_by_comparison, last_values, widen
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, ContradictionError, InfeasibleError, NumericalError, blame
+from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoothed import Wanted
@@ -50,10 +47,17 @@ from strainsight.records.damage import Damaged
 from strainsight.records.estimated import HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.signals.histories import instant_values
+from strainsight.sweep.sweep import Sweep
 
-AT_ONCE = 1000
-"""Instants that are linearised at a time."""
+FEW, TRIED = 20, 1000
+"""Samples that are filtered before, and that are timed."""
+LONG = 20_000
+"""Steps from which on a forecast is made; shorter records are done within a minute or so."""
+CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
+"""Shares of a short record where channels are checked, where filter and smoother begin and end, and where every gauge has been
+left out."""
+CHECK, REST = 0.15, 0.45
+"""What the checks of channels before a filter and smoother take, and fields and files after it, over these."""
 
 
 @dataclass(frozen=True)
@@ -151,24 +155,21 @@ def campaign_of(
         )
     using.progress("filter", FILTERED)
     untold = "" if settings.loads_as_stated else withheld_in_words(problem)
+    contradictions, faults = ([getattr(own, what) for own in judgements] for what in ("words", "named"))
+    inconsistent = apart or _by_record(records, contradictions)
+    decision = Decision(inconsistent, _by_record(records, faults), settings.accept, (untold,))
 
     def filtering(share: float) -> None:
         using.progress("filter and smoother", FILTERED + (LATER - FILTERED) * share)
 
-    found = _found(config, each, records, judgements, bool(untold), wanted, filtering)
+    found = _found(config, each, decision, judgements, wanted, filtering)
     excluded, note = excluded_by_comparison(config.tolerances, each[0], found[0])
     beyond: dict[str, str] = {}
     for given, by in zip(each, found, strict=True):
         ends = last_values(given, by.smoothed.mean[-1, 0], by.smoothed.std[-1, 0])
         beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
-    decision = Decision(
-        apart or _contradicted(records, judgements),
-        _faults(records, judgements),
-        settings.accept,
-        (untold, excluded),
-        beyond,
-        f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated",
-    )
+    remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
+    decision = replace(decision, reasons=(untold, excluded), beyond=beyond, remedy=remedy)
     withheld = decision.withheld
     # What contradicts the model is looked for there: the claim is what is tested.
     without = _without_each(config, settings, each, decision.unfounded, using)
@@ -208,24 +209,6 @@ def campaign_of(
     return Campaign(said, decision, hidden, together, posterior, damage, surface)
 
 
-def estimation_of(
-    config: PlacementConfig,
-    mesh: Mesh,
-    reduced: Reduced,
-    training: Training,
-    screened: Screened,
-    gauges: np.ndarray,
-    using: Resources,
-) -> Estimation:
-    """Of a test that is one record, as `campaign_of`. Raises ConfigError where there are several."""
-    found = campaign_of(config, mesh, reduced, training, screened, gauges, using).only
-    if found is None:
-        raise ConfigError(
-            "several records", key="estimate.records", remedy="take `campaign`, which has each by its name"
-        )
-    return found
-
-
 def _filterings(
     config: PlacementConfig,
     settings: Estimate,
@@ -253,50 +236,36 @@ def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
     return f"{what} of {records[i].name}" if len(records) > 1 else what
 
 
-def _contradicted(records: Sequence[RecordSettings], judgements: Sequence[Judgement]) -> str:
-    """What contradicts the model, record by record; empty where nothing does."""
+def _by_record(records: Sequence[RecordSettings], texts: Sequence[str]) -> str:
+    """What there is to say of each; with its name where there are several."""
     if len(records) == 1:
-        return judgements[0].words
-    pairs = zip(records, judgements, strict=True)
-    return "; ".join(f"record '{own.name}': {judged.words}" for own, judged in pairs if not judged.trusted)
-
-
-def _faults(records: Sequence[RecordSettings], judgements: Sequence[Judgement]) -> str:
-    """The faults that are named, record by record."""
-    if len(records) == 1:
-        return judgements[0].named
-    pairs = zip(records, judgements, strict=True)
-    return "; ".join(f"{own.name}: {judged.named}" for own, judged in pairs if judged.named)
+        return texts[0]
+    return "; ".join(f"record '{own.name}': {text}" for own, text in zip(records, texts, strict=True) if text)
 
 
 def _found(
     config: PlacementConfig,
     each: Sequence[Filtering],
-    records: Sequence[RecordSettings],
+    decision: Decision,
     judgements: Sequence[Judgement],
-    untold: bool,
     wanted: Wants,
     progress: Progress,
 ) -> tuple[Filtered, ...]:
     """Filter and smoother, with other filters beside them where that is asked for or takes little."""
-    contradicted = _contradicted(records, judgements)
-    if not records[0].settings.accept:
+    if not decision.accept:
         # σ is withheld, and no grid follows parameters that are as wrong as this at the σ that is claimed
         ratios = [own.birge_ratio for own in judgements]
         each = [replace(given, birge_ratio=ratio) for given, ratio in zip(each, ratios, strict=True)]
     try:
         if len(each) > 1:
-            accept = records[0].settings.accept
-            return filtered_by_verdict(each, [accept or own.trusted for own in judgements], wanted, progress)
-        settings = records[0].settings
+            return filtered_by_verdict(each, [decision.accept or own.trusted for own in judgements], wanted, progress)
         compare = not each[0].long if config.filter.compare is None else config.filter.compare
-        withheld = untold or (bool(contradicted) and not settings.accept)
-        return (filtered(each[0], compare and not withheld, wanted, progress),)
+        return (filtered(each[0], compare and not decision.withheld, wanted, progress),)
     except (NumericalError, np.linalg.LinAlgError) as error:
-        if contradicted:
+        if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
             raise ContradictionError(
-                f"no filter can follow this record, {why}: {contradicted}",
+                f"no filter can follow this record, {why}: {decision.inconsistent}",
                 key="estimate",
                 remedy="correct what is named, and estimate again",
             ) from error
@@ -322,53 +291,66 @@ def _without_each(
     return held_out(each, hidden, bool(untold), using.progress)
 
 
-def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
-    """In words what these channels (k,) cannot tell: at some instant of the training run, and along all of it. Empty where that
-    is nothing.
+@dataclass(frozen=True)
+class Paced:
+    """`Resources` whose progress is one by the clock, where the plain shares are those of a short record: `plain` shares, as they
+    are stated, are `by_clock` of the way."""
 
-    Raises InfeasibleError where there is something and that is not allowed.
-    """
-    p, u = problem, instant_values(problem.u)
-    at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
-    if not any(undetectable_directions(F, H).shape[1] for F, H in zip(*_linearised(p, channels, at), strict=True)):
-        return ""
-    hidden = _hidden_along(p, channels)
-    if not hidden.shape[1]:
-        return ""
-    words = undetectable_in_words(hidden, p.unknowns.state_names)
-    if allowed:
-        return words
-    raise InfeasibleError(
-        f"the {len(channels)} channels cannot tell {words}",
-        key="estimate.channels",
-        remedy="give more channels, or go on all the same with --allow-unobservable",
-    )
+    under: Resources
+    plain: tuple[float, ...]
+    by_clock: tuple[float, ...]
 
+    @property
+    def files(self) -> Mapping[str, Path]:
+        return self.under.files
 
-def _linearised(problem: Problem, channels: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """F* (s, n*, n*) and H* (s, m, n*) at some instants of the training run."""
-    p = problem
-    motion = p.model, p.unknowns, p.model.reference, p.x[at], instant_values(p.u)[at]
-    F = linearise(*motion)
-    return F, p.channels.sensed(channels).linearised(*motion, F)
+    @property
+    def notice(self) -> Callable[[str], None]:
+        return self.under.notice
+
+    @property
+    def sweep(self) -> Sweep:
+        return self.under.sweep
+
+    def progress(self, doing: str, share: float) -> None:
+        """Say it by the clock."""
+        self.under.progress(doing, float(np.interp(share, self.plain, self.by_clock)))
 
 
-def _hidden_along(problem: Problem, channels: np.ndarray) -> np.ndarray:
-    """Directions (n*, d): of the loads, which are the same at all instants, else of the parameters by all of the run."""
-    k, n = len(problem.unknowns.parameters), 2 * problem.model.size
-    states = problem.unknowns.size(problem.model) - k
-    driven, read = [], []
-    for part in np.array_split(np.arange(len(problem.x)), -(-len(problem.x) // AT_ONCE)):
-        F, H = _linearised(problem, channels, part)
-        driven.append(F[:, :n, states:])
-        read.append(H[:, :, states:])
-    F, H = F[0, :states, :states], H[0, :, :states]
-    alone = undetectable_directions(F, H)
-    if alone.shape[1] or not k:
-        return np.pad(alone, [(0, k), (0, 0)])
-    inputs = problem.unknowns.position(problem.model)[: len(problem.unknowns.inputs)]
-    motion = F[:n, :n], F[:n, inputs], H[:, :n], H[:, inputs]
-    loads, parameters = unseen_along(*motion, np.concatenate(driven), np.concatenate(read), problem.h)
-    hidden = np.zeros((states + k, parameters.shape[1]))
-    hidden[inputs], hidden[states:] = loads, parameters
-    return hidden
+def paced(using: Resources, spent: float, seconds: float, passes: int, hold_out: bool) -> Paced:
+    """By the time spent before the channels are checked, and `seconds` of filter and smoother, of which there are `passes`."""
+    parts = [spent, CHECK * seconds, seconds, (passes - 1) * seconds + REST * seconds]
+    plain: tuple[float, ...] = (0.0, CHECKED, FILTERED, LATER, 1.0)
+    if hold_out:
+        parts[3:] = [(passes - 1) * seconds, REST * seconds]
+        plain = (0.0, CHECKED, FILTERED, LATER, HELD, 1.0)
+    by_clock = np.concatenate([[0.0], np.cumsum(parts) / sum(parts)])
+    return Paced(using, plain, tuple(by_clock.tolist()))
+
+
+def forecast_of(each: Sequence[Filtering], wanted: Wants) -> float | None:
+    """Seconds that filter and smoother take of records, once, by those of the first samples; None where it is not long."""
+    steps = sum(len(own.test.known) for own in each)
+    if steps < LONG:
+        return None
+    few, first = (replace(each[0], test=each[0].test.first(count)) for count in (FEW, TRIED))
+    try:
+        filtered(few, wanted=wanted)  # what is compiled is not timed
+        before = time.perf_counter()
+        filtered(first, wanted=wanted)
+    except (NumericalError, np.linalg.LinAlgError):  # the estimate itself says what it cannot follow
+        return None
+    return (time.perf_counter() - before) * steps / len(first.test.known)
+
+
+def forecast_in_words(each: Sequence[Filtering], seconds: float) -> str:
+    """The same as a sentence."""
+    steps = sum(len(own.test.known) for own in each)
+    return f"filter and smoother of {steps} steps take about {_in_words(seconds)}, by the first {TRIED} of them"
+
+
+def _in_words(seconds: float) -> str:
+    for size, unit in ((3600.0, "h"), (60.0, "min")):
+        if seconds >= 1.5 * size:
+            return f"{seconds / size:.2g} {unit}"
+    return f"{seconds:.2g} s"

@@ -17,7 +17,7 @@ from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.bank_filters import BankRecord, bank_record
 from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.fault_search import MARGIN, ShiftedMode, Suspect
-from strainsight.estimation.faults import ChannelCheck, Explained, Fault, at_limit
+from strainsight.estimation.faults import Explained, Fault, at_limit
 from strainsight.estimation.peak import peak_of_records
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.estimation.unmodelled_load import ResidualPattern
@@ -61,24 +61,27 @@ def judgement_of(
 ) -> Judgement:
     """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
     found = check_record(suspect, discrepancy, progress)
-    finding, diagnosis = found.finding, found.finding.diagnosis
-    by_others = diagnosis is not None and bool(len(diagnosis.without))
-    if diagnosis is None or not finding.contradicts:
-        # what explains it a little better than no fault is chance, and no explanation
-        return Judgement("", "", _checked(found, test, by_others))
-    words = FaultInWords(own, test, found.stretch, problem.known)
-    named = "" if diagnosis.named is None else f"{words.fault(diagnosis.named)}: {words.remedy(diagnosis.named)}"
+    finding, words = found.finding, FaultInWords(own, test, found.stretch, problem.known)
+    named = "" if finding.named is None else f"{words.fault(finding.named)}: {words.remedy(finding.named)}"
     # which of several it is has to be checked on the structure: the key of another one would hide it
-    candidates = (named,) if named else tuple(words.fault(one) for one in diagnosis.candidates)
-    best = [diagnosis.best_of(j) for j in range(len(test.labels))]
-    checked = _checked(
-        found,
-        test,
-        by_others,
-        tuple("" if one is None else words.fault(one) for one in best),
-        np.array([0.0 if one is None else _finite(one.evidence - finding.as_it_is.evidence) for one in best]),
-        candidates,
+    candidates = (named,) if named else tuple(words.fault(one) for one in finding.candidates)
+    # what explains a consistent record a little better than no fault is chance, and no explanation
+    best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
+    gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
+    check = ChannelsChecked(
+        by_others=bool(len(finding.without)),
+        begin=_time_of(test, found.part[0]),
+        end=_time_of(test, found.part[1] - 1),
+        measured=finding.check.measured,
+        predicted=finding.check.predicted,
+        residual=finding.check.residual,
+        correlation=finding.check.correlation,
+        fault=tuple("" if one is None else words.fault(one) for one in best),
+        gain=np.minimum(gain, np.finfo(float).max),
+        candidate=candidates,
     )
+    if not finding.contradicts:
+        return Judgement("", "", check)
     ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
     if named:
         text = f": {named}"
@@ -97,7 +100,7 @@ def judgement_of(
             f": innovations are {size}{_worst_in_words(found, test)}, and {alone}: check {own.channels}, loads, estimate.start "
             f"and the model{_step_in_words(problem, test)}"
         )
-    return Judgement(INCONSISTENT + text, named, checked, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
+    return Judgement(INCONSISTENT + text, named, check, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
 
 
 def _worst_in_words(found: RecordCheck, test: Measured) -> str:
@@ -297,35 +300,6 @@ def _step_in_words(problem: Problem, test: Measured) -> str:
     if dt < 0.5 * period:
         return ""
     return f" (its step is {dt:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
-
-
-def _checked(
-    found: RecordCheck,
-    test: Measured,
-    by_others: bool,
-    fault: tuple[str, ...] = (),
-    gain: np.ndarray | None = None,
-    candidate: tuple[str, ...] = (),
-) -> ChannelsChecked:
-    check: ChannelCheck = found.finding.check
-    m = len(check.measured)
-    first, behind = found.part
-    return ChannelsChecked(
-        by_others=by_others,
-        begin=_time_of(test, first),
-        end=_time_of(test, behind - 1),
-        measured=check.measured,
-        predicted=check.predicted,
-        residual=check.residual,
-        correlation=check.correlation,
-        fault=fault or ("",) * m,
-        gain=np.zeros(m) if gain is None else gain,
-        candidate=candidate,
-    )
-
-
-def _finite(gain: float) -> float:
-    return float(min(gain, np.finfo(float).max))
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
-"""What the filter makes of a record of a test, and what no gauge measured (1.53-1.60)."""
+"""What the filter makes of a record of a test, what no gauge measured (1.53-1.60), and every gauge by the others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +16,8 @@ from strainsight.cases.structure.filtered_test import (
     Filtered,
     Filtering,
     budget_in,
+    filtered,
+    filtered_together,
 )
 from strainsight.cases.structure.filtering import posteriors_of
 from strainsight.cases.structure.nuisances import exact_frequencies_in_words
@@ -25,15 +27,20 @@ from strainsight.cases.structure.settings import unknown_units
 from strainsight.cases.structure.surface import Skin, Virtual, resultants_of, virtual_labels
 from strainsight.cases.structure.surface_in_test import grid_of, moment_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.errors import NumericalError
+from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import physical
+from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.tuning import Tuning
+from strainsight.estimation.update import output_std
 from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.budget import budget_of_shares
 from strainsight.records.damage import Damaged
-from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Resultant, Source
+from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Source
 from strainsight.signals.histories import instant_values
 
 
@@ -101,59 +108,17 @@ def estimation_of_record(
 ) -> Estimation:
     """Of one record, σ as claimed; without: every gauge by the others; damage: of a test that is this record."""
     settings, problem, test, withheld = record.settings, given.problem, given.test, common.decision.withheld
-    load_units = {name: load.unit for name, load in config.loads.items()}
     budget, not_so = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
         found = found.without_sigma()
-    resultants = resultants_of(config.loads, problem.unknowns.inputs, given.model, found.smoothed)
-    notes = (
-        *test.notes,
-        *_words(config, given, judgement, common),
-        *not_so,
-        *common.bare,
-        *_doubts(common.undetectable, common.tuning),
-        *common.damage,
-    )
+    model, run, smoothed = given.model, found.run, found.smoothed
+    resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     kinds = problem.channels.quantity[test.channels]
-    units = load_units | unknown_units(config) | {"the channel": units_in_words(kinds)}
-    return Estimation(
-        problem.unknowns,
-        replace(
-            _estimated(given, found, resultants, judgement, source, notes),
-            virtual=None if common.virtual is None else common.virtual.smoothed(given.model, found.run, found.smoothed),
-            moment=None if skin is None else moment_of(skin, given, found.run, found.smoothed),
-            posterior={} if withheld or given.records > 1 else posteriors_of(problem, given.start, found.bank),
-            compared=found.compared,
-            budget=budget_of_shares(budget),
-            hold_out=without,
-            damage=damage,
-        ),
-        units | {"the biased channel": units_in_words(kinds[given.biased])},
-        tuple(UNITS[kind] for kind in kinds),
-        common.tuning,
-        judgement,
-        common.decision,
-        common.undetectable,
-        tuple(resultants),
-        virtual_labels(settings.virtual),
-        grid_of(settings, skin, given, found.smoothed, None if damage is None else damage.surface),
-    )
-
-
-def _estimated(
-    given: Filtering,
-    found: Filtered,
-    resultants: Mapping[str, Resultant],
-    judgement: Judgement,
-    source: Source,
-    notes: tuple[str, ...],
-) -> Estimated:
-    model, test, run, smoothed = given.model, given.test, found.run, found.smoothed
     estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     sampled = slice(test.every - 1, None, test.every)
     offsets = slice(model.size, model.size + len(given.biased))
     mean, std = (values[-1, 0, offsets] for values in (smoothed.mean, smoothed.std))
-    return Estimated(
+    estimated = Estimated(
         time=test.time[0] + run.time,
         estimate={name: own[0] for name, own in estimate.items()},
         std={name: own[1] for name, own in estimate.items()},
@@ -171,12 +136,40 @@ def _estimated(
         whitened=run.whitened[sampled, 0],
         bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
-        known=dict(zip(given.problem.known, instant_values(test.known).T, strict=False)),
+        known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,
-        notes=notes,
-        posterior={},
+        notes=(
+            *test.notes,
+            *_words(config, given, judgement, common),
+            *not_so,
+            *common.bare,
+            *_doubts(common.undetectable, common.tuning),
+            *common.damage,
+        ),
+        posterior={} if withheld or given.records > 1 else posteriors_of(problem, given.start, found.bank),
         trusted=judgement.trusted,
         check=judgement.check,
+        virtual=None if common.virtual is None else common.virtual.smoothed(model, run, smoothed),
+        moment=None if skin is None else moment_of(skin, given, run, smoothed),
+        compared=found.compared,
+        budget=budget_of_shares(budget),
+        hold_out=without,
+        damage=damage,
+    )
+    units = {name: load.unit for name, load in config.loads.items()} | unknown_units(config)
+    units |= {"the channel": units_in_words(kinds), "the biased channel": units_in_words(kinds[given.biased])}
+    return Estimation(
+        problem.unknowns,
+        estimated,
+        units,
+        tuple(UNITS[kind] for kind in kinds),
+        common.tuning,
+        judgement,
+        common.decision,
+        common.undetectable,
+        tuple(resultants),
+        virtual_labels(settings.virtual),
+        grid_of(settings, skin, given, smoothed, None if damage is None else damage.surface),
     )
 
 
@@ -214,3 +207,70 @@ def _doubts(hidden: str, tuning: Tuning | None) -> list[str]:
         if tuning.undecided:
             words.append(f"the measurements say nothing about the noise of {', '.join(tuning.undecided)}")
     return words
+
+
+def held_out(
+    each: Sequence[Filtering],
+    tells: Callable[[np.ndarray], str],
+    withheld: bool,
+    progress: Callable[[str, float], None],
+) -> tuple[HoldOut, ...]:
+    """Predict every gauge in every record by the others: all channels of one gauge are left out together, of all records.
+
+        ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
+
+    x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
+    the gauge's own installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some
+    channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is. NaN for a gauge without which the others
+    cannot tell the unknowns, and for a σ that is withheld.
+    """
+    test = each[0].test
+    owner = each[0].problem.channels.gauge[test.channels]
+    found = [np.full((2, *own.test.values.shape), np.nan) for own in each]
+    said = [""] * len(owner)
+    gauges = np.unique(owner)
+    for i, gauge in enumerate(gauges):
+        progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
+        out, rest = np.flatnonzero(owner == gauge), np.flatnonzero(owner != gauge)
+        lost = tells(test.channels[rest]) if len(rest) else "anything"
+        by: tuple[Filtered, ...] = ()
+        try:
+            by = () if lost else _filtered([own.by(rest) for own in each])
+        except NumericalError as error:
+            lost = error.what
+        for j in out:
+            said[j] = f"the others cannot tell {lost}" if lost else ""
+        for own, one, values in zip(each, by, found, strict=False):
+            values[:, :, out] = _predicted(own.by(out), (one.without_sigma() if withheld else one).smoothed)
+    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(said)) for mean, std in found)
+
+
+def _filtered(each: Sequence[Filtering]) -> tuple[Filtered, ...]:
+    return filtered_together(each) if len(each) > 1 else (filtered(each[0]),)
+
+
+def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarray]:
+    """Readings (T, c) of the channels of `given`, and their σ."""
+    model, test, nuisances = given.model, given.test, given.nuisances
+    states, sampled = model.parameter_states.start, slice(model.every, None, model.every)
+    x = found.mean[sampled, 0]
+    assert found.covariance is not None
+    P = found.covariance[sampled, 0, : model.size, : model.size]
+    theta = theta_at(model, x[-1:, model.parameter_states])
+    read = model.rows_at(theta).reshape(-1, model.size)
+    H, fed = read[:, :states].copy(), np.zeros((len(test.channels), len(model.known_inputs)))
+    slope = np.zeros((1, len(H), model.size - states))
+    if model.change.terms:
+        _, J = surface_reading(model, model.H[:, : model.model.size], model.change, x[:, : model.size])
+        slope = J[..., model.parameter_states]
+    if model.accelerometers is not None:
+        moving = model.accelerometers
+        on_states, on_known = acceleration_rows(model, theta, read[moving, : model.model.size])
+        H[moving], fed[moving], slope[:, moving] = on_states[0], on_known[0], 0.0
+    J = np.concatenate([np.broadcast_to(H, (len(slope), *H.shape)), slope], axis=-1)
+    ends = known_ends(test.known, nuisances)[model.every - 1 :: model.every]
+    own = np.einsum("dmn,tn->tdm", nuisances.D, x[:, :states]) + np.einsum("dmp,tp->tdm", nuisances.E, ends)
+    own += nuisances.offset
+    loads = test.known.sum(axis=1)[model.every - 1 :: model.every]
+    variance = output_std(J, P) ** 2 + model.noise + np.sum(own**2, axis=1) + test.bias**2
+    return x[:, :states] @ H.T + loads @ fed.T, np.sqrt(variance)

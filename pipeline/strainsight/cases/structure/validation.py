@@ -7,12 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.filters_compared import disagreements_in_words, ratios
 from strainsight.cases.resources import Resources
 from strainsight.cases.structure.channels import units_in_words
 from strainsight.cases.structure.compared import compared
-from strainsight.cases.structure.filtering import posteriors_of
+from strainsight.cases.structure.filtering import posterior_doubts, posterior_numbers, posteriors_of
 from strainsight.cases.structure.nuisances import tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of
+from strainsight.cases.structure.problem import (
+    filter_model,
+    judged_as_stated_in_words,
+    problem_of,
+    rests_on_loads_in_words,
+    scheme_in_words,
+)
 from strainsight.cases.structure.studies import Rank, Studies, noise_levels, random_sets, rank_of, repeated, studies_of
 from strainsight.cases.structure.sweeps import sweeps_of
 from strainsight.cases.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
@@ -23,7 +30,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness
-from strainsight.estimation.decision import Benefit, Decision, band_of, benefit_of, samples_alike
+from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
 from strainsight.estimation.metrics import after_start, settling_time
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.motion import surface_reading
@@ -38,8 +45,10 @@ from strainsight.records.budget import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
+from strainsight.report.text import number
 from strainsight.sweep.sweep import Sweep, watched
 from strainsight.sweep.threads import side_by_side
+from strainsight.workflow.output import Scalar, Table
 
 SETTLED = 0.01
 """Share of the truth that an estimate stays within once it has settled."""
@@ -132,6 +141,12 @@ def validation_decision(config: PlacementConfig, found: Validation) -> Decision:
     beyond = beyond_ranges(config, trial.problem, {name: own.estimate for name, own in found.accuracy.items()})
     reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
     return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
+
+
+def validated_without_sigma(own: Validated) -> Validated:
+    """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
+    rest = {name: getattr(own, name) for name in ("repeats", "screened", "all", "sweep")}
+    return replace(without_sigma(own), compared=None, budget=None, **rest)
 
 
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
@@ -287,3 +302,88 @@ def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, unit
     rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])
     numbers = (["" if np.isnan(x) else f"{x:.12g}" for x in row] for row in rows)
     return csv_bytes([["time [s]", *names, *loads], *numbers])
+
+
+def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
+    """Every number by its name, model: that of the truth in the config."""
+    trial, scheme = found.trial, scheme_in_words(found.trial.problem, found.trial.h)
+    stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
+    consistency = found.validated.consistency
+    numbers: dict[str, Scalar] = {
+        "truth": model,
+        "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
+    }
+    for name, own in found.accuracy.items():
+        for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
+            numbers[f"{key}.{name}"] = getattr(own, key)
+        if name in trial.problem.unknowns.inputs:
+            numbers[f"zero.{name}"] = own.zero
+        if own.settling_time is not None:
+            numbers[f"settling_time.{name}"] = own.settling_time
+        if own.benefit is not None:
+            numbers[f"benefit.{name}"] = own.benefit.verdict
+        if own.rank is not None:
+            numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
+    return (
+        numbers
+        | posterior_numbers(found.validated.posterior)
+        | ratios(found.validated.compared)
+        | {
+            "nees": float(np.mean(consistency.nees)),
+            "nis": float(np.mean(consistency.nis)),
+            "whiteness": found.whiteness,
+            "verdict": found.verdict,
+            "lost_runs": found.diverged,
+        }
+    )
+
+
+def validation_message(found: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+    """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
+    why."""
+    trial, problem = found.trial, found.trial.problem
+    words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
+    words += [
+        f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
+    ]
+    words += posterior_doubts(found.validated.posterior, trial.units)
+    words += [
+        f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
+        "size do as well"
+        for name, own in found.accuracy.items()
+        if own.benefit is not None and own.benefit.verdict == "none"
+    ]
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            claimed = "" if withheld else f" (claimed σ {100 * own.std:.2g} %)"
+            words.append(f"{value}, error {100 * own.error:.2f} %{claimed}")
+        else:
+            over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
+            words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
+    words += disagreements_in_words(found.validated.compared)
+    return "; ".join(words)
+
+
+MEDIANS = ("random sets, screened: median", "all: median")
+
+
+def validation_table(found: Validation, withheld: bool) -> Table:
+    """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
+    trial, validated = found.trial, found.validated
+    columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
+    rows = []
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            rms, truth = "", f"{trial.truth.theta[name]:.5g}"
+        else:
+            rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
+        truth += f", in % of its amplitude, {own.scale:.4g}" if own.zero else ""
+        medians = (
+            f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
+            for sets in (validated.screened, validated.all)
+        )
+        errors = [f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed)]
+        errors[1] = "withheld" if withheld else errors[1]
+        rows.append((name, f"{own.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
+    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))

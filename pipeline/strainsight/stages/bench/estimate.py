@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
-from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, without_sigma
+from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, estimated_without_sigma
 from strainsight.cases.bench.inverse.verdicts import Evidence, claim_numbers
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
@@ -64,7 +64,7 @@ def run(context: Context[BenchConfig]) -> Output:
     )
     beyond = bench_out_of_range(own, bodies)
     held = [row.claim for row in own.without.rows if row.claim is not None] if own.without is not None else []
-    own = without_sigma(own) if beyond else own
+    own = estimated_without_sigma(own) if beyond else own
     result = compared(config, own)
     summary = _summary(estimate, own, result)
     late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
@@ -80,7 +80,7 @@ def run(context: Context[BenchConfig]) -> Output:
     verdicts = {name: evidence.verdict(name) for name in evidence.names}
     if decision.withheld and not beyond:
         # what the others say of a channel keeps its σ: that claim is what is tested
-        own = replace(without_sigma(own), without=own.without)
+        own = replace(estimated_without_sigma(own), without=own.without)
         result = compared(config, own)
         summary = _summary(estimate, own, result)
     shown = decision.numbers if evidence.in_test else {"withheld": decision.withheld} if beyond else {}

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
-from strainsight.cases.structure.campaign_text import channel_table
-from strainsight.cases.structure.damage_text import damage_tables
+from strainsight.cases.structure.campaign_text import channel_table, damage_tables
 from strainsight.cases.structure.filtering import posterior_doubts
 from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig

@@ -21,7 +21,7 @@ from strainsight.cases.bench.inverse.numbers import (
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
-from strainsight.estimation.decision import Claim, claim_of, not_identified, samples_alike
+from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
 from strainsight.estimation.metrics import settling_time
 from strainsight.records.bench_estimated import (
     BenchEstimated,
@@ -114,8 +114,7 @@ def _load(
         late = slice(len(mean) // 2, None)
         off = (mean - np.repeat(true, mean.shape[1] // true.shape[1], axis=1))[late]
         if f"error.{name}" in numbers:
-            scaled = np.divide(off, std[late], out=np.full_like(off, np.nan), where=std[late] > 0)
-            claim = claim_of(off, std[late], alike=samples_alike(scaled) * len(own.unknowns.starts))
+            claim = claim_in_time(off, std[late], starts=len(own.unknowns.starts))
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             if np.isfinite(std[late]).any():
@@ -146,9 +145,7 @@ def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | N
     if not numbers:
         return None, {}
     late = slice(len(mean) // 2, None)
-    off, claimed = (mean - true)[late], std[late]
-    scaled = np.divide(off, claimed, out=np.full_like(off, np.nan), where=claimed > 0)
-    return claim_of(off, claimed, alike=samples_alike(scaled[:, None]), of="smoothed"), numbers
+    return claim_in_time((mean - true)[late], std[late], of="smoothed"), numbers
 
 
 def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import in_theta
 from strainsight.cases.bench.inverse.estimation import Estimated
-from strainsight.cases.bench.inverse.hold_out import HeldOut
-from strainsight.estimation.decision import out_of_range
+from strainsight.estimation.decision import out_of_range, without_sigma
 from strainsight.records.bodies import ReducedBody
 
 REMEDY = (
@@ -37,33 +36,18 @@ def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> di
     return beyond
 
 
-def without_sigma(own: Estimated) -> Estimated:
+def estimated_without_sigma(own: Estimated) -> Estimated:
     """The estimate with every σ withheld: NaN."""
-    smoothed = own.smoothed
-    nothing = np.full_like(own.std, np.nan)
+    held = own.without
+    if held is not None:
+        rows = tuple(replace(row, claim=None, inside=np.nan) for row in held.rows)
+        held = replace(without_sigma(held), rows=rows)
     return replace(
         own,
-        std=nothing,
+        std=np.full_like(own.std, np.nan),
         xi_covariance=np.full_like(own.xi_covariance, np.nan),
-        smoothed=None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan)),
+        smoothed=without_sigma(own.smoothed),
         compared=None,
-        without=None if own.without is None else _held_out(own.without),
-        rings={
-            name: replace(
-                ring,
-                std=np.full_like(ring.std, np.nan),
-                pressure_std=np.full_like(ring.pressure_std, np.nan),
-                worst=replace(
-                    ring.worst,
-                    force_std=np.full_like(ring.worst.force_std, np.nan),
-                    pressure_std=np.full_like(ring.worst.pressure_std, np.nan),
-                ),
-            )
-            for name, ring in own.rings.items()
-        },
+        without=held,
+        rings=without_sigma(own.rings),
     )
-
-
-def _held_out(own: HeldOut) -> HeldOut:
-    rows = tuple(replace(row, claim=None, inside=np.nan) for row in own.rows)
-    return replace(own, std=np.full_like(own.std, np.nan), rows=rows)
