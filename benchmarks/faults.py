@@ -30,9 +30,10 @@ from strainsight.cases.structure.problem import filter_model, problem_of, sample
 from strainsight.cases.structure.suspected import Turning, suspect_of, turning_of
 from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.fault_search import Finding, Suspect
+from strainsight.estimation.fault_search import Finding
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
+from strainsight.estimation.suspect import Suspect
 from strainsight.gauges.installation import Installation
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced

@@ -297,7 +297,10 @@ def estimate(
     ] = False,
     page: Annotated[bool, typer.Option("--page/--no-page", help="Write test.html, too.")] = True,
     accept: Annotated[
-        bool, typer.Option("--accept", help="Give σ although the record contradicts the model, and end with 0.")
+        bool,
+        typer.Option(
+            "--accept", help="Report σ even if the measurements are inconsistent with the model, and end with 0."
+        ),
     ] = False,
     force: Force = False,
     dry_run: DryRun = False,

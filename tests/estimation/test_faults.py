@@ -10,7 +10,7 @@ import pytest
 from strainsight.estimation.bank import filter_records
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.fault_search import examined, explained
+from strainsight.estimation.fault_search import examined
 from strainsight.estimation.faults import (
     FORESEEN,
     Explained,
@@ -26,6 +26,7 @@ from strainsight.estimation.faults import (
 )
 from strainsight.estimation.load_faults import KnownLoads
 from strainsight.estimation.settled import Settled
+from strainsight.estimation.suspect import explained
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
@@ -132,7 +133,7 @@ def hypothesis(kind, evidence, ratio=1.0, channel=0, amount=0.0):
     ],
 )
 def test_one_fault_is_named_where_no_other_explains_the_record_as_well(found, named):
-    best, candidates = chosen(-1000, found, believable=1.5, margin=20, apart=10)
+    best, candidates = chosen(-1000, found)
     assert (best.fault.kind if best else None) == named
     assert best is None or best in candidates
 

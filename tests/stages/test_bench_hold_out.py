@@ -112,7 +112,7 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
-    assert "the record contradicts the model: side, down are contradicted by its sensors: check channels" in said
+    assert "the measurements are inconsistent with the model: side, down are contradicted by its sensors: check channels" in said
     assert "the other channels contradict gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
@@ -120,7 +120,7 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     # the claim that was tested
     assert np.isfinite(found["/sensors/gauges/predicted_std"]).any()
     accepted, said = of_test(record, "estimate.accept=true")
-    assert "accepted: the record contradicts the model" in said
+    assert "accepted: the measurements are inconsistent with the model" in said
     assert all(np.isfinite(accepted[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
     np.testing.assert_array_equal(accepted["/inputs/side/estimate"], found["/inputs/side/estimate"])
     for name in ("side", "down"):
@@ -150,7 +150,7 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     assert str(found.summary["withheld"]).endswith(beyond)
     assert found.summary["verdict.side"] == "σ is withheld"
     assert beyond in said
-    assert "the record contradicts the model: side, down are contradicted" in said
+    assert "the measurements are inconsistent with the model: side, down are contradicted" in said
     assert np.isnan(found["/sensors/tip/bias_std"]).all()
     assert "offsets at the end" in said
     assert "withheld" in said[said.index("offsets at the end") :]

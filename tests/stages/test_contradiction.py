@@ -94,7 +94,7 @@ def test_what_is_accepted_has_its_sigma_and_ends_with_0(project):
     file = wrong(project, "sign", lambda y: -y)
     code, said, found = found_of(project, file, "--accept")
     assert code == 0
-    assert "accepted: the record contradicts the model: G2 fits with sign −1" in said
+    assert "accepted: the measurements are inconsistent with the model: G2 fits with sign −1" in said
     assert np.all(found["/std/side"] > 0)
     assert not found["/trusted"]
     assert found_of(project, file, "estimate.accept=true")[0] == 0

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.estimation.decision import ALLOWED, OVERCONFIDENT, word_of
+from strainsight.estimation.decision import ALLOWED, DIVERGED, OVERCONFIDENT, word_of
 from strainsight.records.estimated import Compared
 from strainsight.workflow.output import Scalar, Table
 
 BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
-DIVERGED = "diverged"
 COMPARED = "filters compared; in brackets: the error that the bank expects over the claimed σ"
 WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
 """Titles of the table."""
@@ -27,29 +26,22 @@ def comparison_verdict(ratio: float) -> str:
     return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
-def disagreements(own: Compared) -> Iterator[tuple[str, str, float]]:
-    """(filter, parameter, ratio) of every claim that does not allow for what the bank finds; none where it finds nothing."""
-    if not _posterior(own):
-        return
-    for name, ratio in own.ratio.items():
-        for i, filter_ in enumerate(own.filter):
-            if filter_ != BANK and comparison_verdict(float(ratio[i])) in (OVERCONFIDENT, DIVERGED):
-                yield filter_, name, float(ratio[i])
-
-
 def disagreements_in_words(own: Compared | None) -> list[str]:
-    """One sentence each, without a full stop."""
-    if own is not None and not _posterior(own):
+    """A sentence, without a full stop, for every claim that does not allow for what the bank finds."""
+    if own is None:
+        return []
+    if not _posterior(own):
         return ["filters are not compared: without tolerances the readings leave no posterior of the parameters"]
-    return [
-        f"the {filter_} filter "
-        + (
-            f"is overconfident of {name}: the bank expects an error of {ratio:.2g} times its σ"
-            if np.isfinite(ratio)
-            else f"diverges, of {name} it says nothing"
-        )
-        for filter_, name, ratio in (disagreements(own) if own is not None else ())
-    ]
+    words = []
+    for name, ratios_of in own.ratio.items():
+        for filter_, ratio in zip(own.filter, map(float, ratios_of), strict=True):
+            verdict = comparison_verdict(ratio) if filter_ != BANK else ""
+            if verdict == OVERCONFIDENT:
+                expected = f"the bank expects an error of {ratio:.2g} times its σ"
+                words.append(f"the {filter_} filter is overconfident of {name}: {expected}")
+            elif verdict == DIVERGED:
+                words.append(f"the {filter_} filter diverges, of {name} it says nothing")
+    return words
 
 
 def ratios(own: Compared | None) -> dict[str, Scalar]:

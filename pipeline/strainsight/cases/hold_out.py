@@ -38,7 +38,7 @@ def left_out(
         claim = claim_in_time(error, std[..., i])
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
         there = np.isfinite(error)
-        rows.append(Left(label, _rms(own[there]), _rms(error[there]), inside, claim, why))
+        rows.append(Left(label, rms(own[there]), rms(error[there]), inside, claim, why))
     return tuple(rows)
 
 
@@ -81,5 +81,6 @@ def size_in_words(size: float, unit: str) -> str:
     return f"{factor * size:.4g} {shown}"
 
 
-def _rms(values: np.ndarray) -> float:
+def rms(values: np.ndarray) -> float:
+    """Of values (T,), NaN of none."""
     return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan

@@ -25,7 +25,7 @@ BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
 FAULTS = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVERCONFIDENT)
 """What may be wrong with the estimate of an unknown, the gravest first."""
 NOT_TRUSTED = "σ is not to be trusted"
-INCONSISTENT = "the record contradicts the model"
+INCONSISTENT = "the measurements are inconsistent with the model"
 
 T = TypeVar("T")
 Shown = Callable[[float, int], str]
@@ -318,5 +318,5 @@ def _nothing(std: Any) -> Any:
 def record_verdict(trusted: bool, apart: bool, noise_fits: bool) -> str:
     """On one record: whether it is consistent with the model and, if so, with other records (apart: it is not) and its noise."""
     if not trusted:
-        return "contradicts other records" if apart else "contradicts the model"
+        return f"inconsistent with {'other records' if apart else 'the model'}"
     return "fits" if noise_fits else "the noise does not fit"

@@ -16,6 +16,11 @@ Kind = Literal[
     "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"
 ]
 
+BELIEVABLE = 1.5
+"""Innovations, RMS over the claimed size, up to which a record does not contradict its model."""
+MARGIN, APART = 20.0, 10.0
+"""Of ln evidence, by which a fault has to beat the record as it is, odds of 5·10⁸, and the one that is named any other, of
+2·10⁴: far beyond the number of faults that are tried."""
 SCALES = (0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6)
 """Factors on a channel: half a bridge, two arms for one, units of a thousand and of a million."""
 LOAD_SCALES = (*SCALES, *(f**sense for f in (4.4482216, 9.80665, 4448.2216, 9806.65) for sense in (1, -1)))
@@ -293,23 +298,21 @@ class Explained:
     point: tuple[float, ...] = ()
 
 
-def chosen(
-    as_it_is: float, found: Sequence[Explained], believable: float, margin: float, apart: float
-) -> tuple[Explained | None, tuple[Explained, ...]]:
+def chosen(as_it_is: float, found: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
     """The one fault that makes a record believable, where no other family does as well, and all that do, best first.
 
-    as_it_is: evidence of the record without a fault. A fault is a candidate where its evidence beats that by `margin`, its ratio
-    is believable, and its evidence is within `apart` of the best of those. Named is one alone. Believable is a ratio within
-    SLACK of what the verdict allows, 1, or of the least that any fault leaves, and at most `believable`.
+    as_it_is: evidence of the record without a fault. A fault is a candidate where its evidence beats that by MARGIN, its ratio
+    is believable, and its evidence is within APART of the best of those. Named is one alone. Believable is a ratio within SLACK
+    of what the verdict allows, 1, or of the least that any fault leaves, and at most BELIEVABLE.
     """
-    well = [own for own in found if np.isfinite(own.evidence) and own.evidence - as_it_is >= margin]
+    well = [own for own in found if np.isfinite(own.evidence) and own.evidence - as_it_is >= MARGIN]
     least = min((own.ratio for own in well), default=np.inf)
-    limit = min(believable, (1 + SLACK) * max(1.0, least))
+    limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))
     well = sorted((own for own in well if own.ratio <= limit), key=lambda own: -own.evidence)
     families: dict[tuple[str, int, float, bool], Explained] = {}
     for own in well:
         assert own.fault is not None
-        if well[0].evidence - own.evidence < apart:
+        if well[0].evidence - own.evidence < APART:
             families.setdefault(own.fault.family, own)
     candidates = tuple(families.values())
     return (candidates[0] if len(candidates) == 1 else None), candidates

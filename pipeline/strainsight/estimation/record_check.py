@@ -11,21 +11,8 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.decision import judged
-from strainsight.estimation.fault_search import (
-    APART,
-    BELIEVABLE,
-    MARGIN,
-    Finding,
-    Suspect,
-    checked_by_others,
-    examined,
-    explained,
-    missed_of,
-    ratio_of,
-    suspected,
-    too_large,
-)
-from strainsight.estimation.faults import Explained, Fault, chosen
+from strainsight.estimation.fault_search import Finding, checked_by_others, examined
+from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
 from strainsight.estimation.peak import known_at
 from strainsight.estimation.stretches import (
     LONGEST,
@@ -37,6 +24,7 @@ from strainsight.estimation.stretches import (
     stretch_at,
     with_intensity,
 )
+from strainsight.estimation.suspect import Suspect, explained, missed_of, ratio_of, suspected, too_large
 from strainsight.estimation.unmodelled_load import ResidualPattern, residual_pattern
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
@@ -122,7 +110,7 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
     later = part.begin - whole.begin
     faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
     tried = [explained(whole, fault)[0] for fault in faults]
-    named, candidates = chosen(explained(whole, None)[0].evidence, tried, BELIEVABLE, MARGIN, APART)
+    named, candidates = chosen(explained(whole, None)[0].evidence, tried)
     if not candidates:
         return RecordCheck(finding, part, worst, _moving(part))
     return RecordCheck(replace(finding, named=named, candidates=candidates), whole, worst, _moving(part))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.fault_search import Suspect
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.suspect import Suspect
 
 LONGEST = 4000
 """Samples of a stretch at most."""

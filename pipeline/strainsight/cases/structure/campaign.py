@@ -27,7 +27,7 @@ from strainsight.cases.structure.filtering import posteriors_of
 from strainsight.cases.structure.measured import Measured, measured_of, settled_in
 from strainsight.cases.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
 from strainsight.cases.structure.observation import undetectable
-from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, withheld_in_words
+from strainsight.cases.structure.problem import Problem, initial_covariance, problem_of, rests_on_loads_in_words
 from strainsight.cases.structure.records_of_test import RecordSettings, in_record, records_of, source_of
 from strainsight.cases.structure.surface import damage_on_surface, virtual_strain
 from strainsight.cases.structure.surface_in_test import displaced, skin_in_test, wanted_of
@@ -64,14 +64,16 @@ CHECK, REST = 0.15, 0.45
 class Campaign:
     """What the records of a test say.
 
-    records: what each says, by its name, empty of a test that is one file; decision, undetectable: as of an `Estimation`;
-    together: what they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None
-    where neither that nor pictures in time are asked for.
+    records: what each says, by its name, empty of a test that is one file; decision: whether σ is given; undetectable: what the
+    channels cannot tell, in words; tuning: factors on the noises of one record, None where they are as stated; together: what
+    they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None where neither
+    that nor pictures in time are asked for.
     """
 
     records: dict[str, Estimation]
     decision: Decision
     undetectable: str
+    tuning: Tuning | None
     together: Together | None
     posterior: dict[str, Posterior]
     damage: Damaged | None
@@ -140,7 +142,8 @@ def campaign_of(
 
         def checking(share: float, i: int = i) -> None:
             done = (i + share) / len(records)
-            using.progress(_named("channels", records, i), CHECKED + (FILTERED - CHECKED) * done)
+            of = f" of {records[i].name}" * (len(records) > 1)
+            using.progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * done)
 
         suspects.append(suspect_of(config, mesh, reduced, training, given, turning))
         judgements.append(judgement_of(own, given.test, problem, suspects[-1], tolerances.discrepancy, checking))
@@ -154,7 +157,8 @@ def campaign_of(
             remedy="leave out what is of another part or of gauges that were bonded anew, or correct its known loads and units",
         )
     using.progress("filter", FILTERED)
-    untold = "" if settings.loads_as_stated else withheld_in_words(problem)
+    untold = "" if settings.loads_as_stated else rests_on_loads_in_words(problem)
+    untold += ", or set estimate.loads_as_stated where the loads are as stated" * bool(untold)
     contradictions, faults = ([getattr(own, what) for own in judgements] for what in ("words", "named"))
     inconsistent = apart or _by_record(records, contradictions)
     decision = Decision(inconsistent, _by_record(records, faults), settings.accept, (untold,))
@@ -171,8 +175,14 @@ def campaign_of(
     remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
     decision = replace(decision, reasons=(untold, excluded), beyond=beyond, remedy=remedy)
     withheld = decision.withheld
-    # What contradicts the model is looked for there: the claim is what is tested.
-    without = _without_each(config, settings, each, decision.unfounded, using)
+    without: Sequence[HoldOut | None] = [None] * len(each)
+    if settings.hold_out is not None:
+
+        def untold_by(others: np.ndarray) -> str:
+            return undetectable(problem, others, config.place.instants, config.seed, True)
+
+        # what contradicts the model is looked for there: the claim is what is tested
+        without = held_out(each, untold_by, bool(decision.unfounded), using.progress)
     using.progress("field", HELD if settings.hold_out else LATER)
 
     def otherwise(changed: PlacementConfig) -> list[Filtering]:
@@ -184,29 +194,18 @@ def campaign_of(
     bare = (*bare, note) if note else bare
     common = Common(decision, hidden, bare, tuning, not_held, virtual, damage_words)
     single, said = len(records) == 1, {}
-    for i, (own, given) in enumerate(zip(records, each, strict=True)):
-        test = given.test
+    for own, given, by, judged, held in zip(records, each, found, judgements, without, strict=True):
+        test, of_record = given.test, damage if single else None
         source = source_of(own.settings, using.files[own.file], test.labels, problem.known, test.h * test.every)
-        judged = replace(judgements[i], words=apart, apart=True) if apart else judgements[i]
-        said[own.name] = estimation_of_record(
-            config,
-            skin,
-            own,
-            source,
-            given,
-            found[i],
-            judged,
-            None if without is None else without[i],
-            damage if single else None,
-            common,
-        )
+        judged = replace(judged, words=apart, apart=True) if apart else judged
+        said[own.name] = estimation_of_record(config, skin, own, source, given, by, judged, held, of_record, common)
     posterior = {} if withheld else posteriors_of(problem, each[0].start, found[0].bank)
     surface = None
     if single:
         surface = said[records[0].name].surface
     elif skin is not None and damage is not None and damage.surface is not None:
         surface = damage_on_surface(skin, damage.surface)
-    return Campaign(said, decision, hidden, together, posterior, damage, surface)
+    return Campaign(said, decision, hidden, tuning, together, posterior, damage, surface)
 
 
 def _filterings(
@@ -230,10 +229,6 @@ def _filterings(
         model = on_average(tolerances, model, test.channels)
         each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
     return each, tuning
-
-
-def _named(what: str, records: Sequence[RecordSettings], i: int) -> str:
-    return f"{what} of {records[i].name}" if len(records) > 1 else what
 
 
 def _by_record(records: Sequence[RecordSettings], texts: Sequence[str]) -> str:
@@ -276,19 +271,6 @@ def _found(
             key="estimate.records",
             remedy="estimate each with estimate.file, and compare what they say of the parameters",
         ) from error
-
-
-def _without_each(
-    config: PlacementConfig, settings: Estimate, each: Sequence[Filtering], untold: str, using: Resources
-) -> tuple[HoldOut, ...] | None:
-    """Every gauge by the others where that is asked for; untold: why there is no σ whatever the records are, else empty."""
-    if settings.hold_out is None:
-        return None
-
-    def hidden(channels: np.ndarray) -> str:
-        return undetectable(each[0].problem, channels, config.place.instants, config.seed, True)
-
-    return held_out(each, hidden, bool(untold), using.progress)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
-from strainsight.cases.hold_out import Left, hold_out_numbers, hold_out_table, left_out, misfits_in_words, size_in_words
+from strainsight.cases.hold_out import (
+    Left,
+    hold_out_numbers,
+    hold_out_table,
+    left_out,
+    misfits_in_words,
+    rms,
+    size_in_words,
+)
 from strainsight.cases.layout.budget import budget_tables
 from strainsight.cases.structure.campaign import Campaign
 from strainsight.cases.structure.estimation import Estimation
@@ -54,8 +62,8 @@ def campaign_numbers(found: Campaign) -> dict[str, Scalar]:
         numbers[f"estimate.{name}"] = _shared(found, name)
         if given:
             numbers[f"std.{name}"] = rms(first.estimated.smoothed_std[name])
-    if first.tuning:
-        numbers |= {f"factor.{part}": float(value) for part, value in first.tuning.factors.items()}
+    if found.tuning:
+        numbers |= {f"factor.{part}": float(value) for part, value in found.tuning.factors.items()}
     if found.undetectable:
         numbers["unobservable"] = found.undetectable
     if together is None:
@@ -241,19 +249,14 @@ def _csv(found: Estimation) -> bytes:
         words = ("filtered", "filtered std", "smoothed", "smoothed std")
         values = (own.estimate[name], own.std[name], own.smoothed[name], own.smoothed_std[name])
         columns |= {f"{name} {word} [{found.units[name]}]": value for word, value in zip(words, values, strict=True)}
-    for where, sum_there in zip(found.places, own.resultant.values(), strict=True):
-        columns |= {f"{where} {axis} [N]": sum_there.force[:, i] for i, axis in enumerate("xyz")}
-        columns |= {f"{where} size [N]": sum_there.magnitude, f"{where} size std [N]": sum_there.std}
+    for total in own.resultant.values():
+        columns |= {f"{total.place} {axis} [N]": total.force[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{total.place} size [N]": total.magnitude, f"{total.place} size std [N]": total.std}
     if own.virtual is not None:
         for i, label in enumerate(found.labels):
             columns |= {f"{label} [strain]": own.virtual.strain[:, i], f"{label} std [strain]": own.virtual.std[:, i]}
     rows = np.column_stack(list(columns.values()))
     return csv_bytes([list(columns), *([f"{x:.9g}" for x in row] for row in rows)])
-
-
-def rms(history: np.ndarray) -> float:
-    """Of values (T,)."""
-    return float(np.sqrt(np.mean(history**2)))
 
 
 def damage_numbers(found: Damaged | None, labels: Sequence[str]) -> dict[str, Scalar]:

@@ -16,10 +16,10 @@ from strainsight.cases.structure.records_of_test import RecordSettings
 from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.bank_filters import BankRecord, bank_record
 from strainsight.estimation.decision import INCONSISTENT
-from strainsight.estimation.fault_search import MARGIN, ShiftedMode, Suspect
-from strainsight.estimation.faults import Explained, Fault, at_limit
+from strainsight.estimation.faults import MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.peak import peak_of_records
 from strainsight.estimation.record_check import RecordCheck, check_record
+from strainsight.estimation.suspect import ShiftedMode, Suspect
 from strainsight.estimation.unmodelled_load import ResidualPattern
 from strainsight.gauges.candidates import STRAIN, UNITS
 from strainsight.measurements.units import required_unit

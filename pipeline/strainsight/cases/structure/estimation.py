@@ -48,21 +48,17 @@ from strainsight.signals.histories import instant_values
 class Estimation:
     """What a record of a test says.
 
-    unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; tuning:
-    factors on the noises, None where they are as stated; judgement: whether the record is consistent with the model; decision:
-    whether σ is given, by all records; undetectable: what the channels cannot tell, in words; places of the resultants, labels
-    of the virtual gauges; surface: its pictures in time, None where none are asked for.
+    unknowns; estimated: histories, channels and strains; units: of what it holds; channel_units: of every channel; judgement:
+    whether the record is consistent with the model; decision: whether σ is given, by all records; labels of the virtual
+    gauges; surface: its pictures in time, None where none are asked for.
     """
 
     unknowns: Unknowns
     estimated: Estimated
     units: Mapping[str, str]
     channel_units: tuple[str, ...]
-    tuning: Tuning | None
     judgement: Judgement
     decision: Decision
-    undetectable: str
-    places: tuple[str, ...]
     labels: tuple[str, ...]
     surface: VtkHdf | None
 
@@ -81,9 +77,9 @@ class Estimation:
 
 @dataclass(frozen=True)
 class Common:
-    """What records of a test have in common: decision, undetectable as of `Estimation`; bare: why there are no strain and stress
-    of the surface, tuning of one record, not_held: tolerances that σ does not hold; virtual: gauges that are not there;
-    damage: what its reader has to know."""
+    """What records of a test have in common: decision, undetectable and tuning as of a campaign; bare: why there are no strain
+    and stress of the surface; not_held: tolerances that σ does not hold; virtual: gauges that are not there; damage: what
+    its reader has to know."""
 
     decision: Decision
     undetectable: str
@@ -108,7 +104,7 @@ def estimation_of_record(
 ) -> Estimation:
     """Of one record, σ as claimed; without: every gauge by the others; damage: of a test that is this record."""
     settings, problem, test, withheld = record.settings, given.problem, given.test, common.decision.withheld
-    budget, not_so = ({}, ()) if withheld else budget_in(given, found)
+    budget, no_budget = ({}, ()) if withheld else budget_in(given, found)
     if withheld:
         found = found.without_sigma()
     model, run, smoothed = given.model, found.run, found.smoothed
@@ -138,14 +134,7 @@ def estimation_of_record(
         resultant={str(i): own for i, own in enumerate(resultants.values())},
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,
-        notes=(
-            *test.notes,
-            *_words(config, given, judgement, common),
-            *not_so,
-            *common.bare,
-            *_doubts(common.undetectable, common.tuning),
-            *common.damage,
-        ),
+        notes=_notes(config, given, judgement, common, no_budget),
         posterior={} if withheld or given.records > 1 else posteriors_of(problem, given.start, found.bank),
         trusted=judgement.trusted,
         check=judgement.check,
@@ -163,50 +152,46 @@ def estimation_of_record(
         estimated,
         units,
         tuple(UNITS[kind] for kind in kinds),
-        common.tuning,
         judgement,
         common.decision,
-        common.undetectable,
-        tuple(resultants),
         virtual_labels(settings.virtual),
         grid_of(settings, skin, given, smoothed, None if damage is None else damage.surface),
     )
 
 
-def _words(config: PlacementConfig, given: Filtering, judgement: Judgement, common: Common) -> tuple[str, ...]:
+def _notes(
+    config: PlacementConfig, given: Filtering, judgement: Judgement, common: Common, no_budget: Sequence[str]
+) -> tuple[str, ...]:
     """What a reader has to know of the estimate, sentence by sentence."""
-    problem, test, withheld = given.problem, given.test, common.decision.withheld
-    rests = (
-        withheld or replace(common.decision, inconsistent=judgement.words).message or rests_on_loads_in_words(problem)
-    )
+    problem, test, tuning, withheld = given.problem, given.test, common.tuning, common.decision.withheld
+    accepted = replace(common.decision, inconsistent=judgement.words).message
     others, comparable = "", problem.method == "bank" and problem.unknowns.parameters
     if withheld and config.filter.compare:
         others = "filter.compare: other filters are not compared where σ is withheld"
     elif not withheld and given.long and config.filter.compare is None and comparable:
         others = f"more than {LONGEST_COMPARED} steps: other filters are compared with filter.compare: true"
     stated = "" if config.estimate is None or config.estimate.loads_as_stated else judged_as_stated_in_words(problem)
-    words = (
+    hidden, tuned, untuned = common.undetectable, "", ""
+    if tuning:
+        tuned = ", ".join(f"{part} {value:.3g}" for part, value in tuning.factors.items())
+        untuned = ", ".join(tuning.undecided)
+    notes = (
+        *test.notes,
         clock_in_words(test, config.train.time_step),
         scheme_in_words(problem, test.h),
         *common.not_held,
         "" if withheld else exact_frequencies_in_words(config),
-        rests,
+        withheld or accepted or rests_on_loads_in_words(problem),
         stated,
         others,
+        *no_budget,
+        *common.bare,
+        f"the channels cannot tell {hidden}: what is estimated of it comes from the initial values" if hidden else "",
+        f"noises were scaled by the measurements: {tuned}" if tuned else "",
+        f"the measurements say nothing about the noise of {untuned}" if untuned else "",
+        *common.damage,
     )
-    return tuple(filter(None, words))
-
-
-def _doubts(hidden: str, tuning: Tuning | None) -> list[str]:
-    words = []
-    if hidden:
-        words.append(f"the channels cannot tell {hidden}: what is estimated of it comes from the initial values")
-    if tuning:
-        factors = ", ".join(f"{part} {value:.3g}" for part, value in tuning.factors.items())
-        words.append(f"noises were scaled by the measurements: {factors}")
-        if tuning.undecided:
-            words.append(f"the measurements say nothing about the noise of {', '.join(tuning.undecided)}")
-    return words
+    return tuple(filter(None, notes))
 
 
 def held_out(
@@ -235,7 +220,9 @@ def held_out(
         lost = tells(test.channels[rest]) if len(rest) else "anything"
         by: tuple[Filtered, ...] = ()
         try:
-            by = () if lost else _filtered([own.by(rest) for own in each])
+            if not lost:
+                others = [own.by(rest) for own in each]
+                by = filtered_together(others) if len(others) > 1 else (filtered(others[0]),)
         except NumericalError as error:
             lost = error.what
         for j in out:
@@ -243,10 +230,6 @@ def held_out(
         for own, one, values in zip(each, by, found, strict=False):
             values[:, :, out] = _predicted(own.by(out), (one.without_sigma() if withheld else one).smoothed)
     return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(said)) for mean, std in found)
-
-
-def _filtered(each: Sequence[Filtering]) -> tuple[Filtered, ...]:
-    return filtered_together(each) if len(each) > 1 else (filtered(each[0]),)
 
 
 def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarray]:

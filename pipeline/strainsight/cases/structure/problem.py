@@ -272,12 +272,6 @@ def judged_as_stated_in_words(problem: Problem) -> str:
     )
 
 
-def withheld_in_words(problem: Problem) -> str:
-    """Why a test has no σ; empty where it has one."""
-    rests = rests_on_loads_in_words(problem)
-    return f"{rests}, or set estimate.loads_as_stated where the loads are as stated" if rests else ""
-
-
 def scheme_in_words(problem: Problem, h: float) -> str:
     """What the time step of the filter does to the lowest mode; empty where it is exact."""
     if problem.scheme == "exact":

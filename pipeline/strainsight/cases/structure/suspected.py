@@ -10,9 +10,9 @@ from strainsight.cases.structure.filtered_test import Filtering
 from strainsight.cases.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.fault_search import Suspect
 from strainsight.estimation.faults import ANGLES
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.suspect import Suspect
 from strainsight.gauges.candidates import STRAIN, Candidates
 from strainsight.gauges.rows import channel_rows, fits
 from strainsight.gauges.surface import turned

@@ -11,16 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.decision import (
-    BEYOND,
-    CONTRADICTED,
-    DIVERGED,
-    LOST,
-    OVERCONFIDENT,
-    WITHHELD,
-    Claim,
-    judged,
-)
+from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
 from strainsight.report.arrays import FloatArray, History
 from strainsight.report.page.run import Run, Scalar
 from strainsight.report.placement.data import Criteria, Metric, Trend

@@ -14,16 +14,7 @@ from strainsight.report.bench.sensors import components_figure, consistency_figu
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
-from strainsight.report.page.markup import (
-    bullets,
-    figure,
-    figures,
-    measure,
-    pairs,
-    picture,
-    plain,
-    table,
-)
+from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, picture, plain, table
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.tables import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline

@@ -9,8 +9,12 @@ import numpy as np
 
 from strainsight.cases.bench.inverse.comparison import Compared, compared
 from strainsight.cases.bench.inverse.estimation import Estimated, estimated
-from strainsight.cases.bench.inverse.out_of_range import bench_out_of_range, estimated_without_sigma
-from strainsight.cases.bench.inverse.verdicts import Evidence, claim_numbers
+from strainsight.cases.bench.inverse.verdicts import (
+    Evidence,
+    bench_out_of_range,
+    claim_numbers,
+    estimated_without_sigma,
+)
 from strainsight.cases.bench.loads import load_units
 from strainsight.cases.bench.sensors import dataset_units
 from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios

@@ -94,7 +94,7 @@ def _findings_of(
             )
             for name in names
         ),
-        verdict=noise.text if own.trusted else f"the record {judged}",
+        verdict=noise.text if own.trusted else f"the record is {judged}",
         consistent=own.trusted and noise.consistent,
         warnings=_warnings(own, summary, doubts, noise),
         notes=own.notes,
@@ -197,7 +197,7 @@ def _provenance(context: Context[PlacementConfig]) -> dict[str, str]:
 def _warnings(own: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
     """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
     texts = [str(summary.get("withheld", ""))]
-    # A record that contradicts the model has its own warning, and the noise is not to blame.
+    # a record that is inconsistent with the model has its own warning, and the noise is not to blame
     if own.trusted and not noise.consistent:
         texts.append(noise.text)
     texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]

@@ -180,10 +180,14 @@ def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
     for at in np.ndindex(xi.shape[:2]):
         if np.isfinite(xi[at]).all():
-            values, slopes = own.unknowns.coordinates.theta(xi[at])
-            theta[at], s = values[column], slopes[column]
-            std[at] = np.sqrt(max(float(s @ P[at[0], min(at[1], P.shape[1] - 1)] @ s), 0.0))
+            theta[at], std[at] = _theta_at(own, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
     return theta, std
+
+
+def _theta_at(own: Estimated, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+    values, slopes = own.unknowns.coordinates.theta(xi)
+    s = slopes[column]
+    return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
 
 
 def _sensor(own: Estimated, name: str) -> SensorMatch:
@@ -239,12 +243,10 @@ def _numbers(own: Estimated, inputs: tuple[str, ...], seed: int, run: int) -> Nu
     for name in own.unknowns.free:
         column = own.bench.system.parameters.index(own.unknowns.parameters[name])
         true = own.reality.theta[min(seed, len(own.reality.theta) - 1), column]
-        xi = own.mean[-1, run, model.xi]
-        values, slopes = own.unknowns.coordinates.theta(xi)
-        s, P = slopes[column], own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
-        last, std = np.array([values[column]]), np.array([np.sqrt(max(float(s @ P @ s), 0.0))])
+        P = own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
+        last, std = _theta_at(own, column, own.mean[-1, run, model.xi], P)
         if np.isfinite(true):
-            numbers |= parameter_numbers(name, np.array([true]), last, std)
+            numbers |= parameter_numbers(name, np.array([true]), np.array([last]), np.array([std]))
     for name, part in own.sensors.channels.items():
         given = own.used.channels.get(name)
         read = min(seed, own.reality.readings.shape[1] - 1)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from strainsight.cases.bench.inverse.comparison import in_theta
+from strainsight.cases.bench.inverse.estimation import Estimated
 from strainsight.cases.bench.inverse.numbers import smoothed_name
-from strainsight.cases.bench.inverse.out_of_range import REMEDY
 from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
@@ -27,7 +28,10 @@ from strainsight.estimation.decision import (
     Claim,
     Decision,
     judged,
+    out_of_range,
+    without_sigma,
 )
+from strainsight.records.bodies import ReducedBody
 from strainsight.report.text import number
 
 Scalar = float | str
@@ -37,6 +41,11 @@ HARDLY = 0.5
 """σ of a load over its largest value above which it is weakly observable."""
 MATCHES = 0.01
 """Mismatch of a sensor up to which one bench moves as the other."""
+REMEDY = (
+    "set bodies.*.moduli.*.value nearer to it, keep more modes (bodies.*.modes), or look for a load, unit, support or "
+    "sensor that is not as stated"
+)
+"""Of a modulus that came out beyond its `reach`."""
 
 
 @dataclass(frozen=True)
@@ -122,9 +131,9 @@ class Evidence:
             yield f"{len(gone)} of {len(self.lost)} runs diverged, the first after {gone.min()} steps"
         yield from self.overconfident()
         for name in estimate.inputs:
-            if (std := self._number(f"std.{name}")) > HARDLY:
+            if (share := self._share(name)) > HARDLY:
                 yield (
-                    f"{name} is weakly observable: σ is {100 * std:.3g} % of the largest load; give other sensors, "
+                    f"{name} is weakly observable: σ is {100 * share:.3g} % of the largest load; give other sensors, "
                     "or make a load known"
                 )
         for name in self.free:
@@ -192,3 +201,37 @@ def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
         numbers |= {f"claim.{name}": own.verdict, f"claim_ratio.{name}": own.ratio}
         numbers |= {f"claim_draws.{name}": float(own.draws), f"claim_most.{name}": own.band[1]}
     return numbers
+
+
+def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> dict[str, str]:
+    """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
+
+    Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
+    """
+    reach = {name: (float(low), float(high)) for body in reduced.values() for name, (low, high) in body.reach.items()}
+    beyond: dict[str, str] = {}
+    for name in own.unknowns.free:
+        inner = own.unknowns.parameters[name]
+        if inner not in reach:
+            continue
+        for value in in_theta(own, own.bench.system.parameters.index(inner))[0][-1]:
+            if np.isfinite(value) and name not in beyond:
+                beyond |= out_of_range({name: float(value)}, {name: reach[inner]}, {name: "Pa"}, "reduce")
+    return beyond
+
+
+def estimated_without_sigma(own: Estimated) -> Estimated:
+    """The estimate with every σ withheld: NaN."""
+    held = own.without
+    if held is not None:
+        rows = tuple(replace(row, claim=None, inside=np.nan) for row in held.rows)
+        held = replace(without_sigma(held), rows=rows)
+    return replace(
+        own,
+        std=np.full_like(own.std, np.nan),
+        xi_covariance=np.full_like(own.xi_covariance, np.nan),
+        smoothed=without_sigma(own.smoothed),
+        compared=None,
+        without=held,
+        rings=without_sigma(own.rings),
+    )
