@@ -251,8 +251,8 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
         return f"2: {error.what}", np.nan
     if not found.judgement.trusted:
         return f"3: {found.judgement.words}", np.nan
-    if found.withheld:
-        return f"withheld: {found.withheld}", np.nan
+    if found.decision.withheld:
+        return f"withheld: {found.decision.withheld}", np.nan
     ratio = []
     for name in study.estimate:
         mean, sigma = found.estimated.smoothed[name], found.estimated.smoothed_std[name]
