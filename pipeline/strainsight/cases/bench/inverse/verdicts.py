@@ -126,9 +126,9 @@ class Evidence:
 
     def warnings(self) -> Iterator[str]:
         """Where the claim of an estimate does not hold, and why."""
-        estimate, gone = asked(self.config), self.lost[self.lost >= 0]
-        if len(gone):
-            yield f"{len(gone)} of {len(self.lost)} runs diverged, the first after {gone.min()} steps"
+        estimate, diverged = asked(self.config), self.lost[self.lost >= 0]
+        if len(diverged):
+            yield f"{len(diverged)} of {len(self.lost)} runs diverged, the first after {diverged.min()} steps"
         yield from self.overconfident()
         for name in estimate.inputs:
             if (share := self._share(name)) > HARDLY:
@@ -160,17 +160,17 @@ class Evidence:
         """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value, with σ
         as far as `decision` gives it; units of the unknowns."""
         estimates, estimate = [], asked(self.config)
-        given, number_of = not decision.withheld, self._number
+        with_sigma, number_of = not decision.withheld, self._number
         for name in self.names:
             if f"error.{name}" in self.numbers:
                 error, std = (100 * number_of(f"{key}.{name}") for key in ("error", "std"))
-                estimates.append(f"{name} to {error:.2g} %" + f" (σ {std:.2g} %)" * given)
+                estimates.append(f"{name} to {error:.2g} %" + f" (σ {std:.2g} %)" * with_sigma)
             elif f"ratio_slope.{name}" in self.numbers:
                 slope, offset = (number_of(f"ratio_{key}.{name}") for key in ("slope", "offset"))
                 estimates.append(f"{name} = {slope:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}")
-            elif f"rms_std.{name}" in self.numbers or not given:
+            elif f"rms_std.{name}" in self.numbers or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
-                sigma = f" ± {number_of(f'rms_std.{name}'):.2g}" * given
+                sigma = f" ± {number_of(f'rms_std.{name}'):.2g}" * with_sigma
                 estimates.append(f"{name} {kind}{number_of(f'{value}.{name}'):.4g}{sigma} {units[name]}")
         if estimate.measured is not None:
             worst = max((number_of(f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
