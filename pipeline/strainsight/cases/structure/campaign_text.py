@@ -25,7 +25,7 @@ from strainsight.estimation.consistency import verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.records.damage import DamageAt, Damaged
 from strainsight.records.estimated import CampaignRecord, Estimated
-from strainsight.workflow.output import Scalar, Table
+from strainsight.workflow.output import Scalar, Table, warnings_table
 
 
 def campaign_record(campaign: Campaign) -> CampaignRecord:
@@ -131,9 +131,10 @@ def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
             tables.append(Table(table.title if only else f"{table.title}: {of}", table.columns, table.rows))
         # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
+    measurements = Table("measurements", ("record", ""), _once(notes, len(campaign.records)))
     if only:
-        return (*tables, Table("measurements", ("",), tuple((note,) for _, note in notes)))
-    return (*tables, Table("measurements", ("record", ""), _once(notes, len(campaign.records))))
+        measurements = Table("measurements", ("",), tuple((note,) for _, note in notes))
+    return (*tables, measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
 
 
 def _unknowns_table(record: Estimation) -> Table:
