@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import math
 import os
 import resource
 import zlib
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -74,6 +76,16 @@ def pytest_collection_modifyitems(config, items):
     slow = {item.path for item in items if item.get_closest_marker("slow")}
     first = {HERE / name: at for at, name in enumerate(LONGEST)}
     items.sort(key=lambda item: (first.get(item.path, len(first)), item.path not in slow))
+
+
+def pytest_make_collect_report(collector):
+    """One worker compiles a test file of a fresh clone; the others wait for it, and load what it has written."""
+    if isinstance(collector, pytest.Module):
+        path = collector.path
+        if not any((path.parent / "__pycache__").glob(f"{path.stem}.*-pytest-*.pyc")):
+            with path.open() as stream, suppress(Exception, pytest.skip.Exception):  # which collecting it raises again
+                fcntl.flock(stream, fcntl.LOCK_EX)
+                _ = collector.obj
 
 
 def pytest_collection_finish(session):

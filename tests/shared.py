@@ -52,6 +52,15 @@ SHORT = (
     "validate.truth.modes=20",
 )
 """A placement, shortened where length does not matter."""
+COARSE = (
+    *SHORT,
+    f"mesh.file={ROOT / 'meshes' / 'cantilever-coarse.bdf'}",
+    "screen.keep=30",
+    "validate.duration=0.1",
+    "validate.random_sets=1",
+    "validate.truth.modes=12",
+)
+"""The cantilever in 80 bricks, for what holds on any mesh."""
 UNSTUDIED = (
     FEW[0],
     "filter.compare=false",

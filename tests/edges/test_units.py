@@ -10,8 +10,11 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from strainsight.errors import InfeasibleError
 
+from ..stages.conftest import no_hot_spots  # noqa: F401  for all tests here
 from .beam import BENCH_CONFIG, NU, RHO, TIP, E, apart, bricks, finished, of_material, placed, prepared, validated
 from .beam import SIZE as BEAM
+
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
 COUNTS = (4, 1, 1)
 QUICK = {"filter.compare": False, "place.certificate": False}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import block_diag, eigh, expm
+from scipy.linalg import eigh, expm
 
 from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.model import FilterModel
@@ -110,7 +110,8 @@ def joint(p, P0, steps=STEPS, white=WHITE):
     """Mean and covariance of all readings at θ = reference·exp(p), one Gaussian of 2·steps numbers; white (5,): intensities."""
     mean, O, rows, Q = states(p, forces(steps), white)
     read = rows @ O
-    covariance = read @ block_diag(P0[:5, :5], *[Q] * steps) @ read.T
+    spread = (read.reshape(2 * steps, -1, 1, 5) @ [P0[:5, :5], *[Q] * steps]).reshape(read.shape)  # of start and steps
+    covariance = spread @ read.T
     return rows @ mean, 0.5 * (covariance + covariance.T) + NOISE**2 * np.eye(2 * steps)
 
 

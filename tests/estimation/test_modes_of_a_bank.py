@@ -75,7 +75,7 @@ def case(request):
         ends, middle = own + 1e-5 * np.eye(3), readings(own[0], own[1:], kind)[0]
         slope = (readings(ends[:, 0], ends[:, 1:], kind)[0] - middle).reshape(3, -1) / 1e-5
         size, axes = np.linalg.eigh(slope @ slope.T / NOISE**2 + np.diag(1 / prior**2))
-        grid = np.stack(np.meshgrid(*[s * np.linspace(-5, 5, 11) for s in size**-0.5], indexing="ij"), axis=-1)
+        grid = np.stack(np.meshgrid(*[s * np.linspace(-5, 5, 9) for s in size**-0.5], indexing="ij"), axis=-1)
         point = own + grid.reshape(-1, 3) @ axes.T
         read, motion = readings(point[:, 0], point[:, 1:], kind)
         density = -0.5 * np.sum((y - read) ** 2, axis=(1, 2)) / NOISE**2 - 0.5 * np.sum((point / prior) ** 2, axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ..shared import ROOT, SHORT, made
+from ..shared import COARSE, ROOT, made
 from . import answers, checks, space, tables
 from .every import *  # noqa: F403  every page has to pass these
 
@@ -13,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def report():
-    return made(ROOT / "configs" / "cantilever-youngs-modulus.yaml", *SHORT)["report"].path.parent / "report.html"
+    return made(ROOT / "configs" / "cantilever-youngs-modulus.yaml", *COARSE)["report"].path.parent / "report.html"
 
 
 @pytest.fixture(scope="module")

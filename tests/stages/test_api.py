@@ -22,7 +22,7 @@ from strainsight.gauges.given import without
 from strainsight.gauges.zones import Box, NearEdges
 from strainsight_cli.main import app
 
-from .conftest import LOADS, ROOT, SHORT
+from .conftest import COARSE, LOADS, ROOT
 
 LINES = 12
 
@@ -33,7 +33,7 @@ def run_there(artefacts):
 
 
 def cantilever():
-    case = api.load(ROOT / "configs" / "cantilever-youngs-modulus.yaml", SHORT)
+    case = api.load(ROOT / "configs" / "cantilever-youngs-modulus.yaml", COARSE)
     mesh = api.mesh(case)
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
@@ -70,7 +70,7 @@ def same(record, there):
 
 @pytest.mark.slow
 def test_a_validation_has_the_arrays_of_the_command_line(run_there):
-    case, mesh, reduced, training, screened = before_placing(SHORT)
+    case, mesh, reduced, training, screened = before_placing(COARSE)
     found = api.validate(case, mesh, reduced, training, screened, run_there.placed.final.number)
     same(found.validated, run_there.validated)
     summary = run_there.artefact("validate").summary
@@ -99,11 +99,11 @@ def test_an_estimate_has_the_arrays_of_the_command_line(results, tmp_path):
     config = tmp_path / "test.yaml"
     config.write_text(f"{text}\nestimate: {json.dumps(stated)}\n")
     shutil.copytree(results, tmp_path / "results")
-    options = ["--no-page", *(f"--set={words}" for words in SHORT)]
+    options = ["--no-page", *(f"--set={words}" for words in COARSE)]
     done = CliRunner().invoke(app, ["estimate", str(config), "--results", str(tmp_path / "results"), *options])
     assert done.exit_code == 0, done.output
     run = api.open_run(tmp_path / "results" / "cantilever-youngs-modulus")
-    case, mesh, reduced, training, screened = before_placing(SHORT, config)
+    case, mesh, reduced, training, screened = before_placing(COARSE, config)
     found = api.estimate(case, mesh, reduced, training, screened, run.placed.final.number)
     same(found.estimated, run.estimated)
     ours, theirs = api.to_pyvista(found.surface, 2), run.to_pyvista("estimate", 2)

@@ -64,15 +64,15 @@ def test_contradictions_are_refused_with_their_place(config, change, key, what):
 def test_every_number_of_a_summary_is_listed(estimate, bench):
     measured = f"estimate.measured.from={bench['simulate'].path}"
     for config, *changes in (
-        (DIAMETER, "estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
+        (DIAMETER, "estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
         (DIAMETER, "estimate.duration=0.3", BANK),
-        (SMALL, "estimate.duration=0.3", measured, "estimate.hold_out=each"),
+        (SMALL, "estimate.duration=0.1", measured, "estimate.hold_out=each", *(f"estimate.inputs.F{k}.guess=0" for k in "xyz")),
     ):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
 
 
 def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
-    changes = ("estimate.duration=0.9", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
+    changes = ("estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
     upstream = {stage: estimate(DIAMETER, *changes, stage=stage) for stage in ("simulate", "estimate")}
     found = upstream["estimate"]
     output = report(Context(load_config(DIAMETER, changes).model, upstream, {}, lambda *_: None))

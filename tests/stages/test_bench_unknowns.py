@@ -173,7 +173,7 @@ def test_strains_and_displacements_identify_the_modulus_and_zeroed_strains_alone
 
 def test_where_a_parameter_is_well_seen_bank_and_extended_filter_agree(estimate):
     """Two draws of noise: every history to a tenth of σ at the end, and the joints kept to rounding."""
-    when = ("estimate.duration=0.9", "estimate.runs=2", "estimate.truth.model=own")
+    when = ("estimate.duration=0.45", "estimate.runs=2", "estimate.truth.model=own")
     bank, extended = estimate(DIAMETER, *when, BANK), estimate(DIAMETER, *when)
     for of in ("/parameters/diameter", "/inputs/Fy", "/inputs/Fz"):
         std = extended[f"{of}/std"][-1]

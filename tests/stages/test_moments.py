@@ -28,6 +28,8 @@ from ..edges.beam import (
 )
 from .tested_beam import estimated
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 MOMENT, FORCE = 500.0, 200.0
 
 

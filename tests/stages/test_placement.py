@@ -12,11 +12,11 @@ from strainsight.cases.structure import training
 from strainsight.stages.placement import PLACEMENT
 from strainsight.workflow.plan import plan
 
-from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
+from .conftest import COARSE, ROOT, SHORT, UNSTUDIED, finished, job_of
 
 
 def test_a_changed_keep_reruns_place_and_what_follows_and_says_why(artefacts, config, results):
-    statuses = {s.stage: s for s in plan(PLACEMENT, job_of(config, results, *SHORT, "place.keep=6"))}
+    statuses = {s.stage: s for s in plan(PLACEMENT, job_of(config, results, *COARSE, "place.keep=6"))}
     assert [name for name, s in statuses.items() if s.status == "will run"] == ["place", "validate", "report"]
     assert "place.keep 4 → 6" in statuses["place"].reason
 
@@ -28,7 +28,7 @@ def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_pa
         "gauges.exclude=[{box: [[0, -1, -1], [0.1, 1, 1]]}, {cylinder: {point: [1, 0, 0], axis: [0, 0, 1], radius: 0.2}}, "
         "{normal_cone: {axis: [0, 1, 0], angle: 5}}, {near_edges: 0.02}]"
     )
-    done = finished(job_of(config, tmp_path / "results", *SHORT, zones), PLACEMENT[:4])
+    done = finished(job_of(config, tmp_path / "results", *COARSE, zones), PLACEMENT[:4])
     every, left = artefacts["train"], done["train"][2]
     x, n = every["/gauges/position"], every["/gauges/normal"]
     keep = (x[:, 0] > 0.1) & (np.hypot(x[:, 0] - 1, x[:, 1]) >= 0.2) & (np.abs(n[:, 1]) < 0.5)
@@ -38,13 +38,13 @@ def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_pa
 
 
 def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, tmp_path, monkeypatch):
-    """Of 608 channels in 211 instants, three at a time."""
+    """Of 144 channels in 211 instants, three at a time."""
     shutil.copytree(results, tmp_path / "results")
     monkeypatch.setattr(training, "NUMBERS_AT_A_TIME", 3 * 211 + 1)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train")]
-    found = finished(job_of(config, tmp_path / "results", *SHORT, "train.duration=0.21"), stages)["train"][2]
+    found = finished(job_of(config, tmp_path / "results", *COARSE, "train.duration=0.21"), stages)["train"][2]
     strain = found["/coordinate"] @ found["/gauges/row"].T
-    assert strain.shape == (211, 608)
+    assert strain.shape == (211, 144)
     np.testing.assert_allclose(found["/rms"], np.sqrt(np.mean(strain**2, axis=0)), rtol=1e-12)
     np.testing.assert_allclose(found["/peak"], np.abs(strain).max(axis=0), rtol=1e-12)
 

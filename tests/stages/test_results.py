@@ -25,6 +25,8 @@ from ..shared import stages_of
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of
 from .tested_beam import changed, estimated, result
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 DECK = ROOT / "meshes" / "cantilever-coarse.bdf"
 TIP, MODES = 2, 12
 FORCES = [[(TIP, (0.0, 0.0, 1.0))]]

@@ -13,6 +13,8 @@ from strainsight.errors import ConfigError, DeckError, StrainsightError
 
 from ..edges.beam import BENCH_CONFIG, TIP, bricks, finished, placed, prepared, validated
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 MESH = re.sub(r"^SPC[^\n]*\n(,[^\n]*\n)*", "", bricks((4, 1, 1), "hex20"), flags=re.MULTILINE)
 K = 2.0e4
 ROOT = {"root": {"near": (0, 0.05, 0.04)}}

@@ -57,7 +57,7 @@ CHANGES = {
     },
 }
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*acts on node:UserWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore:.*acts on node:UserWarning"), pytest.mark.usefixtures("no_hot_spots")]
 
 
 def halves(training):

@@ -31,6 +31,8 @@ from strainsight.rom.model import Damping, ReducedModel
 from ..edges.beam import PLACEMENT_CONFIG, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, trial
 
+pytestmark = pytest.mark.usefixtures("no_hot_spots")
+
 
 @pytest.fixture(scope="module")
 def beam(tmp_path_factory):

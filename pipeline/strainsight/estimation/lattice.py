@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import logsumexp
 
 LEFT = 3.5
 """Where a point at its edge is within exp(−LEFT) of the largest density, a lattice no longer holds it;"""
@@ -78,8 +77,10 @@ class Lattice:
 
     def weights(self, log_weight: np.ndarray) -> LatticeWeights:
         """Of points with log-densities (L, B)."""
-        w, _, _ = moments(self.point, log_weight)
-        return LatticeWeights(self.point, w, logsumexp(log_weight, axis=-1))
+        largest = log_weight.max(axis=-1, keepdims=True)
+        w = np.exp(log_weight - largest)
+        mass = w.sum(axis=-1, keepdims=True)
+        return LatticeWeights(self.point, w / mass, (largest + np.log(mass))[..., 0])
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
         """Whether it still holds the density of log-weights (..., B): not too narrow for it, nor at its edge."""
@@ -142,8 +143,8 @@ class LatticeWeights:
         return self.mean
 
     def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
-        off = values - middle
-        return np.asarray(np.einsum("bta,btc->tac", off * self.mean.T[..., None], off, optimize=True))
+        off = np.swapaxes(values - middle, 0, 1)
+        return np.asarray(np.swapaxes(off * self.mean[..., None], 1, 2) @ off)
 
     def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         return self.point, self.mean[-1], nu, left

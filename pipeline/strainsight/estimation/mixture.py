@@ -57,7 +57,8 @@ class Mixture:
         x, P, at, covariance = self._moments(after, point, weights, found)
         y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
         self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
-        own = np.einsum("bmn,btnk,bmk->btm", models.H[at], P, models.H[at], optimize=True)
+        H = models.H[at, None]
+        own = np.sum((H @ P) * H, axis=-1)
         among = weights.covariance(y, self.gauge_mean[span])
         self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], own)
         self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
@@ -95,7 +96,7 @@ class Mixture:
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
         self.mean[at] = np.einsum("tb,btn->tn", weights.mean, whole)
         covariance = weights.covariance(whole, self.mean[at])
-        covariance[:, :states, :states] += np.einsum("tb,btac->tac", weights.positive[:, heavy], P, optimize=True)
+        covariance[:, :states, :states] += np.einsum("tb,btac->tac", weights.positive[:, heavy], P)
         return x, P, heavy, covariance
 
     def _keep(self, at: slice, covariance: np.ndarray) -> None:
@@ -114,9 +115,9 @@ class Mixture:
         """
         span, w = slice(after.start - 1, after.stop - 1), weights.mean
         nu, gone = self._motion_as_read(after, weights, found, models.about, covariance)
-        sensed = np.einsum("tb,bmn,btdn->tdm", w, models.H, found.V, optimize=True)
+        sensed = np.einsum("tb,btdm->tdm", w, found.V @ np.swapaxes(models.H, 1, 2)[:, None])
         self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
-        self.gauge_variance[span] += np.einsum("tdm,tdk,tkm->tm", sensed, gone, sensed, optimize=True)
+        self.gauge_variance[span] += np.sum(sensed * (gone @ sensed), axis=1)
 
     def _motion_as_read(
         self, at: slice, weights: Weights, found: States, about: np.ndarray, covariance: np.ndarray
@@ -152,21 +153,22 @@ class Mixture:
             for start, each in zip(before, (own.nu, own.left), strict=True)
         )
         foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, known)
-        spread = passage.S[:, :L] + np.einsum("btmd,btdk,btnk->btmn", slope, unsure, slope, optimize=True)
+        spread = passage.S[:, :L] + slope @ unsure @ np.swapaxes(slope, 2, 3)
         expected = np.einsum("tb,btm->tm", weights.mean, foreseen)
         S = np.einsum("tb,btmk->tmk", weights.positive, spread) + weights.covariance(foreseen, expected)
         self.innovation[span] = samples - expected
-        for t in range(L):
-            there = np.isfinite(samples[t])
-            if there.any():
-                try:
-                    factor = np.linalg.cholesky(S[t][np.ix_(there, there)])
-                except np.linalg.LinAlgError:
-                    raise NumericalError(
-                        f"the readings of step {span.start + t} differ in size beyond what a number can hold",
-                        remedy="check the units and scales of the channels",
-                    ) from None
-                self.whitened[span.start + t, there] = np.linalg.solve(factor, self.innovation[span.start + t, there])
+        there = np.isfinite(samples)
+        # a channel without a sample is one by itself
+        S = np.where(there[:, :, None] & there[:, None], S, np.eye(S.shape[-1]))
+        try:
+            factor = np.linalg.cholesky(S)
+        except np.linalg.LinAlgError:
+            raise NumericalError(
+                f"the readings of step {span.start + _first_indefinite(S)} differ in size beyond what a number can hold",
+                remedy="check the units and scales of the channels",
+            ) from None
+        z = np.linalg.solve(factor, np.where(there, self.innovation[span], 0.0)[..., None])[..., 0]
+        self.whitened[span] = np.where(there, z, np.nan)
 
     def finished(self) -> FilterRun:
         """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""
@@ -189,6 +191,16 @@ class Mixture:
             rows=None,
             adjusted=None,
         )
+
+
+def _first_indefinite(S: np.ndarray) -> int:
+    """Of matrices (L, m, m), one of which has no Cholesky factor, the first that has none."""
+    for t, own in enumerate(S):
+        try:
+            np.linalg.cholesky(own)
+        except np.linalg.LinAlgError:
+            return t
+    return 0
 
 
 def removed_of(left: np.ndarray) -> np.ndarray:
