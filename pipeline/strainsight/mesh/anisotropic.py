@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.mesh.coordinates import CoordinateSystem, local_axes
 from strainsight.mesh.thin import FloatArray, GeneralShell
 
@@ -16,13 +18,14 @@ INDEFINITE = 1e-10
 
 @dataclass(frozen=True)
 class Anisotropic:
-    """Linear anisotropic solid: stiffness C (6, 6) [Pa] of σ = C ε along its axes, in the order 11 22 33 12 23 31, γ = 2ε;
-    density [kg/m³]; name in the words of the file or config."""
+    """Linear anisotropic solid, σ = C ε."""
 
-    id: int
-    stiffness: FloatArray
-    density: float
-    name: str = ""
+    id: Annotated[int, Column("1", "", "id of every anisotropic material")]
+    stiffness: Annotated[
+        FloatArray, Column("Pa", "6 × 6", "from strain to stress along its axes: 11 22 33 12 23 31, γ = 2ε")
+    ]
+    density: Annotated[float, Column("kg/m^3", "", "density of every anisotropic material")]
+    name: Annotated[str, Column("1", "", "name in the words of the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -36,11 +39,13 @@ class Anisotropic:
 
 @dataclass(frozen=True)
 class Orientation:
-    """Where the axes 1, 2, 3 of a material lie: the directions of a system at each point, turned by turn (3, 3) from there, whose
-    columns are 1, 2, 3 along these directions."""
+    """Where the axes 1, 2, 3 of a material lie: turned from the directions of a system at each point."""
 
     system: CoordinateSystem
-    turn: FloatArray
+    turn: Annotated[
+        FloatArray,
+        Column("1", "3 × 3", "axes 1, 2, 3 along the directions of the system at a point, one in a column"),
+    ]
 
     @property
     def varies(self) -> bool:

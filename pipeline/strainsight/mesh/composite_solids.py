@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.mesh.anisotropic import Orientation
 from strainsight.mesh.thin import FloatArray
 
@@ -15,11 +17,10 @@ STACKED: dict[str, tuple[int, ...]] = {"hex8": (0, 1, 2), "hex20": (0, 1, 2), "w
 
 @dataclass(frozen=True)
 class Layer:
-    """material: id of an isotropic or anisotropic one; thickness [-], relative to those of the other layers; orientation: how
-    the axes of an anisotropic material lie."""
+    """Of an isotropic material, or of an anisotropic one with the orientation of its axes."""
 
-    material: int
-    thickness: float
+    material: Annotated[int, Column("1", "", "id of its material, from ξ = −1 on")]
+    thickness: Annotated[float, Column("1", "", "relative to the others")]
     orientation: Orientation
 
 
@@ -28,8 +29,10 @@ class CompositeSolid:
     """Layers of a region of solids, which share the extent of each element along direction 0, 1 or 2 of its reference domain in
     proportion to their thickness, the first at ξ = −1."""
 
-    layers: tuple[Layer, ...]
-    direction: int = 2
+    layers: Annotated[tuple[Layer, ...], Column("", "layer", "layers")]
+    direction: Annotated[
+        int, Column("1", "", "along which of its reference directions the layers of an element lie: 0, 1 or 2")
+    ] = 2
 
     @property
     def shares(self) -> FloatArray:

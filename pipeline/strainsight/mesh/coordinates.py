@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.mesh.thin import FloatArray
 
 ON_AXIS = 1e-10
@@ -14,11 +16,11 @@ ON_AXIS = 1e-10
 
 @dataclass(frozen=True)
 class CoordinateSystem:
-    """kind rectangular, cylindrical or spherical; origin (3,) and axes (3, 3), one in a column, in the basic system."""
+    """A coordinate system in the basic one."""
 
-    kind: str
-    origin: FloatArray
-    axes: FloatArray
+    kind: Annotated[str, Column("1", "", "of the system of its axes: rectangular, cylindrical, spherical")]
+    origin: Annotated[FloatArray, Column("m", "3", "of the system")]
+    axes: Annotated[FloatArray, Column("1", "3 × 3", "x, y, z of the system, one in a column")]
 
 
 BASIC = CoordinateSystem("rectangular", np.zeros(3), np.eye(3))

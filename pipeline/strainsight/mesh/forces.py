@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.mesh.thin import FloatArray, IntArray
 
 
@@ -26,12 +28,16 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class NodalForces:
-    """A load of the file (what one set holds): force (k, 3) [N] and moment (k, 3) [N m], None for none, along the basic axes on
-    nodes (k,) (indices); body: forces on its masses that are not among them yet; regions: ids of those whose mass has made some
-    of the forces, which are proportional to their density."""
+    """A load of the file (what one set holds), along the basic axes; body: forces on its masses that are not among them yet. The
+    forces that the mass of regions makes are proportional to their density."""
 
-    nodes: IntArray
-    force: FloatArray
-    moment: FloatArray | None = None
+    nodes: Annotated[IntArray, Column("1", "loaded node", "loaded node indices")]
+    force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces")]
+    moment: Annotated[
+        FloatArray | None,
+        Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset"),
+    ] = None
     body: tuple[BodyForce, ...] = ()
-    regions: tuple[int, ...] = ()
+    regions: Annotated[
+        tuple[int, ...], Column("1", "region", "ids of regions whose mass makes some of the forces")
+    ] = ()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.columns import Column
 from strainsight.mesh.thin import FloatArray, IntArray
 
 STRAIGHT = "straight side"
@@ -17,15 +19,14 @@ STRAIGHT = "straight side"
 class RigidElement:
     """RBE2: the components (0-5) of `nodes` follow the six motions of node `reference` (all indices).
 
-    Rotations of a dependent node count only where it is the reference of another element. name: in the words of the file,
-    as in "RBE2 30" or "*COUPLING".
+    Rotations of a dependent node count only where it is the reference of another element. Names are as "RBE2 30", "*COUPLING".
     """
 
-    id: int
-    reference: int
-    nodes: IntArray
-    components: tuple[int, ...]
-    name: str = ""
+    id: Annotated[int, Column("1", "", "id of every rigid element (RBE2)")]
+    reference: Annotated[int, Column("1", "", "reference node index of every rigid element")]
+    nodes: Annotated[IntArray, Column("1", "dependent node", "dependent node indices")]
+    components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its dependent nodes")]
+    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"rigid element {self.id}"
@@ -35,20 +36,30 @@ class RigidElement:
 class AveragingElement:
     """RBE3: components (0-5) of node `reference` are the weighted mean motion of `nodes` (all indices).
 
-    weight (k,) ≥ 0; directions (k, 3) which translations of each node count, None for all; dependent (c, 2) pairs (node
-    index, component) that the c equations are solved for, as many as components, None for the reference's own; name: in the
-    words of the file; rotations (k, 3) which of each node count, None for none.
+    weight ≥ 0; directions: None for all; dependent: as many as components, None for the reference's own.
     """
 
-    id: int
-    reference: int
-    nodes: IntArray
-    weight: FloatArray
-    components: tuple[int, ...]
-    directions: NDArray[np.bool_] | None = None
-    dependent: IntArray | None = None
-    name: str = ""
-    rotations: NDArray[np.bool_] | None = None
+    id: Annotated[int, Column("1", "", "id of every averaging element (RBE3)")]
+    reference: Annotated[int, Column("1", "", "reference node index of every averaging element")]
+    nodes: Annotated[IntArray, Column("1", "averaged node", "node indices")]
+    weight: Annotated[FloatArray, Column("1", "averaged node", "weights")]
+    components: Annotated[tuple[int, ...], Column("1", "", "components 1-6 of its reference node")]
+    directions: Annotated[
+        NDArray[np.bool_] | None, Column("1", "averaged node × 3", "1 where a translation of a node counts", none=1)
+    ] = None
+    dependent: Annotated[
+        IntArray | None,
+        Column(
+            "1",
+            "component × 2",
+            "[node index, component] that the relations are solved for (UM); none: the reference's own",
+        ),
+    ] = None
+    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
+    rotations: Annotated[
+        NDArray[np.bool_] | None,
+        Column("1", "averaged node × 3", "1 where a rotation of a node counts", offset="directions_offset"),
+    ] = None
 
     def __str__(self) -> str:
         return self.name or f"averaging element {self.id}"
@@ -63,15 +74,24 @@ class AveragingElement:
 class Relation:
     """MPC, *EQUATION: Σ value z[node, component] = 0 over its terms, the motion of the first one follows the others.
 
-    node (k,) indices, component (k,) 0-5 along the axes of the node; value (k,) [-, m at the rotations]. name: in the words of
-    the file, as in "MPC 7" or "*EQUATION". yields: it does not count where a support holds the motion that follows.
+    Names are as "MPC 7", "*EQUATION". yields: it does not count where a support holds the motion that follows.
     """
 
-    id: int
-    node: IntArray
-    component: IntArray
-    value: FloatArray
-    name: str = ""
+    id: Annotated[int, Column("1", "", "number of every relation (MPC, *EQUATION)")]
+    node: Annotated[IntArray, Column("1", "term", "node index of every motion", offset="term_offset")]
+    component: Annotated[
+        IntArray,
+        Column(
+            "1",
+            "term",
+            "component of that motion, along the axes of its node: 0-2 motions, 3-5 rotations",
+            offset="term_offset",
+        ),
+    ]
+    value: Annotated[
+        FloatArray, Column("SI", "term", "what multiplies that motion; of a rotation in m", offset="term_offset")
+    ]
+    name: Annotated[str, Column("1", "", "its name in the words of the file")] = ""
     yields: bool = False
 
     def __str__(self) -> str:
@@ -95,17 +115,22 @@ class Relation:
 
 @dataclass(frozen=True)
 class PointMass:
-    """CONM2: mass [kg] on a node (index); its centre lies at offset (3,) [m] from the node, inertia (3, 3) [kg m²] about
-    that centre, both along the basic axes. Or a mass that is another one along another axis (CONM1, CMASS): matrix (6, 6)
-    [kg, kg m, kg m²] on the motions of the node along the basic axes, in place of offset and inertia; mass is then the mean over
-    the axes, as it counts in the weight."""
+    """CONM2, along the basic axes. Or a mass that is another one along another axis (CONM1, CMASS): a matrix [kg, kg m, kg m²] on
+    the motions of the node in place of offset and inertia; mass is then the mean over the axes, as it counts in the weight."""
 
-    id: int
-    node: int
-    mass: float
-    offset: FloatArray = field(default_factory=lambda: np.zeros(3))
-    inertia: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    matrix: FloatArray | None = None
+    id: Annotated[int, Column("1", "", "id of every point mass")]
+    node: Annotated[int, Column("1", "", "node index of every point mass")]
+    mass: Annotated[float, Column("kg", "", "mass of every point mass")]
+    offset: Annotated[FloatArray, Column("m", "3", "its centre from the node")] = field(
+        default_factory=lambda: np.zeros(3)
+    )
+    inertia: Annotated[FloatArray, Column("kg m^2", "3 × 3", "its inertia about the centre of mass")] = field(
+        default_factory=lambda: np.zeros((3, 3))
+    )
+    matrix: Annotated[
+        FloatArray | None,
+        Column("SI", "6 × 6", "of one that is another mass along another axis (CONM1, CMASS), else 0"),
+    ] = None
 
     @property
     def turns(self) -> bool:
@@ -123,16 +148,19 @@ def matrix_mass(number: int, node: int, M: FloatArray) -> PointMass:
 class Springs:
     """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.
 
-    name: in the words of the file or config; stiffness k (s,) [N/m, of a torsion spring N m/rad]; each of (e,): spring, an index
-    into those; node (index); component 0-5 along the basic axes; value r [-, m at the rotations of a spring that stretches].
+    Components are those along the basic axes; r is in m at the rotations of a spring that stretches.
     """
 
-    name: str
-    stiffness: FloatArray
-    spring: IntArray
-    node: IntArray
-    component: IntArray
-    value: FloatArray
+    name: Annotated[str, Column("1", "", "element or support in the words of the file or config")]
+    stiffness: Annotated[FloatArray, Column("SI", "spring", "N/m, of torsion springs N m/rad")]
+    spring: Annotated[
+        IntArray, Column("1", "part", "which spring of its list a motion is a part of", offset="part_offset")
+    ]
+    node: Annotated[IntArray, Column("1", "part", "node index of that motion", offset="part_offset")]
+    component: Annotated[
+        IntArray, Column("1", "part", "component of that motion: 0-2 motions, 3-5 rotations", offset="part_offset")
+    ]
+    value: Annotated[FloatArray, Column("SI", "part", "elongation for a unit of that motion", offset="part_offset")]
 
     @property
     def torsion(self) -> NDArray[np.bool_]:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Annotated
+
+from strainsight.columns import Column
 
 
 @dataclass(frozen=True)
 class Lamina:
-    """Linear orthotropic in plane stress: e1, e2 along and across its fibres, g12, g1z, g2z [Pa], g1z and g2z infinite where it
-    does not shear across; nu12 [-], −ε₂/ε₁ under σ₁; density [kg/m³]; name in the words of the file."""
+    """Linear orthotropic in plane stress; axis 1 along its fibres, nu12 = −ε₂/ε₁ under σ₁."""
 
-    id: int
-    e1: float
-    e2: float
-    nu12: float
-    g12: float
-    g1z: float
-    g2z: float
-    density: float
-    name: str = ""
+    id: Annotated[int, Column("1", "", "id of every orthotropic material")]
+    e1: Annotated[float, Column("Pa", "", "modulus along its axis 1")]
+    e2: Annotated[float, Column("Pa", "", "modulus along its axis 2")]
+    nu12: Annotated[float, Column("1", "", "contraction along 2 of a stress along 1")]
+    g12: Annotated[float, Column("Pa", "", "shear modulus in its plane")]
+    g1z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 1; infinite: no shear")]
+    g2z: Annotated[float, Column("Pa", "", "shear modulus across, of axis 2; infinite: no shear")]
+    density: Annotated[float, Column("kg/m^3", "", "density of every orthotropic material")]
+    name: Annotated[str, Column("1", "", "name in the words of the file")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -26,23 +28,20 @@ class Lamina:
 
 @dataclass(frozen=True)
 class Ply:
-    """material: id of a lamina, or of an isotropic material; thickness [m]; angle [deg] of its axis 1 from x of the laminate,
-    about the normal of the shell."""
+    """Of a lamina, or of an isotropic material; its angle is one about the normal of the shell."""
 
-    material: int
-    thickness: float
-    angle: float = 0.0
+    material: Annotated[int, Column("1", "", "id of its material, from the lower face up")]
+    thickness: Annotated[float, Column("m", "", "thickness")]
+    angle: Annotated[float, Column("deg", "", "angle of its axis 1 from x of the laminate")] = 0.0
 
 
 @dataclass(frozen=True)
 class Laminate:
-    """Section of a shell of plies, the one at the lower face first; mass that is not of their materials [kg/m²].
+    """Section of a shell of plies, the one at the lower face first; its x is that of the material of the shell,
+    `ShellBlock.axis`."""
 
-    x of the laminate is that of the material of the shell, `ShellBlock.axis`.
-    """
-
-    plies: tuple[Ply, ...]
-    nonstructural: float = 0.0
+    plies: Annotated[tuple[Ply, ...], Column("", "ply", "plies")]
+    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its plies")] = 0.0
 
     @property
     def thickness(self) -> float:

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.columns import Column
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.composite_solids import CompositeSolid
@@ -22,23 +24,23 @@ from strainsight.mesh.thin import IntArray as IntArray
 
 @dataclass(frozen=True)
 class CellBlock:
-    """Elements of one of the `kinds`: ids (n,) of the file, nodes (n, k) indices of nodes in VTK order, region (n,) ids."""
+    """Elements of one of the `kinds`."""
 
     kind: str
-    ids: IntArray
-    nodes: IntArray
-    region: IntArray
+    ids: Annotated[IntArray, Column("1", "element", "id of every element of that kind in the deck", name="id")]
+    nodes: Annotated[IntArray, Column("1", "element × node", "node indices in VTK order")]
+    region: Annotated[IntArray, Column("1", "element", "region id of every element")]
 
 
 @dataclass(frozen=True)
 class Material:
-    """Linear isotropic: youngs_modulus [Pa], poisson_ratio [-], density [kg/m³]; name in the words of the file or config."""
+    """Linear isotropic."""
 
-    id: int
-    youngs_modulus: float
-    poisson_ratio: float
-    density: float
-    name: str = ""
+    id: Annotated[int, Column("1", "", "id of every material")]
+    youngs_modulus: Annotated[float, Column("Pa", "", "Young's modulus of every material")]
+    poisson_ratio: Annotated[float, Column("1", "", "Poisson's ratio of every material")]
+    density: Annotated[float, Column("kg/m^3", "", "density of every material")]
+    name: Annotated[str, Column("1", "", "name of every material, in the words of the file or config")] = ""
 
     def __str__(self) -> str:
         return self.name or f"material {self.id}"
@@ -46,12 +48,12 @@ class Material:
 
 @dataclass(frozen=True)
 class Region:
-    """A property that elements refer to (a PSOLID, an element set, a physical group); material id, 0 where the file has none, and
+    """A property that elements refer to (a PSOLID, an element set, a physical group); material is 0 where the file has none, and
     of a laminate or composite solid, whose plies or layers have theirs."""
 
-    id: int
-    name: str
-    material: int
+    id: Annotated[int, Column("1", "", "id of every region")]
+    name: Annotated[str, Column("1", "", "name of every region")]
+    material: Annotated[int, Column("1", "", "material id of every region")]
 
     def __str__(self) -> str:
         return f"region {self.id} ({self.name})"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from strainsight.columns import Column
 from strainsight.mesh.laminates import Laminate
 
 IntArray = NDArray[np.int64]
@@ -21,14 +23,12 @@ BEAM_KINDS = ("beam", "rod", "beam3")
 
 @dataclass(frozen=True)
 class ShellSection:
-    """Thickness t [m] of a homogeneous shell; what its stiffness in bending is of t³/12 (12 I/t³ of a PSHELL, 0 of a
-    membrane), and in shear of G t (t_s/t, 5/6 of a homogeneous one, infinite where it does not shear); mass that is not of its
-    material [kg/m²]."""
+    """Section of a homogeneous shell; bending is 12 I/t³ of a PSHELL, shear t_s/t of G t."""
 
-    thickness: float
-    bending: float = 1.0
-    shear: float = 5 / 6
-    nonstructural: float = 0.0
+    thickness: Annotated[float, Column("m", "", "thickness t")]
+    bending: Annotated[float, Column("1", "", "stiffness in bending over that of t³/12; 0: membrane")] = 1.0
+    shear: Annotated[float, Column("1", "", "thickness in shear over t; infinite: no shear")] = 5 / 6
+    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
 
 
 @dataclass(frozen=True)
@@ -37,19 +37,21 @@ class GeneralShell:
 
         N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ,     strain ε + z κ in the order xx, yy, xy, γ_xy = 2 ε_xy
 
-    thickness t [m]; membrane M, coupling C, bending D (3, 3) and shear S (2, 2) of xz, yz [Pa], its diagonal infinite where it
-    does not shear; density [kg/m³]; mass that is not of its materials [kg/m²]; uniform: one material in the membrane and in
-    bending, and nothing between them, so that M makes stress of the strain on its faces.
+    Of a uniform one M makes stress of the strain on its faces.
     """
 
-    thickness: float
-    membrane: FloatArray
-    coupling: FloatArray
-    bending: FloatArray
-    shear: FloatArray
-    density: float
-    uniform: bool
-    nonstructural: float = 0.0
+    thickness: Annotated[float, Column("m", "", "thickness t")]
+    membrane: Annotated[
+        FloatArray, Column("Pa", "3 × 3", "M of forces t M ε, along x and y of its material: xx yy xy, γ = 2ε")
+    ]
+    coupling: Annotated[FloatArray, Column("Pa", "3 × 3", "C of forces t² C κ and moments t² C ε")]
+    bending: Annotated[FloatArray, Column("Pa", "3 × 3", "D of moments t³/12 D κ; 0: membrane")]
+    shear: Annotated[FloatArray, Column("Pa", "2 × 2", "S of forces across t S γ: xz yz; infinite: no shear")]
+    density: Annotated[float, Column("kg/m^3", "", "density")]
+    uniform: Annotated[
+        bool, Column("1", "", "1 where membrane and bending are of one material, and nothing couples them")
+    ]
+    nonstructural: Annotated[float, Column("kg/m^2", "", "mass that is not of its material")] = 0.0
 
     @property
     def modulus(self) -> float:
@@ -66,23 +68,30 @@ class GeneralShell:
 class BeamSection:
     """Section of a beam at its end A, and at B where it is another, linear in between; axes y and z across the beam.
 
-    area A [m²]; second (2, 2) ∫ (y, z)ᵀ (y, z) dA [m⁴], so that I1 of a PBAR is its yy; torsion J [m⁴]; shear (2,) areas over A
-    along y and z (K1, K2; 0 where it does not shear); points (p, 2) y and z where its strain is asked for [m]; mass that is not
-    of its material [kg/m]; sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the
-    middle, so that a gauge can sit there; y and z [m] from the axis of the element, through the shear centres: neutral, of the
-    neutral axis, where its own mass is (N1, N2 of a PBEAM), and beside, of mass that is not of its material (M1, M2).
+    yy of second is I1 of a PBAR, shear K1, K2; neutral (N1, N2 of a PBEAM) is where its own mass is, beside (M1, M2) the other.
+    sides: on which of the sides +y, +z, −y and −z of the box about its points it has material in the middle, so that a gauge can
+    sit there. The axis of the element goes through the shear centres.
     """
 
-    area: float
-    second: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
-    torsion: float = 0.0
-    shear: tuple[float, float] = (0.0, 0.0)
-    points: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    nonstructural: float = 0.0
+    area: Annotated[float, Column("m^2", "", "area")]
+    second: Annotated[FloatArray, Column("m^4", "2 × 2", "∫ (y, z)ᵀ (y, z) dA")] = field(
+        default_factory=lambda: np.zeros((2, 2))
+    )
+    torsion: Annotated[float, Column("m^4", "", "torsion constant J")] = 0.0
+    shear: Annotated[
+        tuple[float, float], Column("1", "2", "areas in shear along y and z over the area; 0: no shear")
+    ] = (0.0, 0.0)
+    points: Annotated[FloatArray, Column("m", "point × 2", "y and z where its strain is asked for")] = field(
+        default_factory=lambda: np.zeros((0, 2))
+    )
+    nonstructural: Annotated[float, Column("kg/m", "", "mass that is not of its material")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
-    neutral: tuple[float, float] = (0.0, 0.0)
-    beside: tuple[float, float] = (0.0, 0.0)
+    neutral: Annotated[tuple[float, float], Column("m", "2", "y and z of the neutral axis from the shear centre")] = (
+        0.0,
+        0.0,
+    )
+    beside: Annotated[tuple[float, float], Column("m", "2", "y and z of that mass from the shear centre")] = (0.0, 0.0)
 
 
 Section = ShellSection | GeneralShell | Laminate | BeamSection
@@ -90,19 +99,24 @@ Section = ShellSection | GeneralShell | Laminate | BeamSection
 
 @dataclass(frozen=True)
 class ShellBlock:
-    """Shells of one kind of `SHELL_KINDS`: ids (n,) of the file, nodes (n, k) indices in order around the element, corners
-    before those between them, region (n,) ids; offset (n,) [m] of the middle of the shell from its nodes, along the normal that
-    the order of nodes gives; axis (n, 3) a vector whose projection on the shell is x of its material, NaN where that is the side
-    from the first node to the second; on_faces (n, 2, k) indices of the nodes on its upper and lower face, where they are
-    there."""
+    """Shells of one kind of `SHELL_KINDS`, their nodes at the corners before those between."""
 
     kind: str
-    ids: IntArray
-    nodes: IntArray
-    region: IntArray
-    offset: FloatArray
-    axis: FloatArray
-    on_faces: IntArray = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
+    ids: Annotated[IntArray, Column("1", "shell", "id of every shell of that kind in the deck", name="id")]
+    nodes: Annotated[IntArray, Column("1", "shell × node", "node indices in order around the shell")]
+    region: Annotated[IntArray, Column("1", "shell", "region id of every shell")]
+    offset: Annotated[FloatArray, Column("m", "shell", "its middle from its nodes, along the normal by their order")]
+    axis: Annotated[
+        FloatArray,
+        Column("1", "shell × 3", "vector whose projection is x of its material; NaN: the side from its first node"),
+    ]
+    on_faces: Annotated[
+        IntArray,
+        Column("1", "shell with faces × 2 × node", "indices of the nodes on its upper and lower face, see /arms"),
+    ] = field(default_factory=lambda: np.zeros((0, 2, 0), dtype=np.int64))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "on_faces", self.on_faces.reshape(-1, 2, self.nodes.shape[1]))
 
     @property
     def corners(self) -> IntArray:
@@ -113,20 +127,24 @@ class ShellBlock:
 @dataclass(frozen=True)
 class BeamBlock:
     """Elements of one kind, straight "beam" or "rod" (which has neither bending nor shear), or "beam3" with a node between its
-    ends, which may be curved: ids (n,), nodes (n, k) indices of ends A and B and of the node between, region (n,) ids; axes
-    (n, 3, 3) x, y, z of the beam, one in a column, x from A to B where the offsets have moved them; offset (n, k, 3) [m] of the
-    beam from its nodes, along the basic axes; released (n, 2, 6) motions of each end, along those axes of the beam, that it does
-    not hand on to its node (pin flags; none of "beam3"); on_sides (n, 4, 4 or 8) indices of the nodes on its sides, −1 where it
-    has none."""
+    ends, which may be curved and has no pin flags. x is from A to B where the offsets, along the basic axes, have moved them."""
 
     kind: str
-    ids: IntArray
-    nodes: IntArray
-    region: IntArray
-    axes: FloatArray
-    offset: FloatArray
-    released: NDArray[np.bool_]
-    on_sides: IntArray = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
+    ids: Annotated[IntArray, Column("1", "beam", "id of every beam or rod in the deck", name="id")]
+    nodes: Annotated[IntArray, Column("1", "beam × node", "node indices of its ends A and B, and of one between")]
+    region: Annotated[IntArray, Column("1", "beam", "region id of every beam or rod")]
+    axes: Annotated[FloatArray, Column("1", "beam × 3 × 3", "its axes x, y, z, one in a column; x from end A to B")]
+    offset: Annotated[FloatArray, Column("m", "beam × node × 3", "its axis from its nodes")]
+    released: Annotated[
+        NDArray[np.bool_],
+        Column("1", "beam × 2 × 6", "1 where an end does not hand on a motion along those axes (pin flags)"),
+    ]
+    on_sides: Annotated[
+        IntArray,
+        Column(
+            "1", "beam with sides × side × node of it", "indices of the nodes on its four sides, −1 for none, see /arms"
+        ),
+    ] = field(default_factory=lambda: np.zeros((0, 4, 4), dtype=np.int64))
 
 
 def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:

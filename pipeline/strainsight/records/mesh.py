@@ -2,137 +2,131 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any
 
 import numpy as np
 
+from strainsight.columns import Column
+from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.forces import NodalForces
-from strainsight.mesh.joins import PointMass, Springs
+from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.kinds import ELEMENTS
+from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
-from strainsight.mesh.thin import BEAM_KINDS, SHELL_KINDS, Section
-from strainsight.records.anisotropic import AnisotropicMaterials, Composites, Orientations
-from strainsight.records.lists import ALL, OFFSET, floats, ints, joined, split
+from strainsight.mesh.thin import (
+    BEAM_KINDS,
+    SHELL_KINDS,
+    BeamBlock,
+    BeamSection,
+    FloatArray,
+    GeneralShell,
+    IntArray,
+    Section,
+    ShellBlock,
+    ShellSection,
+)
 from strainsight.records.record import Source, dataset, group, read, record
-from strainsight.records.thin import Beams, BeamSections, GeneralShells, Laminae, Laminates, Shells, ShellSections
-from strainsight.records.ties import Axes, Constraints, SpringColumns
+from strainsight.records.table import Key, table
 
 
-@record
-class Nodes:
-    id: np.ndarray = dataset("/id", "1", "/id", "id of every node in the deck")
-    position: np.ndarray = dataset("/position", "m", "/id × 3", "position of every node")
+@dataclass(frozen=True)
+class Members:
+    members: Annotated[IntArray, Column("1", "member", "ids of the deck")]
 
 
-@record
-class Cells:
-    id: np.ndarray = dataset("/id", "1", "element", "id of every element of that kind in the deck")
-    nodes: np.ndarray = dataset("/nodes", "1", "element × node", "node indices in VTK order")
-    region: np.ndarray = dataset("/region", "1", "element", "region id of every element")
+@dataclass(frozen=True)
+class NamedFacets:
+    facets: Annotated[IntArray, Column("1", "named facet × 2", "element id and local facet number")]
 
 
-@record
-class Regions:
-    id: np.ndarray = dataset("/id", "1", "region", "id of every region")
-    name: tuple[str, ...] = dataset("/name", "1", "region", "name of every region")
-    material: np.ndarray = dataset("/material", "1", "region", "material id of every region")
+@dataclass(frozen=True)
+class Axes:
+    direction: Annotated[FloatArray, Column("1", "3 × 3", "their axes, one in a column (node × xyz × axis)")]
 
 
-@record
-class Materials:
-    id: np.ndarray = dataset("/id", "1", "material", "id of every material")
-    youngs_modulus: np.ndarray = dataset("/youngs_modulus", "Pa", "material", "Young's modulus of every material")
-    poisson_ratio: np.ndarray = dataset("/poisson_ratio", "1", "material", "Poisson's ratio of every material")
-    density: np.ndarray = dataset("/density", "kg/m^3", "material", "density of every material")
-    name: tuple[str, ...] = dataset(
-        "/name", "1", "material", "name of every material, in the words of the file or config"
-    )
-
-
-@record
-class PointMasses:
-    id: np.ndarray = dataset("/id", "1", "mass", "id of every point mass")
-    node: np.ndarray = dataset("/node", "1", "mass", "node index of every point mass")
-    mass: np.ndarray = dataset("/mass", "kg", "mass", "mass of every point mass")
-    offset: np.ndarray = dataset("/offset", "m", "mass × 3", "its centre from the node")
-    inertia: np.ndarray = dataset("/inertia", "kg m^2", "mass × 3 × 3", "its inertia about the centre of mass")
-    matrix: np.ndarray = dataset(
-        "/matrix", "SI", "mass × 6 × 6", "of one that is another mass along another axis (CONM1, CMASS), else 0"
-    )
-
-
-@record
-class Loads:
-    name: tuple[str, ...] = dataset("/name", "1", "load", "name of every load of the deck")
-    nodes: np.ndarray = dataset("/nodes", "1", "loaded node", "loaded node indices" + ALL)
-    nodes_offset: np.ndarray = dataset("/nodes_offset", "1", "load + 1", OFFSET)
-    force: np.ndarray = dataset("/force", "N", "loaded node × 3", "forces" + ALL)
-    force_offset: np.ndarray = dataset("/force_offset", "1", "load + 1", OFFSET)
-    moment: np.ndarray = dataset("/moment", "N m", "loaded node × 3", "moments, 0 where there are none" + ALL)
-    regions: np.ndarray = dataset("/regions", "1", "region", "ids of regions whose mass makes some of the forces" + ALL)
-    regions_offset: np.ndarray = dataset("/regions_offset", "1", "load + 1", OFFSET)
-
-
-@record
-class Sets:
-    name: tuple[str, ...] = dataset("/name", "1", "set", "name of every set of <what>")
-    members: np.ndarray = dataset("/members", "1", "member", "ids of the deck" + ALL)
-    members_offset: np.ndarray = dataset("/members_offset", "1", "set + 1", OFFSET)
-
-
-@record
-class NamedFaces:
-    """Faces that the config names."""
-
-    name: tuple[str, ...] = dataset("/name", "1", "name", "name; its nodes are a node set of that name")
-    facets: np.ndarray = dataset("/facets", "1", "named facet × 2", "element id and local facet number" + ALL)
-    facets_offset: np.ndarray = dataset("/facets_offset", "1", "name + 1", OFFSET)
-
-
-@record
+@dataclass(frozen=True)
 class Ignored:
-    card: tuple[str, ...] = dataset("/card", "1", "card", "card that is not supported")
-    count: np.ndarray = dataset("/count", "1", "card", "how often")
-    effect: tuple[str, ...] = dataset(
-        "/effect",
-        "1",
-        "card",
-        "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown",
-    )
+    count: Annotated[int, Column("1", "", "how often")]
+    effect: Annotated[
+        str,
+        Column(
+            "1", "", "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown"
+        ),
+    ]
+
+
+SECTION, SET = Key("region", int, "region id of every section"), Key("name", str, "name of every set of <what>")
+LAMINATE = Key("region", int, "region id of every laminate")
+BEAM_END = Key("region", int, "region id; two rows: end A, then end B", several=True)
+REGION, NAMED_FACE = Key("region", int, "region id"), Key("name", str, "name; its nodes are a node set of that name")
+LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "card that is not supported")
+TURNED = Key("node", int, "node indices with a displacement system of their own")
 
 
 @record
 class MeshColumns:
-    """`Mesh`; lengths in m."""
+    """`Mesh`, its fields by their names; lengths in m."""
 
-    nodes: Nodes = group("/nodes")
-    cells: dict[str, Cells] = group("/cells/<name>")
-    shells: dict[str, Shells] = group("/shells/<name>")
-    beams: dict[str, Beams] = group("/beams/<name>")
+    node_ids: np.ndarray = dataset("/nodes/id", "1", "/nodes/id", "id of every node in the deck")
+    position: np.ndarray = dataset("/nodes/position", "m", "/nodes/id × 3", "position of every node")
+    blocks: tuple[CellBlock, ...] = group("/cells/<name>", by="kind")
+    shells: tuple[ShellBlock, ...] = group("/shells/<name>", by="kind")
+    beams: tuple[BeamBlock, ...] = group("/beams/<name>", by="kind")
     arms: np.ndarray = dataset(
         "/arms",
         "1",
         "arm × 2",
         "node on a face of a shell or a side of a beam, and the node that it follows as a rigid arm",
     )
-    regions: Regions = group("/regions")
-    shell_sections: ShellSections | None = group("/sections/shells")
-    general_shells: GeneralShells | None = group("/sections/general")
-    beam_sections: BeamSections | None = group("/sections/beams")
-    laminates: Laminates | None = group("/sections/laminates")
-    laminae: Laminae | None = group("/laminae")
-    materials: Materials = group("/materials")
-    anisotropic: AnisotropicMaterials | None = group("/anisotropic")
-    orientations: Orientations | None = group("/orientations")
-    composites: Composites | None = group("/composites")
-    constraints: Constraints = group("/constraints")
-    masses: PointMasses = group("/masses")
-    springs: tuple[Springs, ...] = group("/springs", SpringColumns)
-    loads: Loads = group("/loads")
-    node_sets: Sets = group("/sets/nodes", what="nodes")
-    element_sets: Sets = group("/sets/elements", what="elements")
-    faces: NamedFaces = group("/faces/named")
-    ignored: Ignored = group("/ignored")
+    regions: Mapping[int, Region] = group("/regions", table(Region, "region", "id"))
+    shell_sections: Mapping[int, ShellSection] | None = group(
+        "/sections/shells", table(ShellSection, "shell section", SECTION)
+    )
+    general_shells: Mapping[int, GeneralShell] | None = group(
+        "/sections/general", table(GeneralShell, "general shell", SECTION)
+    )
+    beam_ends: list[tuple[int, BeamSection]] | None = group("/sections/beams", table(BeamSection, "end", BEAM_END))
+    laminates: Mapping[int, Laminate] | None = group("/sections/laminates", table(Laminate, "laminate", LAMINATE))
+    laminae: Mapping[int, Lamina] | None = group("/laminae", table(Lamina, "lamina", "id"))
+    materials: Mapping[int, Material] = group("/materials", table(Material, "material", "id"))
+    anisotropic: Mapping[int, Anisotropic] | None = group("/anisotropic", table(Anisotropic, "anisotropic", "id"))
+    orientations: Mapping[int, Orientation] | None = group("/orientations", table(Orientation, "orientation", REGION))
+    composites: Mapping[int, CompositeSolid] | None = group(
+        "/composites",
+        table(
+            CompositeSolid,
+            "composite",
+            REGION,
+            kind="of the system of its axes, see /orientations",
+            turn="axes 1, 2, 3 along the directions of the system, one in a column",
+        ),
+    )
+    fixed: np.ndarray = dataset(
+        "/constraints/fixed",
+        "1",
+        "held component × 2",
+        "components held at zero: [node index, component], 0-2 motions, 3-5 rotations",
+    )
+    rigid: tuple[RigidElement, ...] = group("/constraints/rigid", table(RigidElement, "rigid element"))
+    averaging: tuple[AveragingElement, ...] = group(
+        "/constraints/averaging", table(AveragingElement, "averaging element")
+    )
+    relations: tuple[Relation, ...] = group(
+        "/constraints/relations", table(Relation, "relation", brief=("component", "value"))
+    )
+    axes: Mapping[int, FloatArray] = group("/constraints/axes", table(Axes, "turned node", TURNED, bare=True))
+    point_masses: tuple[PointMass, ...] = group("/masses", table(PointMass, "mass"))
+    springs: tuple[Springs, ...] = group("/springs", table(Springs, "support", brief=("node", "component", "value")))
+    loads: Mapping[str, NodalForces] = group("/loads", table(NodalForces, "load", LOAD))
+    node_sets: Mapping[str, IntArray] = group("/sets/nodes", table(Members, "set", SET, bare=True), what="nodes")
+    element_sets: Mapping[str, IntArray] = group(
+        "/sets/elements", table(Members, "set", SET, bare=True), what="elements"
+    )
+    faces: Mapping[str, IntArray] = group("/faces/named", table(NamedFacets, "name", NAMED_FACE, bare=True))
+    cards: Mapping[str, Ignored] = group("/ignored", table(Ignored, "card", CARD))
     notes: tuple[str, ...] = dataset("/notes", "1", "note", "how something of the deck was read")
     doubts: tuple[str, ...] = dataset(
         "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
@@ -150,145 +144,58 @@ class MeshColumns:
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:
-        regions, materials, masses = list(mesh.regions.values()), list(mesh.materials.values()), mesh.point_masses
-        loaded, loaded_offset = joined([load.nodes for load in mesh.loads.values()], int)
-        named, named_offset = joined(list(mesh.faces.values()), int, (2,))
-        force, force_offset = joined([load.force for load in mesh.loads.values()], float, (3,))
-        moments = [np.zeros_like(own.force) if own.moment is None else own.moment for own in mesh.loads.values()]
-        moment, _ = joined(moments, float, (3,))
-        heavy, heavy_offset = joined([np.array(load.regions) for load in mesh.loads.values()], int)
-        return cls(
-            nodes=Nodes(id=mesh.node_ids, position=mesh.position),
-            cells={b.kind: Cells(id=b.ids, nodes=b.nodes, region=b.region) for b in mesh.blocks},
-            shells={b.kind: Shells.of(b) for b in mesh.shells},
-            beams={b.kind: Beams.of(b) for b in mesh.beams},
-            arms=mesh.arms,
-            shell_sections=ShellSections.of(mesh.sections),
-            general_shells=GeneralShells.of(mesh.sections),
-            beam_sections=BeamSections.of(mesh.sections),
-            laminates=Laminates.of(mesh.sections),
-            laminae=Laminae.of(mesh.laminae),
-            anisotropic=AnisotropicMaterials.of(mesh.anisotropic),
-            orientations=Orientations.of(mesh.orientations),
-            composites=Composites.of(mesh.composites),
-            regions=Regions(
-                id=ints([r.id for r in regions]),
-                name=tuple(r.name for r in regions),
-                material=ints([r.material for r in regions]),
-            ),
-            materials=Materials(
-                id=ints([m.id for m in materials]),
-                youngs_modulus=floats([m.youngs_modulus for m in materials]),
-                poisson_ratio=floats([m.poisson_ratio for m in materials]),
-                density=floats([m.density for m in materials]),
-                name=tuple(m.name for m in materials),
-            ),
-            constraints=Constraints(
-                fixed=mesh.fixed.reshape(-1, 2),
-                rigid=mesh.rigid,
-                averaging=mesh.averaging,
-                relations=mesh.relations,
-                axes=Axes(node=ints(list(mesh.axes)), direction=floats(list(mesh.axes.values()), (3, 3))),
-            ),
-            masses=PointMasses(
-                id=ints([p.id for p in masses]),
-                node=ints([p.node for p in masses]),
-                mass=floats([p.mass for p in masses]),
-                offset=floats([p.offset for p in masses], (3,)),
-                inertia=floats([p.inertia for p in masses], (3, 3)),
-                matrix=floats([np.zeros((6, 6)) if p.matrix is None else p.matrix for p in masses], (6, 6)),
-            ),
-            springs=mesh.springs,
-            loads=Loads(
-                name=tuple(mesh.loads),
-                nodes=loaded,
-                nodes_offset=loaded_offset,
-                force=force,
-                force_offset=force_offset,
-                moment=moment,
-                regions=heavy,
-                regions_offset=heavy_offset,
-            ),
-            node_sets=_sets(mesh.node_sets),
-            element_sets=_sets(mesh.element_sets),
-            faces=NamedFaces(name=tuple(mesh.faces), facets=named, facets_offset=named_offset),
-            ignored=Ignored(
-                card=tuple(mesh.ignored),
-                count=ints(list(mesh.ignored.values())),
-                effect=tuple(mesh.effect.get(card, "") for card in mesh.ignored),
-            ),
-            notes=tuple(mesh.notes),
-            doubts=tuple(mesh.doubts),
-            contacts=mesh.contacts or None,
-            lumped=1 if mesh.lumped else None,
-        )
+        beams = [(region, section) for region, section in mesh.sections.items() if isinstance(section, BeamSection)]
+        columns: dict[str, Any] = {name: getattr(mesh, name) for name in _shared()} | {
+            "fixed": mesh.fixed.reshape(-1, 2),
+            "shell_sections": _sections(mesh, ShellSection),
+            "general_shells": _sections(mesh, GeneralShell),
+            "laminates": _sections(mesh, Laminate),
+            "beam_ends": [
+                (region, end) for region, section in beams for end in (section, section.at_b) if end is not None
+            ],
+            "cards": {card: Ignored(count, mesh.effect.get(card, "")) for card, count in mesh.ignored.items()},
+            "lumped": int(mesh.lumped),
+        }
+        return cls(**columns | {name: columns[name] or None for name in WHERE_THERE})
 
     def made(self) -> Mesh:
-        cells, regions, materials, masses, loads = self.cells, self.regions, self.materials, self.masses, self.loads
-        properties = (materials.youngs_modulus, materials.poisson_ratio, materials.density)
-        tabled = zip(materials.id.tolist(), *(column.tolist() for column in properties), materials.name, strict=True)
-        named = zip(regions.id.tolist(), regions.name, regions.material.tolist(), strict=True)
-        matrices = [own if own.any() else None for own in masses.matrix]
-        numbers = masses.id.tolist(), masses.node.tolist(), masses.mass.tolist()
-        weights = zip(*numbers, masses.offset, masses.inertia, matrices, strict=True)
-        columns = (
-            split(loads.nodes, loads.nodes_offset),
-            split(loads.force, loads.force_offset),
-            [own if own.any() else None for own in split(loads.moment, loads.force_offset)],
-            [tuple(own.tolist()) for own in split(loads.regions, loads.regions_offset)],
-        )
-        axes = self.constraints.axes
-        sections: dict[int, Section] = {}
-        for own in (self.shell_sections, self.general_shells, self.beam_sections, self.laminates):
-            sections |= own.made() if own is not None else {}
-        return Mesh(
-            node_ids=self.nodes.id,
-            position=self.nodes.position,
-            blocks=tuple(
-                CellBlock(kind, cells[kind].id, cells[kind].nodes, cells[kind].region)
-                for kind in (known.name for known in ELEMENTS)
-                if kind in cells
-            ),
-            regions={row[0]: Region(*row) for row in named},
-            materials={row[0]: Material(*row) for row in tabled},
-            fixed=self.constraints.fixed,
-            rigid=self.constraints.rigid,
-            averaging=self.constraints.averaging,
-            relations=self.constraints.relations,
-            point_masses=tuple(PointMass(*row) for row in weights),
-            springs=self.springs,
-            shells=tuple(self.shells[kind].made(kind) for kind in SHELL_KINDS if kind in self.shells),
-            beams=tuple(self.beams[kind].made(kind) for kind in BEAM_KINDS if kind in self.beams),
-            arms=self.arms,
-            laminae={} if self.laminae is None else self.laminae.made(),
-            anisotropic={} if self.anisotropic is None else self.anisotropic.made(),
-            orientations={} if self.orientations is None else self.orientations.made(),
-            composites={} if self.composites is None else self.composites.made(),
-            sections={number: sections[number] for number in regions.id.tolist() if number in sections},
-            axes=dict(zip(axes.node.tolist(), axes.direction, strict=True)),
-            node_sets=_members(self.node_sets),
-            element_sets=_members(self.element_sets),
-            faces=dict(zip(self.faces.name, split(self.faces.facets, self.faces.facets_offset), strict=True)),
-            loads={
-                name: NodalForces(nodes, force, moment, regions=regions)
-                for name, nodes, force, moment, regions in zip(loads.name, *columns, strict=True)
-            },
-            notes=self.notes,
-            doubts=self.doubts,
-            contacts=self.contacts or (),
-            lumped=bool(self.lumped),
-            ignored=dict(zip(self.ignored.card, self.ignored.count.tolist(), strict=True)),
-            effect={card: e for card, e in zip(self.ignored.card, self.ignored.effect, strict=True) if e},
-        )
+        columns = {name: getattr(self, name) for name in _shared()}
+        beams: dict[int, BeamSection] = {}
+        for region, end in reversed(self.beam_ends or ()):  # end B first
+            beams[region] = replace(end, at_b=beams.get(region))
+        sections: dict[int, Section] = {**beams}
+        for part in (self.shell_sections, self.general_shells, self.laminates):
+            sections |= part or {}
+        columns |= {
+            "blocks": _ordered(self.blocks, [known.name for known in ELEMENTS]),
+            "shells": _ordered(self.shells, SHELL_KINDS),
+            "beams": _ordered(self.beams, BEAM_KINDS),
+            "sections": {region: sections[region] for region in self.regions if region in sections},
+            "ignored": {card: entry.count for card, entry in self.cards.items()},
+            "effect": {card: entry.effect for card, entry in self.cards.items() if entry.effect},
+            "lumped": bool(self.lumped),
+        }
+        return Mesh(**{name: value for name, value in columns.items() if value is not None})
 
 
-def _sets(sets: Mapping[str, np.ndarray]) -> Sets:
-    members, offset = joined(list(sets.values()), int)
-    return Sets(name=tuple(sets), members=members, members_offset=offset)
+WHERE_THERE = (
+    "shell_sections", "general_shells", "beam_ends", "laminates", "laminae", "anisotropic", "orientations", "composites",
+    "contacts", "lumped",
+)  # fmt: skip
+"""Columns that a file lacks where there are none."""
 
 
-def _members(sets: Sets) -> dict[str, np.ndarray]:
-    return dict(zip(sets.name, split(sets.members, sets.members_offset), strict=True))
+def _shared() -> set[str]:
+    """Fields that the columns have by the same name."""
+    return {field.name for field in fields(Mesh)} & {field.name for field in fields(MeshColumns)}
+
+
+def _sections(mesh: Mesh, kind: type[Section]) -> dict[int, Any]:
+    return {region: section for region, section in mesh.sections.items() if isinstance(section, kind)}
+
+
+def _ordered(blocks: Sequence[Any], kinds: Sequence[str]) -> tuple[Any, ...]:
+    return tuple(sorted(blocks, key=lambda block: kinds.index(block.kind)))
 
 
 @record

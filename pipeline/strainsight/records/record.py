@@ -20,7 +20,9 @@ from types import EllipsisType, UnionType
 from typing import Any, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
+from strainsight.columns import columns_of
 from strainsight.errors import ArtefactError
 from strainsight.workflow.output import Dataset
 
@@ -66,20 +68,28 @@ class Source(Protocol):
 
 def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType | None = ...) -> Any:
     """A field that is one dataset, or one for every name; axes: "/time × channel", "" of a number; default=None: optional."""
-    return _field(Place(path, unit, tuple(axes.split(" × ")) if axes else (), what), None, default)
+    return placed(Place(path, unit, _split(axes), what), None, default)
 
 
-def group(path: str, through: Any = None, unit: str = "", what: str = "", *, default: EllipsisType | None = ...) -> Any:
+def _split(axes: str) -> tuple[str, ...]:
+    return tuple(axes.split(" × ")) if axes else ()
+
+
+def group(
+    path: str, through: Any = None, unit: str = "", what: str = "", *, by: str = "", default: EllipsisType | None = ...
+) -> Any:
     """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
 
-    unit, what: stand for `<unit>` and `<what>` in the fields of that record, which several groups may share; "unit of <name>" is
-    then that of the name of the group.
+    A dataclass of a kernel whose fields have a `Column` is a record, too, which is read whole. unit, what: stand for `<unit>` and
+    `<what>` in the fields of that record, which several groups may share; "unit of <name>" is then that of the name of the group.
+    by: the field of every one of a tuple of them that is the name of its group.
     """
-    return _field(Place(path, unit, what=what), through, default)
+    return placed(Place(path, unit, what=what), through, default, by)
 
 
-def _field(place: Place, through: Any, default: EllipsisType | None) -> Any:
-    metadata = {"place": place, "through": through}
+def placed(place: Place, through: Any = None, default: EllipsisType | None = ..., by: str = "") -> Any:
+    """A field with its place."""
+    metadata = {"place": place, "through": through, "by": by}
     if default is ...:
         return dataclasses.field(metadata=metadata)
     # A factory and no default: `read` is asked only for attributes that the class itself does not have.
@@ -94,12 +104,14 @@ def record(kind: type[Record]) -> type[Record]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What a field holds: leaf, its type; record: what stands in the file, None of a dataset; whether by name, or optional."""
+    """What a field holds: leaf, its type; record: what stands in the file, None of a dataset; whether by name, or optional; by:
+    the field of the leaf that is its name."""
 
     leaf: Any
     record: Any
     named: bool
     optional: bool
+    by: str = ""
 
 
 _KNOWN: dict[Any, dict[str, tuple[Place, _Kind]]] = {}
@@ -108,19 +120,30 @@ _LAZY: dict[Any, Any] = {}
 
 def _fields(kind: Any) -> dict[str, tuple[Place, _Kind]]:
     if kind not in _KNOWN:
-        hints = get_type_hints(kind)
-        own = [f for f in dataclasses.fields(kind) if "place" in f.metadata]
-        _KNOWN[kind] = {f.name: (f.metadata["place"], _kind(hints[f.name], f.metadata["through"])) for f in own}
+        places = _places(kind)
+        hints = get_type_hints(kind) if places else {}
+        _KNOWN[kind] = {
+            name: (data["place"], _kind(hints[name], data["through"], data["by"])) for name, data in places.items()
+        } or {
+            name: (Place(f"/{column.name or name}", column.unit, _split(column.axes), column.meaning), _kind(hint))
+            for name, (hint, column) in columns_of(kind).items()
+            if column
+        }
     return _KNOWN[kind]
 
 
-def _kind(hint: Any, through: Any) -> _Kind:
+def _places(kind: Any) -> dict[str, Mapping[str, Any]]:
+    """Metadata of the fields of a `record`; empty of a dataclass of a kernel."""
+    return {field.name: field.metadata for field in dataclasses.fields(kind) if "place" in field.metadata}
+
+
+def _kind(hint: Any, through: Any = None, by: str = "") -> _Kind:
     optional = get_origin(hint) in (Union, UnionType)
     if optional:
         (hint,) = (part for part in get_args(hint) if part is not type(None))
-    named = get_origin(hint) is dict
-    leaf = get_args(hint)[1] if named else hint
-    return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional)
+    named = get_origin(hint) is dict or bool(by)
+    leaf = get_args(hint)[0 if by else 1] if named else hint
+    return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional, by)
 
 
 ROOT = Place("")
@@ -146,7 +169,7 @@ def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) 
                 form = part if kind.record is kind.leaf else kind.record.of(part)
                 found |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
                 continue
-            array, stated = _array(part), _named_as(key, _within(place, at), units)
+            array, stated = _array(part, kind), _named_as(key, _within(place, at), units)
             if wrong := _contradiction(stated, array, lengths, path):
                 raise ValueError(wrong)
             scales = tuple(_label(axis, place, fields, below) for axis in stated.axes)
@@ -192,13 +215,21 @@ def _axes(place: Place, key: str) -> tuple[str, ...]:
 
 
 def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:
-    if kind.named:
+    if kind.by:
+        yield from ((getattr(part, kind.by), part) for part in value)
+    elif kind.named:
         yield from (value or {}).items()
     elif value is not None:
         yield "", value
 
 
-def _array(value: Any) -> np.ndarray:
+FLAGS = NDArray[np.bool_]
+"""Of a dataclass of a kernel, 0 and 1 in a file."""
+
+
+def _array(value: Any, kind: _Kind) -> np.ndarray:
+    if kind.leaf == FLAGS:
+        return np.asarray(value, dtype=np.int64)
     if isinstance(value, str) or (isinstance(value, tuple) and all(isinstance(entry, str) for entry in value)):
         return np.array(value, dtype=np.str_)
     return np.asarray(value)
@@ -226,8 +257,12 @@ def read(kind: type[Record], source: Source, below: str = "") -> Record:
         members = {"__getattr__": _load, "__reduce__": _whole, "__module__": kind.__module__}
         _LAZY[kind] = type(kind.__name__, (kind,), members)
     own: Record = object.__new__(_LAZY[kind])
-    own.__dict__.update(_kind=kind, _source=source, _below=below, _lengths={})
+    own.__dict__.update(_origin(kind, source, below))
     return own
+
+
+def _origin(kind: Any, source: Source, below: str) -> dict[str, Any]:
+    return {"_kind": kind, "_source": source, "_below": below, "_lengths": {}}
 
 
 def unit_of(own: Any, field: str, name: str = "") -> str:
@@ -250,10 +285,13 @@ def _load(lazy: Any, name: str) -> Any:
     own = lazy.__dict__
     if "_kind" not in own or name not in _fields(own["_kind"]):
         raise AttributeError(f"{type(lazy).__name__} has no field '{name}'")
+    own[name] = _loaded(own, name)
+    return own[name]
+
+
+def _loaded(own: Mapping[str, Any], name: str) -> Any:
     place, kind = _fields(own["_kind"])[name]
-    value = _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
-    own[name] = value
-    return value
+    return _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
 
 
 def _single(own: Mapping[str, Any], place: Place, kind: _Kind, path: str) -> Any:
@@ -264,13 +302,15 @@ def _single(own: Mapping[str, Any], place: Place, kind: _Kind, path: str) -> Any
     return _value(own, place, kind, own["_source"][path], path)
 
 
-def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any]:
+def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
     """By name, but for the names that have a field of their own."""
     source, parent = own["_source"], (own["_below"] + place.path).removesuffix(f"/{NAME}")
+    if kind.record is not None:
+        keys = source.groups(parent) if parent in source else ()
+        records = {key: _record(own, kind, f"{parent}/{key}", key) for key in keys}
+        return tuple(records.values()) if kind.by else records
     if parent not in source:
         return {}
-    if kind.record is not None:
-        return {key: _record(own, kind, f"{parent}/{key}") for key in source.groups(parent)}
     taken = {own["_below"] + other.path for other, _ in _fields(own["_kind"]).values()}
     arrays = {f"{parent}/{key}": array for key, array in source.children(parent).items()}
     names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in taken}
@@ -280,15 +320,22 @@ def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any]:
     }
 
 
-def _record(own: Mapping[str, Any], kind: _Kind, path: str) -> Any:
-    form = read(kind.record, own["_source"], path)
-    return form if kind.record is kind.leaf else form.made()
+def _record(own: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> Any:
+    if kind.record is not kind.leaf:
+        return read(kind.record, own["_source"], path).made()
+    if _places(kind.leaf):
+        return read(kind.leaf, own["_source"], path)
+    whole = _origin(kind.leaf, own["_source"], path)
+    values = {name: _loaded(whole, name) for name in _fields(kind.leaf)}
+    return kind.leaf(**values, **({kind.by: key} if kind.by else {}))
 
 
 def _value(own: Mapping[str, Any], place: Place, kind: _Kind, array: np.ndarray, path: str) -> Any:
     if wrong := _contradiction(place, array, own["_lengths"], path):
         raise ArtefactError(f"shapes contradict each other: {wrong}", remedy="run the stage again with --force")
-    if kind.leaf is np.ndarray:
+    if kind.leaf == FLAGS:
+        return array.astype(bool)
+    if np.ndarray in (kind.leaf, get_origin(kind.leaf)):
         return array
     if get_origin(kind.leaf) is tuple:
         return tuple(str(entry) for entry in array)

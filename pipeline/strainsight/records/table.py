@@ -1,0 +1,221 @@
+"""Objects of a dataclass as columns, a row an object: how a file has a `tuple[Springs, ...]` or a `Mapping[int, Lamina]`.
+
+A column is a field with a `Column`; the other fields get their defaults when the objects are made again. A field that is a
+dataclass has the columns of that. Lists of unequal length stand one behind the other, with the offset of each, and so do
+the columns of tuples of dataclasses (`plies: tuple[Ply, ...]`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, make_dataclass, replace
+from functools import cache
+from itertools import chain, pairwise
+from types import NoneType
+from typing import Any, get_args, get_origin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.columns import Column, columns_of
+from strainsight.records.record import Place, placed
+
+ALL = ", all lists one behind the other"
+OFFSET = "list i is [offset[i], offset[i + 1])"
+
+
+@dataclass(frozen=True)
+class Key:
+    """What the objects of a mapping go by, where it is no field of theirs; kind: int or str; several: one key may have several
+    objects, which are then pairs (key, object)."""
+
+    name: str
+    kind: type
+    meaning: str
+    several: bool = False
+
+
+def table(
+    row: type, axis: str, key: Key | str = "", bare: bool = False, brief: Iterable[str] = (), **words: str
+) -> Any:
+    """The record (a `Form`) of objects of a dataclass; axis: what its rows count.
+
+    key: a field that the objects go by, or what they go by; empty: they are a tuple. bare: a value stands for the object whose
+    only field it is. brief: columns of lists that do not say so. words: column → its meaning in this table, where it is another.
+    """
+    places = {key.name: (key.kind, Place(f"/{key.name}", "1", (axis,), key.meaning))} if isinstance(key, Key) else {}
+    places |= _places(row, axis)
+    for name, meaning in words.items():
+        kind, place = places[name]
+        places[name] = kind, replace(place, what=meaning + ALL * place.what.endswith(ALL))
+    for name in brief:
+        kind, place = places[name]
+        places[name] = kind, replace(place, what=place.what.removesuffix(ALL))
+    columns = [
+        (name, tuple[str, ...] if kind is str else np.ndarray, placed(place)) for name, (kind, place) in places.items()
+    ]
+    members = {"row": row, "key": key, "bare": bare}
+    return make_dataclass(
+        f"{row.__name__}Table", columns, bases=(_Table,), namespace=members, frozen=True, kw_only=True
+    )
+
+
+class _Table:
+    """Objects of `row` by columns."""
+
+    row: Any
+    key: Key | str
+    bare: bool
+
+    @classmethod
+    def of(cls, objects: Any) -> Any:
+        """Of a tuple, or a mapping by key, or pairs (key, object), of which several may have one key."""
+        pairs = list(objects.items() if isinstance(objects, Mapping) else objects if cls.key else enumerate(objects))
+        columns = _columns(cls.row, [cls.row(value) if cls.bare else value for _, value in pairs])
+        if isinstance(cls.key, Key):
+            columns[cls.key.name] = _column([key for key, _ in pairs], cls.key.kind)
+        return cls(**columns)
+
+    def made(self) -> Any:
+        """The objects again: a tuple, a mapping, or pairs."""
+        objects = _objects(self.row, self)
+        if self.bare:
+            objects = [value for each in objects for value in vars(each).values()]
+        if not self.key:
+            return tuple(objects)
+        keys = getattr(self, self.key.name if isinstance(self.key, Key) else self.key)
+        pairs = list(zip(keys.tolist() if isinstance(keys, np.ndarray) else keys, objects, strict=True))
+        return pairs if isinstance(self.key, Key) and self.key.several else dict(pairs)
+
+
+@dataclass(frozen=True)
+class _Field:
+    """A field of a row.
+
+    hint: its type but for None; part: the dataclass whose columns it has, else None; axis: that of its lists of unequal length,
+    else empty; tail: lengths of the axes behind; beside: the field whose lists are as long, empty of the first along an axis.
+    """
+
+    attribute: str
+    column: Column
+    hint: Any
+    optional: bool
+    part: Any
+    axis: str
+    tail: tuple[int, ...]
+    beside: str
+
+    @property
+    def name(self) -> str:
+        return self.column.name or self.attribute
+
+    @property
+    def offset(self) -> str:
+        return self.column.offset or f"{self.name}_offset"
+
+    @property
+    def components(self) -> bool:
+        """Whether it is a tuple of components 0-5, which a file has as text, "123"."""
+        return bool(self.hint == tuple[int, ...] and not self.axis)
+
+    @property
+    def kind(self) -> type:
+        """In a file: str, int (of bool as well) or float."""
+        if self.hint is str or self.components:
+            return str
+        arguments = get_args(self.hint)
+        number = get_args(arguments[1])[0] if get_origin(self.hint) is np.ndarray else (arguments or (self.hint,))[0]
+        return float if issubclass(number, float | np.floating) else int
+
+    def stored(self, row: Any) -> Any:
+        """Its value in an object, as a file has it."""
+        value = getattr(row, self.attribute)
+        if value is None:
+            length = (len(getattr(row, self.beside)) if self.beside else 0,) if self.axis else ()
+            return np.full(length + self.tail, self.column.none)
+        return "".join(str(c + 1) for c in value) if self.components else value
+
+    def made(self, value: Any) -> Any:
+        """The value again of what a file has."""
+        if self.components:
+            return tuple(int(letter) - 1 for letter in value)
+        if self.part:
+            return tuple(value) if self.axis else value
+        if self.hint in (int, float, str, bool):
+            return self.hint(value)
+        if self.optional and not self.column.none and not (value.any() if self.beside or not self.axis else len(value)):
+            return None
+        if get_origin(self.hint) is tuple:
+            return tuple(value.tolist())
+        return value.astype(bool) if self.hint == NDArray[np.bool_] else value
+
+
+@cache
+def _fields(row: Any) -> tuple[_Field, ...]:
+    """The fields of a dataclass that are columns, or have some."""
+    fields: list[_Field] = []
+    first: dict[str, str] = {}
+    for attribute, (hint, column) in columns_of(row).items():
+        optional = NoneType in get_args(hint)
+        hint = get_args(hint)[0] if optional else hint
+        part = next((kind for kind in (hint, *get_args(hint)) if is_dataclass(kind)), None)
+        if column is None and (optional or part is not hint):
+            continue
+        axes = column.axes.split(" × ") if column and column.axes else []
+        axis = axes.pop(0) if axes and not axes[0].isdigit() else ""
+        beside = first.get(axis, "")
+        first.setdefault(axis, attribute)
+        stated = column or Column("", "", "")
+        fields.append(_Field(attribute, stated, hint, optional, part, axis, tuple(map(int, axes)), beside))
+    return tuple(fields)
+
+
+def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, Place]]:
+    """Column of a file → its kind and place."""
+    places: dict[str, tuple[type, Place]] = {}
+    for field in _fields(row):
+        if field.axis:
+            places.setdefault(field.offset, (int, Place(f"/{field.offset}", "1", (f"{axis} + 1",), OFFSET)))
+        along, more = (field.axis, ALL) if field.axis else (axis, suffix)
+        if field.part:
+            places |= _places(field.part, along, more)
+        else:
+            axes = (along, *map(str, field.tail))
+            places[field.name] = (
+                field.kind,
+                Place(f"/{field.name}", field.column.unit, axes, field.column.meaning + more),
+            )
+    return places
+
+
+def _columns(row: Any, objects: Sequence[Any]) -> dict[str, Any]:
+    """Columns of a file by name."""
+    columns: dict[str, Any] = {}
+    for field in _fields(row):
+        values = [field.stored(each) for each in objects]
+        if field.axis:
+            columns[field.offset] = np.cumsum([0, *map(len, values)], dtype=np.int64)
+        if field.part:
+            columns |= _columns(field.part, list(chain(*values)) if field.axis else values)
+        elif field.axis:
+            columns[field.name] = np.concatenate(
+                [_column(entries, field.kind, field.tail) for entries in ((), *values)]
+            )
+        else:
+            columns[field.name] = _column(values, field.kind, field.tail)
+    return columns
+
+
+def _column(values: Any, kind: type, tail: tuple[int, ...] = ()) -> Any:
+    return tuple(values) if kind is str else np.asarray(values, np.int64 if kind is int else kind).reshape(-1, *tail)
+
+
+def _objects(row: Any, columns: Any) -> list[Any]:
+    """The objects again."""
+    values: dict[str, list[Any]] = {}
+    for field in _fields(row):
+        entries = _objects(field.part, columns) if field.part else getattr(columns, field.name)
+        if field.axis:
+            entries = [entries[first:last] for first, last in pairwise(getattr(columns, field.offset).tolist())]
+        values[field.attribute] = [field.made(entry) for entry in entries]
+    return [row(**dict(zip(values, each, strict=True))) for each in zip(*values.values(), strict=True)]
