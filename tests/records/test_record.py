@@ -25,20 +25,20 @@ from strainsight.workflow.store import write_artefact
 
 @record
 class Body:
-    mass: float = dataset("/mass", "kg", "", "its mass")
-    names: tuple[str, ...] = dataset("/names", "1", "frame", "its frames")
+    mass: float = dataset("kg", "", "its mass")
+    names: tuple[str, ...] = dataset("1", "frame", "its frames")
 
 
 @record
 class Run:
-    time: np.ndarray = dataset("/time", "s", "/time", "time")
-    strain: np.ndarray = dataset("/strain", "strain", "/time × channel", "readings")
-    direction: np.ndarray = dataset("/direction", "1", "channel × 3", "directions")
-    noise: np.ndarray | None = dataset("/noise", "unit of the channel", "channel", "its noise", default=None)
-    estimate: dict[str, np.ndarray] = dataset("/estimate/<name>", "unit of <name>", "/time", "estimate of <name>")
-    bodies: dict[str, Body] = group("/bodies/<name>")
-    first: Body = group("/first")
-    bonded: np.ndarray | None = dataset("/glued", "m", "bonded", "distance", default=None)
+    time: np.ndarray = dataset("s", "/time", "time")
+    strain: np.ndarray = dataset("strain", "/time × channel", "readings")
+    direction: np.ndarray = dataset("1", "channel × 3", "directions")
+    noise: np.ndarray | None = dataset("unit of the channel", "channel", "its noise", default=None)
+    estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "estimate of <name>")
+    bodies: dict[str, Body] = group()
+    first: Body = group()
+    bonded: np.ndarray | None = dataset("m", "bonded", "distance", path="/glued", default=None)
 
 
 def run_of(**changes) -> Run:

@@ -13,42 +13,40 @@ FIVE = "[x, y, z, about y, about z]"
 class BearingCase:
     """A bearing in equilibrium under a load on its inner ring."""
 
-    load: np.ndarray = dataset("/load", "N or N m", "5", f"load on the inner ring {FIVE}")
-    displacement: np.ndarray = dataset("/displacement", "m or rad", "5", f"displacement of the inner ring {FIVE}")
-    stiffness: np.ndarray = dataset("/stiffness", "N/m to N m/rad", "5 × 5", "∂load/∂displacement")
-    station: np.ndarray = dataset("/station", "rad", "/station", "station of every ball, from the y axis towards z")
-    force: np.ndarray = dataset("/force", "N", "/station × 4", "contact force (ball × contact)")
-    contact_angle: np.ndarray = dataset("/contact_angle", "rad", "/station × 4", "contact angle (ball × contact)")
-    pressure: np.ndarray = dataset("/pressure", "Pa", "/station × 4", "peak contact pressure (ball × contact)")
+    load: np.ndarray = dataset("N or N m", "5", f"load on the inner ring {FIVE}")
+    displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
+    stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "∂load/∂displacement")
+    station: np.ndarray = dataset("rad", "/station", "station of every ball, from the y axis towards z")
+    force: np.ndarray = dataset("N", "/station × 4", "contact force (ball × contact)")
+    contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle (ball × contact)")
+    pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure (ball × contact)")
 
 
 @record
 class BearingCurve:
     """Load over one displacement."""
 
-    displacement: np.ndarray = dataset(
-        "/displacement", "<unit>", "/displacement", "one displacement of the inner ring, the others zero"
-    )
-    load: np.ndarray = dataset("/load", "N or N m", "/displacement × 5", f"load that holds it there {FIVE}")
+    displacement: np.ndarray = dataset("<unit>", "/displacement", "one displacement of the inner ring, the others zero")
+    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load that holds it there {FIVE}")
 
 
 @record
 class BearingCases:
     """Load cases of one bearing."""
 
-    cases: dict[str, BearingCase] = group("/<name>")
+    cases: dict[str, BearingCase] = group(path="/<name>")
 
 
 @record
 class BearingCurves:
     """Curves of one bearing, by their number among all."""
 
-    curves: dict[str, BearingCurve] = group("/<name>", unit="unit of <name>")
+    curves: dict[str, BearingCurve] = group(path="/<name>", unit="unit of <name>")
 
 
 @record
 class BearingsAlone:
     """bearing.h5, by bearing."""
 
-    cases: dict[str, BearingCases] = group("/cases/<name>")
-    curves: dict[str, BearingCurves] = group("/curves/<name>")
+    cases: dict[str, BearingCases] = group()
+    curves: dict[str, BearingCurves] = group()

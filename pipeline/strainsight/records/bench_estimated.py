@@ -13,114 +13,100 @@ class LoadHistory:
     """An unknown load; true: without `estimate.measured`, there: on the bench that was measured, with it; smoothed: by an
     extended filter whose first run did not diverge, smoothed_std: where it is known to hold."""
 
-    estimate: np.ndarray = dataset("/estimate", "<unit>", "/time", "estimate of <what>")
-    std: np.ndarray = dataset("/std", "<unit>", "/time", "its claimed σ")
-    smoothed: np.ndarray | None = dataset(
-        "/smoothed", "<unit>", "/time", "<what> by all samples, also the later ones", default=None
-    )
-    smoothed_std: np.ndarray | None = dataset("/smoothed_std", "<unit>", "/time", "its claimed σ", default=None)
-    true: np.ndarray | None = dataset("/true", "<unit>", "/time", "the true load", default=None)
-    there: np.ndarray | None = dataset(
-        "/there", "<unit>", "/time", "the load on the bench that was measured", default=None
-    )
+    estimate: np.ndarray = dataset("<unit>", "/time", "estimate of <what>")
+    std: np.ndarray = dataset("<unit>", "/time", "its claimed σ")
+    smoothed: np.ndarray | None = dataset("<unit>", "/time", "<what> by all samples, also the later ones", default=None)
+    smoothed_std: np.ndarray | None = dataset("<unit>", "/time", "its claimed σ", default=None)
+    true: np.ndarray | None = dataset("<unit>", "/time", "the true load", default=None)
+    there: np.ndarray | None = dataset("<unit>", "/time", "the load on the bench that was measured", default=None)
 
 
 @record
 class ParameterHistory:
-    estimate: np.ndarray = dataset("/estimate", "<unit>", "/time", "estimate of <what>")
-    std: np.ndarray = dataset("/std", "<unit>", "/time", "its claimed σ")
-    true: float | None = dataset("/true", "<unit>", "", "its true value", default=None)
+    estimate: np.ndarray = dataset("<unit>", "/time", "estimate of <what>")
+    std: np.ndarray = dataset("<unit>", "/time", "its claimed σ")
+    true: float | None = dataset("<unit>", "", "its true value", default=None)
 
 
 @record
 class SensorMatch:
     """A sensor by the estimate; one that the filter was not given has the true reading as its measured one."""
 
-    used: bool = dataset("/used", "1", "", "whether the filter was given <what>")
-    expected: np.ndarray = dataset("/expected", "<unit>", "instant × component", "what the estimate says that it reads")
+    used: bool = dataset("1", "", "whether the filter was given <what>")
+    expected: np.ndarray = dataset("<unit>", "instant × component", "what the estimate says that it reads")
     measured: np.ndarray | None = dataset(
-        "/measured",
-        "<unit>",
-        "instant × component",
-        "what it reads, with its noise where the filter was given it",
-        default=None,
+        "<unit>", "instant × component", "what it reads, with its noise where the filter was given it", default=None
     )
     predicted: np.ndarray | None = dataset(
-        "/predicted", "<unit>", "instant × component", "readings by the other channels, NaN: it is in", default=None
+        "<unit>", "instant × component", "readings by the other channels, NaN: it is in", default=None
     )
     predicted_std: np.ndarray | None = dataset(
-        "/predicted_std", "<unit>", "instant × component", "σ of measured − predicted", default=None
+        "<unit>", "instant × component", "σ of measured − predicted", default=None
     )
     left_in: tuple[str, ...] | None = dataset(
-        "/left_in", "1", "component", "why it was not left out, empty where it was", default=None
+        "1", "component", "why it was not left out, empty where it was", default=None
     )
     bias: np.ndarray | None = dataset(
-        "/bias", "<unit>", "component", "estimated offset at the end, 0 of a component that has none", default=None
+        "<unit>", "component", "estimated offset at the end, 0 of a component that has none", default=None
     )
-    bias_std: np.ndarray | None = dataset("/bias_std", "<unit>", "component", "its claimed σ", default=None)
+    bias_std: np.ndarray | None = dataset("<unit>", "component", "its claimed σ", default=None)
 
 
 @record
 class BallsThen:
     """The balls at the instant of the highest estimated contact pressure."""
 
-    time: float = dataset("/time", "s", "", "instant of the highest pressure")
-    station: np.ndarray = dataset("/station", "rad", "ball", "station of every ball")
-    force: np.ndarray = dataset("/force", "N", "ball × 4", "contact force then (ball × contact)")
-    force_std: np.ndarray = dataset("/force_std", "N", "ball × 4", "its claimed σ")
-    pressure: np.ndarray = dataset("/pressure", "Pa", "ball × 4", "contact pressure then (ball × contact)")
-    pressure_std: np.ndarray = dataset("/pressure_std", "Pa", "ball × 4", "its claimed σ")
+    time: float = dataset("s", "", "instant of the highest pressure")
+    station: np.ndarray = dataset("rad", "ball", "station of every ball")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force then (ball × contact)")
+    force_std: np.ndarray = dataset("N", "ball × 4", "its claimed σ")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure then (ball × contact)")
+    pressure_std: np.ndarray = dataset("Pa", "ball × 4", "its claimed σ")
 
 
 @record
 class RingEstimate:
     """What a bearing does by the estimate of the first run; not there where a bank filters."""
 
-    displacement: np.ndarray = dataset(
-        "/displacement", "m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring"
-    )
-    std: np.ndarray = dataset("/std", "m or rad", "/time × 5", "their claimed σ")
-    instants: np.ndarray = dataset("/instants", "s", "picture", "instants at which the balls were looked at")
-    pressure: np.ndarray = dataset("/pressure", "Pa", "picture", "highest contact pressure of all balls")
-    pressure_std: np.ndarray = dataset("/pressure_std", "Pa", "picture", "claimed σ of the pressure there")
-    worst: BallsThen = group("/worst")
+    displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
+    std: np.ndarray = dataset("m or rad", "/time × 5", "their claimed σ")
+    instants: np.ndarray = dataset("s", "picture", "instants at which the balls were looked at")
+    pressure: np.ndarray = dataset("Pa", "picture", "highest contact pressure of all balls")
+    pressure_std: np.ndarray = dataset("Pa", "picture", "claimed σ of the pressure there")
+    worst: BallsThen = group()
 
 
 @record
 class LoadRuns:
-    error: np.ndarray = dataset("/error", "<unit>", "run", "rms error of <what> over the second half")
+    error: np.ndarray = dataset("<unit>", "run", "rms error of <what> over the second half")
 
 
 @record
 class ParameterRuns:
-    start: np.ndarray = dataset("/start", "<unit>", "run", "first guess of <what>")
-    estimate: np.ndarray = dataset("/estimate", "<unit>", "run", "estimate at the end")
-    std: np.ndarray = dataset("/std", "<unit>", "run", "claimed σ at the end")
-    error: np.ndarray | None = dataset("/error", "<unit>", "run", "estimate less true value at the end", default=None)
+    start: np.ndarray = dataset("<unit>", "run", "first guess of <what>")
+    estimate: np.ndarray = dataset("<unit>", "run", "estimate at the end")
+    std: np.ndarray = dataset("<unit>", "run", "claimed σ at the end")
+    error: np.ndarray | None = dataset("<unit>", "run", "estimate less true value at the end", default=None)
 
 
 @record
 class BenchEstimated:
     """estimate.h5 of a bench."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "time, the start first")
-    q: np.ndarray = dataset("/q", "SI", "/time × coordinate", "estimated coordinates of all bodies")
-    violation: np.ndarray = dataset(
-        "/violation", "1", "/time", "largest constraint violation of the estimate, relative"
-    )
-    nis: np.ndarray = dataset("/nis", "1", "instant", "normalised innovation squared over the number of channels")
-    lost: np.ndarray = dataset("/lost", "1", "run", "step in which each run diverged, -1: none")
-    inputs: dict[str, LoadHistory] = group("/inputs/<name>", unit="unit of input <name>", what="<name>")
-    parameters: dict[str, ParameterHistory] = group(
-        "/parameters/<name>", unit="unit of parameter <name>", what="<name>"
-    )
-    sensors: dict[str, SensorMatch] = group("/sensors/<name>", unit="unit of sensor <name>", what="<name>")
-    input_runs: dict[str, LoadRuns] = group("/runs/inputs/<name>", unit="unit of input <name>", what="<name>")
+    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    q: np.ndarray = dataset("SI", "/time × coordinate", "estimated coordinates of all bodies")
+    violation: np.ndarray = dataset("1", "/time", "largest constraint violation of the estimate, relative")
+    nis: np.ndarray = dataset("1", "instant", "normalised innovation squared over the number of channels")
+    lost: np.ndarray = dataset("1", "run", "step in which each run diverged, -1: none")
+    inputs: dict[str, LoadHistory] = group(unit="unit of input <name>", what="<name>")
+    parameters: dict[str, ParameterHistory] = group(unit="unit of parameter <name>", what="<name>")
+    sensors: dict[str, SensorMatch] = group(unit="unit of sensor <name>", what="<name>")
+    input_runs: dict[str, LoadRuns] = group(path="/runs/inputs/<name>", unit="unit of input <name>", what="<name>")
     parameter_runs: dict[str, ParameterRuns] = group(
-        "/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
+        path="/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
     )
     seeds: dict[str, np.ndarray] = dataset(
-        "/runs/numbers/<name>", "SI", "seed", "number <name> of the summary, once a seed; not of a single one"
+        "SI", "seed", "number <name> of the summary, once a seed; not of a single one", path="/runs/numbers/<name>"
     )
-    bearings: dict[str, RingEstimate] = group("/bearings/<name>")
-    compared: Compared | None = group("/compared", default=None)
+    bearings: dict[str, RingEstimate] = group()
+    compared: Compared | None = group(default=None)

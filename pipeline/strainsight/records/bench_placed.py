@@ -13,12 +13,12 @@ PLACED = "place"
 
 @record
 class BenchCandidates:
-    position: np.ndarray = dataset("/position", "m", "candidate × 3", "position")
-    direction: np.ndarray = dataset("/direction", "1", "candidate × 3", "measuring direction")
-    element: np.ndarray = dataset("/element", "1", "candidate", "element id in the deck")
-    facet: np.ndarray = dataset("/facet", "1", "candidate", "facet number within the element, from 1")
+    position: np.ndarray = dataset("m", "candidate × 3", "position")
+    direction: np.ndarray = dataset("1", "candidate × 3", "measuring direction")
+    element: np.ndarray = dataset("1", "candidate", "element id in the deck")
+    facet: np.ndarray = dataset("1", "candidate", "facet number within the element, from 1")
     response: np.ndarray = dataset(
-        "/response", "(strain or m or m/s^2)/SI", "candidate × /inputs", "reading per unit of every unknown at rest"
+        "(strain or m or m/s^2)/SI", "candidate × /inputs", "reading per unit of every unknown at rest"
     )
 
 
@@ -26,27 +26,23 @@ class BenchCandidates:
 class BenchLayout:
     """One layout, its gauges in its order."""
 
-    candidate: np.ndarray = dataset("/candidate", "1", "gauge", "number of every gauge among the candidates")
+    candidate: np.ndarray = dataset("1", "gauge", "number of every gauge among the candidates")
     sensor: tuple[str, ...] = dataset(
-        "/sensor",
-        "1",
-        "gauge",
-        "SENSOR.AXIS where it is a component of a sensor of the bench, empty where it is a gauge",
+        "1", "gauge", "SENSOR.AXIS where it is a component of a sensor of the bench, empty where it is a gauge"
     )
-    position: np.ndarray = dataset("/position", "m", "gauge × 3", "position")
-    direction: np.ndarray = dataset("/direction", "1", "gauge × 3", "measuring direction")
-    length: np.ndarray = dataset("/length", "m", "gauge", "length of its grid, 0: the strain at its centre")
+    position: np.ndarray = dataset("m", "gauge × 3", "position")
+    direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction")
+    length: np.ndarray = dataset("m", "gauge", "length of its grid, 0: the strain at its centre")
     metric: float = dataset(
-        "/metric", "1", "", "<what>; inf where an unknown is lost, NaN where the equation is not solved to accuracy"
+        "1", "", "<what>; inf where an unknown is lost, NaN where the equation is not solved to accuracy"
     )
     std: np.ndarray = dataset(
-        "/std",
         "SI",
         "/inputs",
-        "σ of every unknown that the filter comes to claim, of a parameter at the end of the run; inf where a load is lost, "
-        "NaN where that is not solved",
+        "σ of every unknown that the filter comes to claim, of a parameter at the end of the run; inf where a load "
+        "is lost, NaN where that is not solved",
     )
-    without: np.ndarray = dataset("/without", "SI", "gauge × /inputs", "that σ without each gauge")
+    without: np.ndarray = dataset("SI", "gauge × /inputs", "that σ without each gauge")
 
     @property
     def bonded(self) -> np.ndarray:
@@ -59,10 +55,10 @@ class BenchPlaced(PlacedLayout):
     """place.h5 of a bench: the state is (η, η̇, u, ξ) about the static equilibrium, motions that the constraints leave in their
     modes, their rates, the unknown inputs, the parameters in their coordinates."""
 
-    inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every unknown, inputs before parameters")
-    units: tuple[str, ...] = dataset("/units", "1", "/inputs", "unit of every one of them")
-    candidates: BenchCandidates = group("/candidates")
-    layouts: dict[str, BenchLayout] = group("/layouts/<name>", what="<what>")
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "name of every unknown, inputs before parameters")
+    units: tuple[str, ...] = dataset("1", "/inputs", "unit of every one of them")
+    candidates: BenchCandidates = group()
+    layouts: dict[str, BenchLayout] = group(what="<what>")
 
     def layout(self, which: str) -> BenchLayout:
         """For a sensor with `layout: which`. "random": the first of those drawn, which is no worse a draw than another."""

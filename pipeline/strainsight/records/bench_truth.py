@@ -11,8 +11,8 @@ from strainsight.records.record import dataset, record
 class BenchTruths:
     """Every history begins in the state of the config at the start, with its loads."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "time, the start first")
-    begin: np.ndarray = dataset("/begin", "s", "history", "instant of the load histories at which each begins")
-    q: np.ndarray = dataset("/q", "SI", "/time × history × coordinate", "coordinates")
-    v: np.ndarray = dataset("/v", "SI", "/time × history × coordinate", "their rates")
-    inputs: dict[str, np.ndarray] = dataset("/inputs/<name>", "unit of input <name>", "/time × history", "load <name>")
+    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    begin: np.ndarray = dataset("s", "history", "instant of the load histories at which each begins")
+    q: np.ndarray = dataset("SI", "/time × history × coordinate", "coordinates")
+    v: np.ndarray = dataset("SI", "/time × history × coordinate", "their rates")
+    inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time × history", "load <name>")

@@ -18,17 +18,15 @@ SQUARE = "coordinate × coordinate"
 class Inertia:
     """`InertiaInvariants`: integrals over the undeformed body of the place x and the shapes Φ, in the floating frame."""
 
-    mass: float = dataset("/mass", "kg", "", "∫ρ")
-    first: np.ndarray = dataset("/first", "kg m", "3", "∫ρ x")
-    first_modal: np.ndarray = dataset("/first_modal", "kg per unit", "3 × coordinate", "∫ρ Φ")
-    second: np.ndarray = dataset("/second", "kg m^2", "3 × 3", "∫ρ x xᵀ")
-    second_modal: np.ndarray = dataset("/second_modal", "kg m per unit", "coordinate × 3 × 3", "∫ρ (x φᵀ + φ xᵀ)")
-    second_modal2: np.ndarray = dataset("/second_modal2", "kg per unit^2", f"{SQUARE} × 3 × 3", "∫ρ φ_k φ_lᵀ")
-    coupling: np.ndarray = dataset("/coupling", "kg m per unit", "3 × 3 × coordinate", "∫ρ x_j Φ")
-    coupling_modal: np.ndarray = dataset(
-        "/coupling_modal", "kg per unit^2", "coordinate × 3 × 3 × coordinate", "∫ρ φ_kj Φ"
-    )
-    modal: np.ndarray = dataset("/modal", "kg per unit^2", SQUARE, "∫ρ ΦᵀΦ")
+    mass: float = dataset("kg", "", "∫ρ")
+    first: np.ndarray = dataset("kg m", "3", "∫ρ x")
+    first_modal: np.ndarray = dataset("kg per unit", "3 × coordinate", "∫ρ Φ")
+    second: np.ndarray = dataset("kg m^2", "3 × 3", "∫ρ x xᵀ")
+    second_modal: np.ndarray = dataset("kg m per unit", "coordinate × 3 × 3", "∫ρ (x φᵀ + φ xᵀ)")
+    second_modal2: np.ndarray = dataset("kg per unit^2", f"{SQUARE} × 3 × 3", "∫ρ φ_k φ_lᵀ")
+    coupling: np.ndarray = dataset("kg m per unit", "3 × 3 × coordinate", "∫ρ x_j Φ")
+    coupling_modal: np.ndarray = dataset("kg per unit^2", "coordinate × 3 × 3 × coordinate", "∫ρ φ_kj Φ")
+    modal: np.ndarray = dataset("kg per unit^2", SQUARE, "∫ρ ΦᵀΦ")
 
     @classmethod
     def of(cls, inertia: InertiaInvariants) -> Inertia:
@@ -42,29 +40,24 @@ class Inertia:
 class ReducedBody:
     """One body; interface: id of the node, as text → its six motions."""
 
-    clamped: bool = dataset("/clamped", "1", "", "whether supports hold the body on the ground")
-    frequency: np.ndarray = dataset("/frequency", "Hz", "mode", "modes with the interfaces held")
-    cut: float = dataset("/cut", "Hz", "", "first of these modes that was left out")
+    clamped: bool = dataset("1", "", "whether supports hold the body on the ground")
+    frequency: np.ndarray = dataset("Hz", "mode", "modes with the interfaces held")
+    cut: float = dataset("Hz", "", "first of these modes that was left out")
     reach: dict[str, np.ndarray] = dataset(
-        "/reach/<name>", "Pa", "2", "lowest and highest value of modulus <name> at which statics are right to 1 %"
+        "Pa", "2", "lowest and highest value of modulus <name> at which statics are right to 1 %"
     )
-    mass: np.ndarray = dataset("/mass", "kg per unit^2", SQUARE, "reduced mass")
-    stiffness: AffineOperator = group("/stiffness", AffineTerms, "N/m per unit^2", "reduced stiffness")
-    damping: AffineOperator = group("/damping", AffineTerms, "N s/m per unit^2", "reduced damping")
-    basis: np.ndarray = dataset(
-        "/basis", "m per unit", "3 nodes × coordinate", "displacement of the nodes (3 node + component)"
-    )
+    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass")
+    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness")
+    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping")
+    basis: np.ndarray = dataset("m per unit", "3 nodes × coordinate", "displacement of the nodes (3 node + component)")
     interface: dict[str, np.ndarray] = dataset(
-        "/interface/<name>",
-        "m or rad per unit",
-        "6 × coordinate",
-        "three translations and three rotations of node <name>",
+        "m or rad per unit", "6 × coordinate", "three translations and three rotations of node <name>"
     )
-    inertia: InertiaInvariants = group("/inertia", Inertia)
+    inertia: InertiaInvariants = group(Inertia)
 
 
 @record
 class ReducedBodies:
     """reduce.h5."""
 
-    bodies: dict[str, ReducedBody] = group("/bodies/<name>")
+    bodies: dict[str, ReducedBody] = group()

@@ -13,10 +13,8 @@ from strainsight.records.record import dataset, record
 class Budget:
     """What the variance of every unknown is made of."""
 
-    source: tuple[str, ...] = dataset("/source", "1", "/source", "where a part of the variance comes from")
-    share: dict[str, np.ndarray] = dataset(
-        "/share/<name>", "1", "/source", "share of every source in the variance of <name>, filtered"
-    )
+    source: tuple[str, ...] = dataset("1", "/source", "where a part of the variance comes from")
+    share: dict[str, np.ndarray] = dataset("1", "/source", "share of every source in the variance of <name>, filtered")
 
     @property
     def shares(self) -> dict[str, dict[str, float]]:

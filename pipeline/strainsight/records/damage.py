@@ -11,27 +11,25 @@ from strainsight.records.record import dataset, group, record
 class DamageAt:
     """Of some places."""
 
-    position: np.ndarray = dataset("/position", "m", "place × 3", "where")
-    element: np.ndarray = dataset("/element", "1", "place", "element of the file whose surface it is")
-    of_mean: np.ndarray = dataset(
-        "/of_mean", "1", "place", "damage of the smoothed history, without what σ leaves open"
-    )
-    damage: np.ndarray = dataset("/damage", "1", "place", "median of the draws' damage, NaN where none were drawn")
-    low: np.ndarray = dataset("/low", "1", "place", "2.5 % of the draws' damage are smaller")
-    high: np.ndarray = dataset("/high", "1", "place", "2.5 % are larger")
-    range_of_mean: np.ndarray = dataset("/range_of_mean", "Pa", "place", "equivalent range of the smoothed history")
-    range: np.ndarray = dataset("/range", "Pa", "place", "median of the draws' equivalent range")
-    range_low: np.ndarray = dataset("/range_low", "Pa", "place", "2.5 % of them are smaller")
-    range_high: np.ndarray = dataset("/range_high", "Pa", "place", "2.5 % are larger")
+    position: np.ndarray = dataset("m", "place × 3", "where")
+    element: np.ndarray = dataset("1", "place", "element of the file whose surface it is")
+    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed history, without what σ leaves open")
+    damage: np.ndarray = dataset("1", "place", "median of the draws' damage, NaN where none were drawn")
+    low: np.ndarray = dataset("1", "place", "2.5 % of the draws' damage are smaller")
+    high: np.ndarray = dataset("1", "place", "2.5 % are larger")
+    range_of_mean: np.ndarray = dataset("Pa", "place", "equivalent range of the smoothed history")
+    range: np.ndarray = dataset("Pa", "place", "median of the draws' equivalent range")
+    range_low: np.ndarray = dataset("Pa", "place", "2.5 % of them are smaller")
+    range_high: np.ndarray = dataset("Pa", "place", "2.5 % are larger")
 
 
 @record
 class Damaged:
     """Damage in a test."""
 
-    surface: DamageAt | None = group("/surface", default=None)
-    virtual: DamageAt | None = group("/virtual", default=None)
+    surface: DamageAt | None = group(default=None)
+    virtual: DamageAt | None = group(default=None)
     hot_spot: np.ndarray | None = dataset(
-        "/hot_spot", "1", "hot spot", "places of /surface, the most damaged first, none near another", default=None
+        "1", "hot spot", "places of /surface, the most damaged first, none near another", default=None
     )
-    hours: float = dataset("/hours", "h", "", "duration of the record, all repetitions")
+    hours: float = dataset("h", "", "duration of the record, all repetitions")

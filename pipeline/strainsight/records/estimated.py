@@ -14,16 +14,16 @@ from strainsight.records.record import dataset, group, read, record
 class Channels:
     """The channels of the file."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "sampling times of the channels, the first one starts the filter")
-    label: tuple[str, ...] = dataset("/label", "1", "/label", "gauge and grid of every channel")
-    channel: np.ndarray = dataset("/channel", "1", "/label", "row of train.h5 of every channel")
+    time: np.ndarray = dataset("s", "/time", "sampling times of the channels, the first one starts the filter")
+    label: tuple[str, ...] = dataset("1", "/label", "gauge and grid of every channel")
+    channel: np.ndarray = dataset("1", "/label", "row of train.h5 of every channel")
     measured: np.ndarray = dataset(
-        "/measured", "unit of the channel", "/time × /label", "calibrated samples, NaN where one is missing"
+        "unit of the channel", "/time × /label", "calibrated samples, NaN where one is missing"
     )
-    estimated: np.ndarray = dataset("/estimated", "unit of the channel", "/time × /label", "their estimate")
-    std: np.ndarray = dataset("/std", "unit of the channel", "/time × /label", "its claimed σ")
+    estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "their estimate")
+    std: np.ndarray = dataset("unit of the channel", "/time × /label", "its claimed σ")
     noise_std: np.ndarray = dataset(
-        "/noise_std", "unit of the channel", "/label", "σ of the noise of a sample, as the filter took it"
+        "unit of the channel", "/label", "σ of the noise of a sample, as the filter took it"
     )
 
 
@@ -32,12 +32,10 @@ class HoldOut:
     """Every gauge left out in turn, and what the others say that it reads."""
 
     predicted: np.ndarray = dataset(
-        "/predicted", "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: it is in"
+        "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: it is in"
     )
-    std: np.ndarray = dataset("/std", "unit of the channel", "/gauge/time × /gauge/label", "σ of measured − predicted")
-    left_in: tuple[str, ...] = dataset(
-        "/left_in", "1", "/gauge/label", "why a gauge was not left out, empty where it was"
-    )
+    std: np.ndarray = dataset("unit of the channel", "/gauge/time × /gauge/label", "σ of measured − predicted")
+    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "why a gauge was not left out, empty where it was")
 
 
 @record
@@ -45,30 +43,20 @@ class ChannelsChecked:
     """What every channel says against the others."""
 
     by_others: bool = dataset(
-        "/by_others", "1", "", "whether a channel is predicted by all others alone, where faults were looked for"
+        "1", "", "whether a channel is predicted by all others alone, where faults were looked for"
     )
-    begin: float = dataset("/begin", "s", "", "time of the first sample that the numbers of channels hold for")
-    end: float = dataset("/end", "s", "", "time of the last one")
-    measured: np.ndarray = dataset("/measured", "unit of the channel", "/gauge/label", "RMS of every channel")
-    predicted: np.ndarray = dataset("/predicted", "unit of the channel", "/gauge/label", "RMS of its prediction")
-    residual: np.ndarray = dataset("/residual", "1", "/gauge/label", "RMS of their difference over its claimed σ")
-    correlation: np.ndarray = dataset(
-        "/correlation", "1", "/gauge/label", "correlation of the channel with its prediction"
-    )
+    begin: float = dataset("s", "", "time of the first sample that the numbers of channels hold for")
+    end: float = dataset("s", "", "time of the last one")
+    measured: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of every channel")
+    predicted: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of its prediction")
+    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of their difference over its claimed σ")
+    correlation: np.ndarray = dataset("1", "/gauge/label", "correlation of the channel with its prediction")
     fault: tuple[str, ...] = dataset(
-        "/fault",
-        "1",
-        "/gauge/label",
-        "the fault of the channel that explains the record best; empty: none is better than none",
+        "1", "/gauge/label", "the fault of the channel that explains the record best; empty: none is better than none"
     )
-    gain: np.ndarray = dataset(
-        "/gain", "1", "/gauge/label", "ln of how much more likely the record is with it, 0 without one"
-    )
+    gain: np.ndarray = dataset("1", "/gauge/label", "ln of how much more likely the record is with it, 0 without one")
     candidate: tuple[str, ...] = dataset(
-        "/candidate",
-        "1",
-        "candidate",
-        "faults that make the record believable, best first; one is named, of several none",
+        "1", "candidate", "faults that make the record believable, best first; one is named, of several none"
     )
 
 
@@ -76,47 +64,42 @@ class ChannelsChecked:
 class Offsets:
     """Channels whose offset is unknown."""
 
-    channel: np.ndarray = dataset("/channel", "1", "channel", "channels with an unknown offset")
-    mean: np.ndarray = dataset("/mean", "unit of the biased channel", "channel", "their offsets")
-    std: np.ndarray = dataset("/std", "unit of the biased channel", "channel", "claimed σ of these")
+    channel: np.ndarray = dataset("1", "channel", "channels with an unknown offset")
+    mean: np.ndarray = dataset("unit of the biased channel", "channel", "their offsets")
+    std: np.ndarray = dataset("unit of the biased channel", "channel", "claimed σ of these")
 
 
 @record
 class Resultant:
     """The vector sum of the unknown loads at one place."""
 
-    place: str = dataset("/place", "1", "", "node or set that they act on")
-    force: np.ndarray = dataset("/force", "N", "/time × 3", "sum of the loads there")
-    magnitude: np.ndarray = dataset("/magnitude", "N", "/time", "its size")
-    std: np.ndarray = dataset("/std", "N", "/time", "claimed σ of its size")
+    place: str = dataset("1", "", "node or set that they act on")
+    force: np.ndarray = dataset("N", "/time × 3", "sum of the loads there")
+    magnitude: np.ndarray = dataset("N", "/time", "its size")
+    std: np.ndarray = dataset("N", "/time", "claimed σ of its size")
 
 
 @record
 class VirtualStrain:
     """Strain where no gauge is."""
 
-    strain: np.ndarray = dataset("/strain", "strain", "/time × grid", "smoothed strain where no gauge is")
-    std: np.ndarray = dataset("/std", "strain", "/time × grid", "its claimed σ")
-    position: np.ndarray = dataset("/position", "m", "grid × 3", "where")
-    direction: np.ndarray = dataset("/direction", "1", "grid × 3", "along what")
+    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain where no gauge is")
+    std: np.ndarray = dataset("strain", "/time × grid", "its claimed σ")
+    position: np.ndarray = dataset("m", "grid × 3", "where")
+    direction: np.ndarray = dataset("1", "grid × 3", "along what")
 
 
 @record
 class Compared:
     """The filters of a structure or a bench on the same samples, tolerances left out."""
 
-    filter: tuple[str, ...] = dataset(
-        "/filter", "1", "/filter", "bank, sigma-point (of a structure) and extended filter"
-    )
+    filter: tuple[str, ...] = dataset("1", "/filter", "bank, sigma-point (of a structure) and extended filter")
     estimate: dict[str, np.ndarray] = dataset(
-        "/estimate/<name>",
-        "unit of <name>",
-        "/filter",
-        "estimate of <name> at the end by every filter, NaN of one that diverged",
+        "unit of <name>", "/filter", "estimate of <name> at the end by every filter, NaN of one that diverged"
     )
-    std: dict[str, np.ndarray] = dataset("/std/<name>", "unit of <name>", "/filter", "its claimed standard deviation")
+    std: dict[str, np.ndarray] = dataset("unit of <name>", "/filter", "its claimed standard deviation")
     ratio: dict[str, np.ndarray] = dataset(
-        "/ratio/<name>", "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
+        "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
     )
 
 
@@ -124,32 +107,30 @@ class Compared:
 class Posterior:
     """What the samples leave of a parameter."""
 
-    value: np.ndarray = dataset("/value", "<unit>", "/value", "values of <what>")
-    density: np.ndarray = dataset("/density", "1", "/value", "density of ln <what> after the samples")
-    prior: np.ndarray = dataset("/prior", "1", "/value", "the same before them")
-    left: float = dataset("/left", "1", "", "σ of ln <what> after the samples over that before them")
-    peak: np.ndarray = dataset("/peak", "<unit>", "/peak", "values at which the density is largest")
-    share: np.ndarray = dataset("/share", "1", "/peak", "probability of what lies about each")
+    value: np.ndarray = dataset("<unit>", "/value", "values of <what>")
+    density: np.ndarray = dataset("1", "/value", "density of ln <what> after the samples")
+    prior: np.ndarray = dataset("1", "/value", "the same before them")
+    left: float = dataset("1", "", "σ of ln <what> after the samples over that before them")
+    peak: np.ndarray = dataset("<unit>", "/peak", "values at which the density is largest")
+    share: np.ndarray = dataset("1", "/peak", "probability of what lies about each")
 
 
 @record
 class Moment:
     """The surface at the moment of the largest reading; facets as `exterior_facets` of the mesh of import.h5 has them."""
 
-    time: float = dataset("/time", "s", "", "instant of the largest reading, on the clock of the file")
-    label: str = dataset("/label", "1", "", "channel that has it")
-    displacement: np.ndarray = dataset(
-        "/displacement", "m", "node × 3", "smoothed displacement then, nodes of import.h5"
-    )
+    time: float = dataset("s", "", "instant of the largest reading, on the clock of the file")
+    label: str = dataset("1", "", "channel that has it")
+    displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement then, nodes of import.h5")
     strain: np.ndarray = dataset(
-        "/strain", "strain", "exterior facet × 6", "smoothed strain then, γ for shear, at the middle of the facet"
+        "strain", "exterior facet × 6", "smoothed strain then, γ for shear, at the middle of the facet"
     )
     principal_strain: np.ndarray = dataset(
-        "/principal_strain", "strain", "exterior facet", "the principal strain of largest size then, with its sign"
+        "strain", "exterior facet", "the principal strain of largest size then, with its sign"
     )
-    von_mises: np.ndarray = dataset("/von_mises", "Pa", "exterior facet", "von Mises stress then")
+    von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress then")
     von_mises_std: np.ndarray | None = dataset(
-        "/von_mises_std", "Pa", "exterior facet", "its claimed σ, where σ is not withheld", default=None
+        "Pa", "exterior facet", "its claimed σ, where σ is not withheld", default=None
     )
 
 
@@ -157,93 +138,83 @@ class Moment:
 class Source:
     """The file of the test, and what was done to every channel of it that was used."""
 
-    file: str = dataset("/file", "1", "", "name of the file")
-    sha256: str = dataset("/sha256", "1", "", "digest of its bytes")
-    bytes: int = dataset("/bytes", "1", "", "its size in bytes")
-    format: str = dataset("/format", "1", "", "csv, hdf5 or uff58")
-    date: str = dataset("/date", "1", "", "when it was measured, as the config states it; empty where it does not")
-    channel: tuple[str, ...] = dataset("/channel", "1", "/channel", "name of every channel in the file")
-    measures: tuple[str, ...] = dataset("/measures", "1", "/channel", "the gauge and grid, or the known load, it is")
-    unit: tuple[str, ...] = dataset("/unit", "1", "/channel", "unit of its readings as stated")
-    bridge: tuple[str, ...] = dataset("/bridge", "1", "/channel", "arrangement of its bridge, empty without one")
-    gauge_factor: np.ndarray = dataset("/gauge_factor", "1", "/channel", "gauge factor, NaN without a bridge")
-    poisson_ratio: np.ndarray = dataset("/poisson_ratio", "1", "/channel", "that the bridge goes by, else NaN")
-    sign: np.ndarray = dataset("/sign", "1", "/channel", "-1: wired the other way round")
-    scale: np.ndarray = dataset("/scale", "1", "/channel", "factor on the calibrated signal")
-    offset: np.ndarray = dataset("/offset", "see /source/unit", "/channel", "subtracted from the readings")
+    file: str = dataset("1", "", "name of the file")
+    sha256: str = dataset("1", "", "digest of its bytes")
+    bytes: int = dataset("1", "", "its size in bytes")
+    format: str = dataset("1", "", "csv, hdf5 or uff58")
+    date: str = dataset("1", "", "when it was measured, as the config states it; empty where it does not")
+    channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
+    measures: tuple[str, ...] = dataset("1", "/channel", "the gauge and grid, or the known load, it is")
+    unit: tuple[str, ...] = dataset("1", "/channel", "unit of its readings as stated")
+    bridge: tuple[str, ...] = dataset("1", "/channel", "arrangement of its bridge, empty without one")
+    gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor, NaN without a bridge")
+    poisson_ratio: np.ndarray = dataset("1", "/channel", "that the bridge goes by, else NaN")
+    sign: np.ndarray = dataset("1", "/channel", "-1: wired the other way round")
+    scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal")
+    offset: np.ndarray = dataset("see /source/unit", "/channel", "subtracted from the readings")
     drift: np.ndarray = dataset(
-        "/drift", "see /source/unit, per second", "/channel", "subtracted, times the time since the start"
+        "see /source/unit, per second", "/channel", "subtracted, times the time since the start"
     )
-    zero: np.ndarray = dataset(
-        "/zero", "s", "/channel × 2", "from, to: the mean there is subtracted; NaN where none is"
-    )
-    delay: np.ndarray = dataset("/delay", "s", "/channel", "that it was late by in the file; negative: early")
+    zero: np.ndarray = dataset("s", "/channel × 2", "from, to: the mean there is subtracted; NaN where none is")
+    delay: np.ndarray = dataset("s", "/channel", "that it was late by in the file; negative: early")
 
 
 @record
 class Histories:
     """Every unknown in time."""
 
-    estimate: dict[str, np.ndarray] = dataset(
-        "/estimate/<name>", "unit of <name>", "/time", "filtered estimate of <name>"
-    )
-    std: dict[str, np.ndarray] = dataset(
-        "/std/<name>", "unit of <name>", "/time", "claimed standard deviation of the filtered <name>"
-    )
-    smoothed: dict[str, np.ndarray] = dataset(
-        "/smoothed/<name>", "unit of <name>", "/time", "smoothed estimate of <name>"
-    )
+    estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "filtered estimate of <name>")
+    std: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "claimed standard deviation of the filtered <name>")
+    smoothed: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "smoothed estimate of <name>")
     smoothed_std: dict[str, np.ndarray] = dataset(
-        "/smoothed_std/<name>", "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
+        "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
     )
-    posterior: dict[str, Posterior] = group("/posterior/<name>", unit="unit of <name>", what="<name>")
-    compared: Compared | None = group("/compared", default=None)
-    budget: Budget | None = group("/budget", default=None)
+    posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
+    compared: Compared | None = group(default=None)
+    budget: Budget | None = group(default=None)
 
 
 @record
 class Estimated(Histories):
     """estimate.h5 of a placement."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "time of the estimates, on the clock of the file")
-    gauge: Channels = group("/gauge")
+    time: np.ndarray = dataset("s", "/time", "time of the estimates, on the clock of the file")
+    gauge: Channels = group()
     whitened: np.ndarray = dataset(
-        "/consistency/whitened",
         "1",
         "/gauge/time × /gauge/label",
         "innovations over their σ, white if the model is true",
+        path="/consistency/whitened",
     )
-    hold_out: HoldOut | None = group("/hold_out", default=None)
-    trusted: bool = dataset(
-        "/trusted", "1", "", "whether the record agrees with the model; where not, no σ is to be trusted"
-    )
-    check: ChannelsChecked = group("/channel_check")
-    bias: Offsets | None = group("/bias", default=None)
-    resultant: dict[str, Resultant] = group("/resultant/<name>")
-    virtual: VirtualStrain | None = group("/virtual", default=None)
-    known: dict[str, np.ndarray] = dataset("/known/<name>", "unit of <name>", "/time", "known load <name> as measured")
-    moment: Moment | None = group("/moment", default=None)
-    source: Source = group("/source")
-    damage: Damaged | None = group("/damage", default=None)
-    notes: tuple[str, ...] = dataset("/notes", "1", "sentence", "what was done to the measurements, and doubts")
+    hold_out: HoldOut | None = group(default=None)
+    trusted: bool = dataset("1", "", "whether the record agrees with the model; where not, no σ is to be trusted")
+    check: ChannelsChecked = group(path="/channel_check")
+    bias: Offsets | None = group(default=None)
+    resultant: dict[str, Resultant] = group()
+    virtual: VirtualStrain | None = group(default=None)
+    known: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "known load <name> as measured")
+    moment: Moment | None = group(default=None)
+    source: Source = group()
+    damage: Damaged | None = group(default=None)
+    notes: tuple[str, ...] = dataset("1", "sentence", "what was done to the measurements, and doubts")
 
 
 @record
 class CampaignRecord:
     """What estimate.h5 has of several records beside each of them, which stands below /record/NAME."""
 
-    name: tuple[str, ...] = dataset("/records", "1", "/records", "names of the records, in the order of the config")
-    alone: dict[str, np.ndarray] = dataset(
-        "/alone/<name>", "unit of <name>", "/records", "most likely <name> by each record alone"
+    name: tuple[str, ...] = dataset(
+        "1", "/records", "names of the records, in the order of the config", path="/records"
     )
+    alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "most likely <name> by each record alone")
     gain: float = dataset(
-        "/gain",
         "1",
         "",
-        "ln of how much more likely the records are with one set of parameters and bonded gauges than each with its own",
+        "ln of how much more likely the records are with one set of parameters and bonded gauges than each with its "
+        "own",
     )
-    posterior: dict[str, Posterior] = group("/posterior/<name>", unit="unit of <name>", what="<name>")
-    damage: Damaged | None = group("/damage", default=None)
+    posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
+    damage: Damaged | None = group(default=None)
 
 
 def record_group(name: str) -> str:

@@ -13,13 +13,13 @@ from strainsight.records.record import dataset, group, record
 class FoundFaces:
     """`Faces` without the facets of each."""
 
-    area: np.ndarray = dataset("/area", "m^2", "face", "area, the largest first")
-    centre: np.ndarray = dataset("/centre", "m", "face × 3", "centre, weighted by area")
-    normal: np.ndarray = dataset("/normal", "1", "face × 3", "outward normal of a flat face, zero where it is bent")
-    radius: np.ndarray = dataset("/radius", "m", "face", "radius of a cylinder, zero of others")
-    axis: np.ndarray = dataset("/axis", "1", "face × 3", "axis of a cylinder, zero of others")
-    hollow: np.ndarray = dataset("/hollow", "1", "face", "whether a cylinder is a bore")
-    point: np.ndarray = dataset("/point", "m", "face × 3", "a point of each face")
+    area: np.ndarray = dataset("m^2", "face", "area, the largest first")
+    centre: np.ndarray = dataset("m", "face × 3", "centre, weighted by area")
+    normal: np.ndarray = dataset("1", "face × 3", "outward normal of a flat face, zero where it is bent")
+    radius: np.ndarray = dataset("m", "face", "radius of a cylinder, zero of others")
+    axis: np.ndarray = dataset("1", "face × 3", "axis of a cylinder, zero of others")
+    hollow: np.ndarray = dataset("1", "face", "whether a cylinder is a bore")
+    point: np.ndarray = dataset("m", "face × 3", "a point of each face")
 
     @classmethod
     def of(cls, faces: Faces) -> FoundFaces:
@@ -38,5 +38,5 @@ class FoundFaces:
 class Imported:
     """import.h5 of a structure."""
 
-    mesh: MeshColumns = group("")
-    found: FoundFaces | None = group("/faces/found", default=None)
+    mesh: MeshColumns = group(path="")
+    found: FoundFaces | None = group(path="/faces/found", default=None)

@@ -70,76 +70,66 @@ TURNED = Key("node", int, "node indices with a displacement system of their own"
 class MeshColumns:
     """`Mesh`, its fields by their names; lengths in m."""
 
-    node_ids: np.ndarray = dataset("/nodes/id", "1", "/nodes/id", "id of every node in the deck")
-    position: np.ndarray = dataset("/nodes/position", "m", "/nodes/id × 3", "position of every node")
-    blocks: tuple[CellBlock, ...] = group("/cells/<name>", by="kind")
-    shells: tuple[ShellBlock, ...] = group("/shells/<name>", by="kind")
-    beams: tuple[BeamBlock, ...] = group("/beams/<name>", by="kind")
+    node_ids: np.ndarray = dataset("1", "/nodes/id", "id of every node in the deck", path="/nodes/id")
+    position: np.ndarray = dataset("m", "/nodes/id × 3", "position of every node", path="/nodes/position")
+    blocks: tuple[CellBlock, ...] = group(path="/cells/<name>", by="kind")
+    shells: tuple[ShellBlock, ...] = group(by="kind")
+    beams: tuple[BeamBlock, ...] = group(by="kind")
     arms: np.ndarray = dataset(
-        "/arms",
-        "1",
-        "arm × 2",
-        "node on a face of a shell or a side of a beam, and the node that it follows as a rigid arm",
+        "1", "arm × 2", "node on a face of a shell or a side of a beam, and the node that it follows as a rigid arm"
     )
-    regions: Mapping[int, Region] = group("/regions", table(Region, "region", "id"))
+    regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(
-        "/sections/shells", table(ShellSection, "shell section", SECTION)
+        table(ShellSection, "shell section", SECTION), path="/sections/shells"
     )
     general_shells: Mapping[int, GeneralShell] | None = group(
-        "/sections/general", table(GeneralShell, "general shell", SECTION)
+        table(GeneralShell, "general shell", SECTION), path="/sections/general"
     )
-    beam_ends: list[tuple[int, BeamSection]] | None = group("/sections/beams", table(BeamSection, "end", BEAM_END))
-    laminates: Mapping[int, Laminate] | None = group("/sections/laminates", table(Laminate, "laminate", LAMINATE))
-    laminae: Mapping[int, Lamina] | None = group("/laminae", table(Lamina, "lamina", "id"))
-    materials: Mapping[int, Material] = group("/materials", table(Material, "material", "id"))
-    anisotropic: Mapping[int, Anisotropic] | None = group("/anisotropic", table(Anisotropic, "anisotropic", "id"))
-    orientations: Mapping[int, Orientation] | None = group("/orientations", table(Orientation, "orientation", REGION))
+    beam_ends: list[tuple[int, BeamSection]] | None = group(table(BeamSection, "end", BEAM_END), path="/sections/beams")
+    laminates: Mapping[int, Laminate] | None = group(table(Laminate, "laminate", LAMINATE), path="/sections/laminates")
+    laminae: Mapping[int, Lamina] | None = group(table(Lamina, "lamina", "id"))
+    materials: Mapping[int, Material] = group(table(Material, "material", "id"))
+    anisotropic: Mapping[int, Anisotropic] | None = group(table(Anisotropic, "anisotropic", "id"))
+    orientations: Mapping[int, Orientation] | None = group(table(Orientation, "orientation", REGION))
     composites: Mapping[int, CompositeSolid] | None = group(
-        "/composites",
         table(
             CompositeSolid,
             "composite",
             REGION,
             kind="of the system of its axes, see /orientations",
             turn="axes 1, 2, 3 along the directions of the system, one in a column",
-        ),
+        )
     )
     fixed: np.ndarray = dataset(
-        "/constraints/fixed",
         "1",
         "held component × 2",
         "components held at zero: [node index, component], 0-2 motions, 3-5 rotations",
+        path="/constraints/fixed",
     )
-    rigid: tuple[RigidElement, ...] = group("/constraints/rigid", table(RigidElement, "rigid element"))
+    rigid: tuple[RigidElement, ...] = group(table(RigidElement, "rigid element"), path="/constraints/rigid")
     averaging: tuple[AveragingElement, ...] = group(
-        "/constraints/averaging", table(AveragingElement, "averaging element")
+        table(AveragingElement, "averaging element"), path="/constraints/averaging"
     )
     relations: tuple[Relation, ...] = group(
-        "/constraints/relations", table(Relation, "relation", brief=("component", "value"))
+        table(Relation, "relation", brief=("component", "value")), path="/constraints/relations"
     )
-    axes: Mapping[int, FloatArray] = group("/constraints/axes", table(Axes, "turned node", TURNED, bare=True))
-    point_masses: tuple[PointMass, ...] = group("/masses", table(PointMass, "mass"))
-    springs: tuple[Springs, ...] = group("/springs", table(Springs, "support", brief=("node", "component", "value")))
-    loads: Mapping[str, NodalForces] = group("/loads", table(NodalForces, "load", LOAD))
-    node_sets: Mapping[str, IntArray] = group("/sets/nodes", table(Members, "set", SET, bare=True), what="nodes")
+    axes: Mapping[int, FloatArray] = group(table(Axes, "turned node", TURNED, bare=True), path="/constraints/axes")
+    point_masses: tuple[PointMass, ...] = group(table(PointMass, "mass"), path="/masses")
+    springs: tuple[Springs, ...] = group(table(Springs, "support", brief=("node", "component", "value")))
+    loads: Mapping[str, NodalForces] = group(table(NodalForces, "load", LOAD))
+    node_sets: Mapping[str, IntArray] = group(table(Members, "set", SET, bare=True), path="/sets/nodes", what="nodes")
     element_sets: Mapping[str, IntArray] = group(
-        "/sets/elements", table(Members, "set", SET, bare=True), what="elements"
+        table(Members, "set", SET, bare=True), path="/sets/elements", what="elements"
     )
-    faces: Mapping[str, IntArray] = group("/faces/named", table(NamedFacets, "name", NAMED_FACE, bare=True))
-    cards: Mapping[str, Ignored] = group("/ignored", table(Ignored, "card", CARD))
-    notes: tuple[str, ...] = dataset("/notes", "1", "note", "how something of the deck was read")
-    doubts: tuple[str, ...] = dataset(
-        "/doubts", "1", "doubt", "what the deck says that is more likely a mistake than meant"
-    )
+    faces: Mapping[str, IntArray] = group(table(NamedFacets, "name", NAMED_FACE, bare=True), path="/faces/named")
+    cards: Mapping[str, Ignored] = group(table(Ignored, "card", CARD), path="/ignored")
+    notes: tuple[str, ...] = dataset("1", "note", "how something of the deck was read")
+    doubts: tuple[str, ...] = dataset("1", "doubt", "what the deck says that is more likely a mistake than meant")
     contacts: tuple[str, ...] | None = dataset(
-        "/contacts",
-        "1",
-        "pair",
-        "what became of each pair of surfaces in contact; missing without contact",
-        default=None,
+        "1", "pair", "what became of each pair of surfaces in contact; missing without contact", default=None
     )
     lumped: int | None = dataset(
-        "/lumped", "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
+        "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
     )
 
     @classmethod
@@ -202,7 +192,7 @@ def _ordered(blocks: Sequence[Any], kinds: Sequence[str]) -> tuple[Any, ...]:
 class Meshes:
     """import.h5 of a bench."""
 
-    bodies: dict[str, Mesh] = group("/bodies/<name>", MeshColumns)
+    bodies: dict[str, Mesh] = group(MeshColumns)
 
 
 def mesh_from(source: Source, below: str = "") -> Mesh:

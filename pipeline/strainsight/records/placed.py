@@ -13,36 +13,29 @@ from strainsight.records.record import dataset, group, record
 class Observed:
     """observe.h5."""
 
-    excitation: tuple[str, ...] = dataset("/excitation", "1", "/excitation", "name of every excitation")
+    excitation: tuple[str, ...] = dataset("1", "/excitation", "name of every excitation")
     case: tuple[str, ...] = dataset(
-        "/case", "1", "/case", "groups that are unknown together: input, E (all moduli), rho (all densities)"
+        "1", "/case", "groups that are unknown together: input, E (all moduli), rho (all densities)"
     )
-    unknowns: tuple[str, ...] = dataset("/unknowns", "1", "/case", "names of the unknowns of every case")
+    unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every case")
     condition: np.ndarray = dataset(
-        "/condition", "1", "/excitation × /case", "condition of the scaled PBH matrix at λ = 0, median over instants"
+        "1", "/excitation × /case", "condition of the scaled PBH matrix at λ = 0, median over instants"
     )
     condition_raw: np.ndarray = dataset(
-        "/condition_raw",
-        "1",
-        "/excitation × /case",
-        "the value as defined in the thesis, which orders cases by their units",
+        "1", "/excitation × /case", "the value as defined in the thesis, which orders cases by their units"
     )
-    sigma_min: np.ndarray = dataset(
-        "/sigma_min", "1", "/excitation × /case", "smallest singular value of the scaled matrix there"
-    )
-    lost: np.ndarray = dataset(
-        "/lost", "1", "/excitation × /case", "what is unobservable or nearly so; empty where nothing is"
-    )
+    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled matrix there")
+    lost: np.ndarray = dataset("1", "/excitation × /case", "what is unobservable or nearly so; empty where nothing is")
 
 
 @record
 class PbhNumbers:
     """Observability of the unknowns from the whole pool."""
 
-    condition: float = dataset("/condition", "1", "", "condition of the scaled PBH matrix at λ = 0")
-    sigma_min: float = dataset("/sigma_min", "1", "", "its smallest singular value")
+    condition: float = dataset("1", "", "condition of the scaled PBH matrix at λ = 0")
+    sigma_min: float = dataset("1", "", "its smallest singular value")
     condition_raw: float = dataset(
-        "/condition_raw", "1", "", "the same without scales, as the thesis prints it, which orders cases by their units"
+        "1", "", "the same without scales, as the thesis prints it, which orders cases by their units"
     )
 
 
@@ -51,12 +44,12 @@ class HotSpots:
     """Whether the strain at gauges is that of the part: of the final set, or of any; changes over the RMS reading in training."""
 
     refined: np.ndarray = dataset(
-        "/refined", "1", "gauge", "largest change of its strain when the mesh around it is refined, NaN: not tested"
+        "1", "gauge", "largest change of its strain when the mesh around it is refined, NaN: not tested"
     )
     spread: np.ndarray = dataset(
-        "/spread", "1", "gauge", "change when forces on nodes there are spread over the facets, NaN: not tested"
+        "1", "gauge", "change when forces on nodes there are spread over the facets, NaN: not tested"
     )
-    share: float = dataset("/share", "1", "", "change of its training RMS beyond which it is at a hot spot")
+    share: float = dataset("1", "", "change of its training RMS beyond which it is at a hot spot")
 
     @property
     def hot(self) -> np.ndarray:
@@ -70,27 +63,18 @@ class AtGauges:
     """What the places of the gauges of the final set, or of any, ask of whoever bonds them."""
 
     in_place: np.ndarray = dataset(
-        "/in_place",
-        "1",
-        "gauge",
-        "RMS change of its strain over σ of its place, over its training RMS; NaN: reads no strain",
+        "1", "gauge", "RMS change of its strain over σ of its place, over its training RMS; NaN: reads no strain"
     )
     over_grid: np.ndarray = dataset(
-        "/over_grid",
-        "1",
-        "gauge",
-        "RMS change of the strain from end to end of its grid, over its training RMS; NaN as there",
+        "1", "gauge", "RMS change of the strain from end to end of its grid, over its training RMS; NaN as there"
     )
-    room: np.ndarray = dataset("/room", "m", "gauge", "free height over it, inf: more than the limit")
+    room: np.ndarray = dataset("m", "gauge", "free height over it, inf: more than the limit")
     lies_on: tuple[str, ...] = dataset(
-        "/lies_on",
-        "1",
-        "gauge",
-        "where the face below it is and what holds it, where something probably lies on that face",
+        "1", "gauge", "where the face below it is and what holds it, where something probably lies on that face"
     )
-    in_place_limit: float = dataset("/in_place_limit", "1", "", "change in place beyond which the gradient is steep")
-    over_grid_limit: float = dataset("/over_grid_limit", "1", "", "change over the grid beyond which it is")
-    room_limit: float = dataset("/room_limit", "m", "", "free height that a hand takes")
+    in_place_limit: float = dataset("1", "", "change in place beyond which the gradient is steep")
+    over_grid_limit: float = dataset("1", "", "change over the grid beyond which it is")
+    room_limit: float = dataset("m", "", "free height that a hand takes")
 
     def steep_in_words(self, i: int) -> str:
         """That the gradient is steep at gauge i, with the number and the limit; empty where it is not."""
@@ -119,23 +103,18 @@ class AtGauges:
 class ByCase:
     """The load cases that a layout is placed for."""
 
-    name: tuple[str, ...] = dataset("/name", "1", "/name", "every load case")
-    weight: np.ndarray = dataset("/weight", "1", "/name", "what it counts")
-    scenario: np.ndarray = dataset(
-        "/scenario", "1", "scenario", "number of the load case of every scenario of /augmented"
-    )
-    metric: np.ndarray = dataset("/metric", "1", "/name", "<what> of the final set in it alone, without its weight")
+    name: tuple[str, ...] = dataset("1", "/name", "every load case")
+    weight: np.ndarray = dataset("1", "/name", "what it counts")
+    scenario: np.ndarray = dataset("1", "scenario", "number of the load case of every scenario of /augmented")
+    metric: np.ndarray = dataset("1", "/name", "<what> of the final set in it alone, without its weight")
     std: dict[str, np.ndarray] = dataset(
-        "/std/<name>",
-        "1",
-        "/name",
-        "σ of <name> expected along its training run, relative to the amplitude or guess there",
+        "1", "/name", "σ of <name> expected along its training run, relative to the amplitude or guess there"
     )
     acts: dict[str, np.ndarray] = dataset(
-        "/acts/<name>", "1", "/name", "whether <name> acts in it; where it is silent it is no part of the metric"
+        "1", "/name", "whether <name> acts in it; where it is silent it is no part of the metric"
     )
-    scale: dict[str, np.ndarray] = dataset("/scale/<name>", "SI", "/name", "that amplitude or guess")
-    worst: dict[str, str] = dataset("/worst/<name>", "1", "", "load case in which <name> is known least")
+    scale: dict[str, np.ndarray] = dataset("SI", "/name", "that amplitude or guess")
+    worst: dict[str, str] = dataset("1", "", "load case in which <name> is known least")
 
 
 @record
@@ -143,20 +122,16 @@ class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "/expected_std/<name>",
-        "SI",
-        "",
-        "σ of <name> that is expected along the training run, tolerances included; in its worst load case",
+        "SI", "", "σ of <name> that is expected along the training run, tolerances included; in its worst load case"
     )
     without: dict[str, np.ndarray] = dataset(
-        "/without/<name>",
         "1",
         "gauge",
-        "relative σ of <name> expected without each gauge of the final set; the largest of any load case, each relative to the "
-        "amplitude in it",
+        "relative σ of <name> expected without each gauge of the final set; the largest of any load case, each "
+        "relative to the amplitude in it",
     )
-    budget: Budget | None = group("/budget", default=None)
-    observability: PbhNumbers = group("/observability")
-    hot_spots: HotSpots | None = group("/hot_spots", default=None)
-    at_gauges: AtGauges | None = group("/at_gauges", default=None)
-    by_case: ByCase | None = group("/load_cases", what="<what>", default=None)
+    budget: Budget | None = group(default=None)
+    observability: PbhNumbers = group()
+    hot_spots: HotSpots | None = group(default=None)
+    at_gauges: AtGauges | None = group(default=None)
+    by_case: ByCase | None = group(path="/load_cases", what="<what>", default=None)

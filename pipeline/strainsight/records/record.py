@@ -2,8 +2,8 @@
 
     @record
     class Train:
-        time: np.ndarray = dataset("/time", "s", "/time", "time of the training run")
-        strain: np.ndarray = dataset("/strain", "strain", "/time × channel", "reading of every channel")
+        time: np.ndarray = dataset("s", "/time", "time of the training run")
+        strain: np.ndarray = dataset("strain", "/time × channel", "reading of every channel")
 
 Writing (`written`), reading (`read`), the checks of shapes against each other and docs/artefacts.md (`listed`) come from there.
 A field may be an array, a number, text (`str`, `tuple[str, ...]`), another record below a group, a `dict` of any of these by
@@ -34,7 +34,7 @@ NAME, UNIT_OF = "<name>", "unit of "
 class Place:
     """Where a field stands.
 
-    path   below the group of its record; `<name>` stands for the keys of a mapping
+    path   below the group of its record, by default the name of the field; `<name>` stands for the keys of a mapping
     unit   "m", "1"; "unit of <name>", "unit of input <name>", "unit of the channel": looked up when it is written,
            by "E", "input Fx", "the channel"
     axes   what each axis counts: equal words are equal lengths ("step + 1": one more; "component of <name>": of each name
@@ -66,9 +66,9 @@ class Source(Protocol):
     def attributes(self, path: str) -> dict[str, Any]: ...
 
 
-def dataset(path: str, unit: str, axes: str, what: str, *, default: EllipsisType | None = ...) -> Any:
+def dataset(unit: str, axes: str, what: str, *, path: str | None = None, default: EllipsisType | None = ...) -> Any:
     """A field that is one dataset, or one for every name; axes: "/time × channel", "" of a number; default=None: optional."""
-    return placed(Place(path, unit, _split(axes), what), None, default)
+    return placed(Place("", unit, _split(axes), what), path, default)
 
 
 def _split(axes: str) -> tuple[str, ...]:
@@ -76,7 +76,13 @@ def _split(axes: str) -> tuple[str, ...]:
 
 
 def group(
-    path: str, through: Any = None, unit: str = "", what: str = "", *, by: str = "", default: EllipsisType | None = ...
+    through: Any = None,
+    unit: str = "",
+    what: str = "",
+    *,
+    path: str | None = None,
+    by: str = "",
+    default: EllipsisType | None = ...,
 ) -> Any:
     """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
 
@@ -84,12 +90,14 @@ def group(
     `<what>` in the fields of that record, which several groups may share; "unit of <name>" is then that of the name of the group.
     by: the field of every one of a tuple of them that is the name of its group.
     """
-    return placed(Place(path, unit, what=what), through, default, by)
+    return placed(Place("", unit, what=what), path, default, through, by)
 
 
-def placed(place: Place, through: Any = None, default: EllipsisType | None = ..., by: str = "") -> Any:
-    """A field with its place."""
-    metadata = {"place": place, "through": through, "by": by}
+def placed(
+    place: Place, path: str | None = None, default: EllipsisType | None = ..., through: Any = None, by: str = ""
+) -> Any:
+    """A field with its place, whose path is that of its name without another."""
+    metadata = {"place": place, "path": path, "through": through, "by": by}
     if default is ...:
         return dataclasses.field(metadata=metadata)
     # A factory and no default: `read` is asked only for attributes that the class itself does not have.
@@ -122,13 +130,16 @@ def _fields(kind: Any) -> dict[str, tuple[Place, _Kind]]:
     if kind not in _KNOWN:
         places = _places(kind)
         hints = get_type_hints(kind) if places else {}
-        _KNOWN[kind] = {
-            name: (data["place"], _kind(hints[name], data["through"], data["by"])) for name, data in places.items()
-        } or {
+        fields = {
             name: (Place(f"/{column.name or name}", column.unit, _split(column.axes), column.meaning), _kind(hint))
             for name, (hint, column) in columns_of(kind).items()
             if column
         }
+        for name, data in places.items():
+            known = _kind(hints[name], data["through"], data["by"])
+            path = f"/{name}/{NAME}" if known.named else f"/{name}"
+            fields[name] = replace(data["place"], path=path if data["path"] is None else data["path"]), known
+        _KNOWN[kind] = fields
     return _KNOWN[kind]
 
 

@@ -15,35 +15,34 @@ from strainsight.rom.model import Damping, ReducedModel, damping_derivative, dam
 class Modes:
     """modes.h5: at the reference. spectrum.h5: in the middle of the ranges, empty where shapes change with the parameters."""
 
-    frequency: np.ndarray = dataset("/frequency", "Hz", "/frequency", "natural frequencies")
-    shape: np.ndarray = dataset(
-        "/shape", "kg^-1/2", "free unknown × /frequency", "mass-normalised shapes on the free unknowns"
-    )
+    frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies")
+    shape: np.ndarray = dataset("kg^-1/2", "free unknown × /frequency", "mass-normalised shapes on the free unknowns")
 
 
 @record
 class AffineTerms:
     """`AffineOperator`, dense."""
 
-    constant: np.ndarray = dataset("/constant", "<unit>", "coordinate × coordinate", "<what>: constant term")
+    constant: np.ndarray = dataset("<unit>", "coordinate × coordinate", "<what>: constant term")
     terms: dict[str, np.ndarray] = dataset(
-        "/<name>", "<unit> per SI unit", "coordinate × coordinate", "<what>: slope in <name>, or in its coefficient"
+        "<unit> per SI unit",
+        "coordinate × coordinate",
+        "<what>: slope in <name>, or in its coefficient",
+        path="/<name>",
     )
     factors: dict[str, tuple[str, ...]] = dataset(
-        "/factors/<name>",
         "1",
         "root of <name>",
         "<what>: parameters of the coefficient Σ w Π (x − root)/scale of a term <name> that is no parameter itself",
     )
     roots: dict[str, np.ndarray] = dataset(
-        "/roots/<name>",
         "SI",
         "root of <name> × 6",
-        "<what>: root and scale; lowest and highest value, and how far beyond, as a share of it, the coefficient levels off (0: "
-        "nowhere); 1: x is ln θ and not θ",
+        "<what>: root and scale; lowest and highest value, and how far beyond, as a share of it, the coefficient "
+        "levels off (0: nowhere); 1: x is ln θ and not θ",
     )
     weights: dict[str, np.ndarray] = dataset(
-        "/weights/<name>", "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
+        "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
     )
 
     @classmethod
@@ -85,17 +84,13 @@ class ChangeTerms:
     """`AffineOperator` without a constant term, all of whose terms have coefficients as those of `AffineTerms`."""
 
     terms: dict[str, np.ndarray] = dataset(
-        "/<name>", "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies"
+        "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies", path="/<name>"
     )
     factors: dict[str, tuple[str, ...]] = dataset(
-        "/factors/<name>", "1", "root of <name>", "<what>: parameter of the coefficient Σ w Π (x − root)/scale"
+        "1", "root of <name>", "<what>: parameter of the coefficient Σ w Π (x − root)/scale"
     )
-    roots: dict[str, np.ndarray] = dataset(
-        "/roots/<name>", "SI", "root of <name> × 6", "<what>: as of the stiffness in rom.h5"
-    )
-    weights: dict[str, np.ndarray] = dataset(
-        "/weights/<name>", "1", "product of <name>", "<what>: w of all products of the first roots"
-    )
+    roots: dict[str, np.ndarray] = dataset("SI", "root of <name> × 6", "<what>: as of the stiffness in rom.h5")
+    weights: dict[str, np.ndarray] = dataset("1", "product of <name>", "<what>: w of all products of the first roots")
 
     @classmethod
     def of(cls, operator: AffineOperator) -> ChangeTerms:
@@ -116,32 +111,28 @@ class ChangeTerms:
 class DampingLaw:
     """`Damping`: what holds along the parameters."""
 
-    kind: str = dataset("/kind", "1", "", "modal: the same ratio in every mode; rayleigh: αM + βK")
-    ratio: float = dataset("/ratio", "1", "", "damping ratio ζ")
-    alpha: float = dataset("/alpha", "1/s", "", "α")
-    beta: float = dataset("/beta", "s", "", "β")
-    parameter: str = dataset("/parameter", "1", "", "name of the parameter that multiplies the damping, or empty")
+    kind: str = dataset("1", "", "modal: the same ratio in every mode; rayleigh: αM + βK")
+    ratio: float = dataset("1", "", "damping ratio ζ")
+    alpha: float = dataset("1/s", "", "α")
+    beta: float = dataset("s", "", "β")
+    parameter: str = dataset("1", "", "name of the parameter that multiplies the damping, or empty")
 
 
 @record
 class ModelTerms:
     """`ReducedModel` (5.3); its damping matrix is the one at the reference."""
 
-    mass: AffineOperator = group("/mass", AffineTerms, "1", "reduced mass")
-    stiffness: AffineOperator = group("/stiffness", AffineTerms, "1/s^2", "reduced stiffness")
-    damping: AffineOperator = group("/damping", AffineTerms, "1/s", "reduced damping at the reference")
-    law: DampingLaw = group("/law")
-    input_shape: np.ndarray = dataset(
-        "/input_shape", "kg^-1/2", "coordinate × /inputs", "input shape S at the reference"
-    )
+    mass: AffineOperator = group(AffineTerms, "1", "reduced mass")
+    stiffness: AffineOperator = group(AffineTerms, "1/s^2", "reduced stiffness")
+    damping: AffineOperator = group(AffineTerms, "1/s", "reduced damping at the reference")
+    law: DampingLaw = group()
+    input_shape: np.ndarray = dataset("kg^-1/2", "coordinate × /inputs", "input shape S at the reference")
     input_slope: dict[str, np.ndarray] = dataset(
-        "/input_slope/<name>", "SI", "coordinate × /inputs", "∂S/∂<name> of a density, where a load acts on its mass"
+        "SI", "coordinate × /inputs", "∂S/∂<name> of a density, where a load acts on its mass"
     )
-    inputs: tuple[str, ...] = dataset("/inputs", "1", "/inputs", "name of every input")
-    parameters: tuple[str, ...] = dataset("/parameters", "1", "/parameters", "name of every parameter")
-    reference: np.ndarray = dataset(
-        "/reference", "SI", "/parameters", "parameter values at which the coordinates are modal"
-    )
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "name of every input")
+    parameters: tuple[str, ...] = dataset("1", "/parameters", "name of every parameter")
+    reference: np.ndarray = dataset("SI", "/parameters", "parameter values at which the coordinates are modal")
 
     @classmethod
     def of(cls, model: ReducedModel) -> ModelTerms:
@@ -177,32 +168,28 @@ class ModelTerms:
 class HeldOut:
     """Parameter values that the basis was not built from, and the errors there."""
 
-    parameters: np.ndarray = dataset(
-        "/parameters", "SI", "point × parameter", "parameter values that the basis was not built from"
-    )
-    frequency: np.ndarray = dataset("/frequency", "1", "point × mode", "relative error of the frequencies there")
-    static: np.ndarray = dataset(
-        "/static", "1", "point × input", "relative energy-norm error of the static responses there"
-    )
+    parameters: np.ndarray = dataset("SI", "point × parameter", "parameter values that the basis was not built from")
+    frequency: np.ndarray = dataset("1", "point × mode", "relative error of the frequencies there")
+    static: np.ndarray = dataset("1", "point × input", "relative energy-norm error of the static responses there")
 
 
 @record
 class ReadyBasis:
     """Where stiffness and mass came as ready matrices."""
 
-    basis: np.ndarray = dataset("/basis", "kg^-1/2", "row × coordinate", "basis Ψ on the rows of the matrices")
+    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "basis Ψ on the rows of the matrices")
     missed: np.ndarray = dataset(
-        "/missed", "m/N/rad or m/N/m", "row × input × misalignment", "static responses that Ψ misses, on those rows"
+        "m/N/rad or m/N/m", "row × input × misalignment", "static responses that Ψ misses, on those rows"
     )
-    notes: tuple[str, ...] = dataset("/notes", "1", "note", "how the matrices were read")
+    notes: tuple[str, ...] = dataset("1", "note", "how the matrices were read")
 
 
 @record
 class FromResults:
     """Where modes and static responses came from another program; free unknowns are then the modes and static residuals."""
 
-    modes: int = dataset("/modes", "1", "", "how many modes there are results of")
-    notes: tuple[str, ...] = dataset("/notes", "1", "note", "what was found in the results")
+    modes: int = dataset("1", "", "how many modes there are results of")
+    notes: tuple[str, ...] = dataset("1", "note", "what was found in the results")
 
 
 @record
@@ -210,13 +197,13 @@ class Misaligned:
     """What one of each load's misalignments, two turns [rad] and two shifts [m], adds to its input shape."""
 
     shape: np.ndarray = dataset(
-        "/shape", "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S"
+        "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S"
     )
     static: np.ndarray = dataset(
-        "/static", "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response"
+        "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response"
     )
     missed: np.ndarray = dataset(
-        "/missed", "m/N/rad or m/N/m", "3 nodes × input × misalignment", "what of it Ψ misses, on the nodes"
+        "m/N/rad or m/N/m", "3 nodes × input × misalignment", "what of it Ψ misses, on the nodes"
     )
 
 
@@ -224,17 +211,13 @@ class Misaligned:
 class Reduced:
     """rom.h5."""
 
-    model: ReducedModel = group("/reduced", ModelTerms)
-    frequency: np.ndarray = dataset(
-        "/frequency", "Hz", "/frequency", "natural frequencies of the full model at the reference"
-    )
+    model: ReducedModel = group(ModelTerms, path="/reduced")
+    frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies of the full model at the reference")
     basis: np.ndarray = dataset(
-        "/basis", "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (3 node + component)"
+        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (3 node + component)"
     )
-    static: np.ndarray = dataset(
-        "/static", "m/N", "free unknown × input", "static response to each input on the free unknowns"
-    )
-    misaligned: Misaligned = group("/misaligned")
-    error: HeldOut = group("/error")
-    matrices: ReadyBasis | None = group("/matrices", default=None)
-    results: FromResults | None = group("/results", default=None)
+    static: np.ndarray = dataset("m/N", "free unknown × input", "static response to each input on the free unknowns")
+    misaligned: Misaligned = group()
+    error: HeldOut = group()
+    matrices: ReadyBasis | None = group(default=None)
+    results: FromResults | None = group(default=None)

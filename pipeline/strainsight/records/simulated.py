@@ -11,73 +11,66 @@ from strainsight.records.record import dataset, group, record
 class WorstInstant:
     """The balls at the instant of the highest contact pressure."""
 
-    time: float = dataset("/time", "s", "", "instant of the highest pressure")
-    force: np.ndarray = dataset("/force", "N", "ball × 4", "contact force then (ball × contact)")
-    contact_angle: np.ndarray = dataset("/contact_angle", "rad", "ball × 4", "contact angle then (ball × contact)")
-    pressure: np.ndarray = dataset("/pressure", "Pa", "ball × 4", "contact pressure then (ball × contact)")
+    time: float = dataset("s", "", "instant of the highest pressure")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force then (ball × contact)")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle then (ball × contact)")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure then (ball × contact)")
 
 
 @record
 class RingMotion:
     """What a bearing does."""
 
-    displacement: np.ndarray = dataset(
-        "/displacement", "m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring"
-    )
-    load: np.ndarray = dataset("/load", "N or N m", "/time × 5", "load on the inner ring")
-    pressure: np.ndarray = dataset("/pressure", "Pa", "/time", "highest contact pressure at every instant")
-    worst: WorstInstant = group("/worst")
+    displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
+    load: np.ndarray = dataset("N or N m", "/time × 5", "load on the inner ring")
+    pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure at every instant")
+    worst: WorstInstant = group()
 
 
 @record
 class DriveMotion:
     """What a driven joint does."""
 
-    position: np.ndarray = dataset("/position", "m or rad", "/time", "where it is")
-    rate: np.ndarray = dataset("/rate", "m/s or rad/s", "/time", "how fast it moves")
+    position: np.ndarray = dataset("m or rad", "/time", "where it is")
+    rate: np.ndarray = dataset("m/s or rad/s", "/time", "how fast it moves")
     force: np.ndarray = dataset(
-        "/force", "N or N m", "/time", "force or torque along it, by which it does the work force × rate on the bench"
+        "N or N m", "/time", "force or torque along it, by which it does the work force × rate on the bench"
     )
 
 
 @record
 class Violation:
-    position: np.ndarray = dataset("/position", "SI", "/time", "largest constraint violation at every instant")
-    velocity: np.ndarray = dataset("/velocity", "SI", "/time", "largest rate of one")
+    position: np.ndarray = dataset("SI", "/time", "largest constraint violation at every instant")
+    velocity: np.ndarray = dataset("SI", "/time", "largest rate of one")
 
 
 @record
 class Simulated:
     """simulate.h5."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "time, the start first")
-    q: np.ndarray = dataset("/q", "SI", "/time × coordinate", "coordinates")
-    v: np.ndarray = dataset("/v", "SI", "/time × coordinate", "their rates")
-    violation: Violation = group("/violation")
-    frequency: np.ndarray = dataset(
-        "/frequency", "Hz", "mode", "undamped frequencies of the coupled bench at the start"
-    )
-    coordinates: dict[str, np.ndarray] = dataset(
-        "/coordinates/<name>", "1", "2", "first coordinate of <name> and the one after its last"
-    )
-    inputs: dict[str, np.ndarray] = dataset("/inputs/<name>", "unit of input <name>", "/time", "load <name>")
+    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    q: np.ndarray = dataset("SI", "/time × coordinate", "coordinates")
+    v: np.ndarray = dataset("SI", "/time × coordinate", "their rates")
+    violation: Violation = group()
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped frequencies of the coupled bench at the start")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time", "load <name>")
     sensors: dict[str, np.ndarray] = dataset(
-        "/sensors/<name>",
         "unit of sensor <name>",
         "/time × component of <name>",
-        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a frame; "
-        "force and moment of a joint",
+        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a "
+        "frame; force and moment of a joint",
     )
-    bearings: dict[str, RingMotion] = group("/bearings/<name>")
-    drives: dict[str, DriveMotion] = group("/drives/<name>")
+    bearings: dict[str, RingMotion] = group()
+    drives: dict[str, DriveMotion] = group()
 
 
 @record
 class SurfaceInTime:
     """field.h5 beside its grid."""
 
-    time: np.ndarray = dataset("/time", "s", "/time", "instants of the pictures")
-    von_mises: np.ndarray = dataset("/von_mises", "Pa", "/time", "largest von Mises stress of every picture")
+    time: np.ndarray = dataset("s", "/time", "instants of the pictures")
+    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress of every picture")
     moduli: dict[str, np.ndarray] = dataset(
-        "/moduli/<name>", "Pa", "/time", "Young's modulus <name> that the stress is of; as estimated, where it was"
+        "Pa", "/time", "Young's modulus <name> that the stress is of; as estimated, where it was"
     )

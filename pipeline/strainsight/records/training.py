@@ -20,24 +20,20 @@ KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and qu
 class ArmColumns:
     """`Arms`, a row an arm of a bridge behind its first."""
 
-    channel: np.ndarray = dataset("/channel", "1", "arm", "channel that the arm is read in")
-    sign: np.ndarray = dataset(
-        "/sign", "1", "arm", "sign of its strain in the reading of the bridge; that of the first is 1"
-    )
-    element: np.ndarray = dataset("/element", "1", "arm", "element id of every arm")
-    facet: np.ndarray = dataset(
-        "/facet", "1", "arm", "facet number within the element, from 1, in the order of this page"
-    )
-    kind: np.ndarray = dataset("/kind", "1", "arm", KIND)
-    nodes: np.ndarray = dataset("/nodes", "1", "arm × 8", "node indices of the facet, −1 where it has fewer")
-    position: np.ndarray = dataset("/position", "m", "arm × 3", "where it sits")
-    normal: np.ndarray = dataset("/normal", "1", "arm × 3", "outward normal")
-    direction: np.ndarray = dataset("/direction", "1", "arm × 3", "measuring direction, in the facet's plane")
-    angle: np.ndarray = dataset("/angle", "deg", "arm", "right-handed about the outward normal")
-    local: np.ndarray = dataset("/local", "1", "arm × 2", "local coordinates on the facet")
-    length: np.ndarray = dataset("/length", "m", "arm", "length of the grid that the strain is averaged over")
-    array: np.ndarray = dataset("/array", "1", "arm", "that of the channel")
-    bonded: np.ndarray = dataset("/glued", "1", "arm", "1 where the bridge is bonded already")
+    channel: np.ndarray = dataset("1", "arm", "channel that the arm is read in")
+    sign: np.ndarray = dataset("1", "arm", "sign of its strain in the reading of the bridge; that of the first is 1")
+    element: np.ndarray = dataset("1", "arm", "element id of every arm")
+    facet: np.ndarray = dataset("1", "arm", "facet number within the element, from 1, in the order of this page")
+    kind: np.ndarray = dataset("1", "arm", KIND)
+    nodes: np.ndarray = dataset("1", "arm × 8", "node indices of the facet, −1 where it has fewer")
+    position: np.ndarray = dataset("m", "arm × 3", "where it sits")
+    normal: np.ndarray = dataset("1", "arm × 3", "outward normal")
+    direction: np.ndarray = dataset("1", "arm × 3", "measuring direction, in the facet's plane")
+    angle: np.ndarray = dataset("deg", "arm", "right-handed about the outward normal")
+    local: np.ndarray = dataset("1", "arm × 2", "local coordinates on the facet")
+    length: np.ndarray = dataset("m", "arm", "length of the grid that the strain is averaged over")
+    array: np.ndarray = dataset("1", "arm", "that of the channel")
+    bonded: np.ndarray = dataset("1", "arm", "1 where the bridge is bonded already", path="/glued")
 
     @classmethod
     def of(cls, arms: Arms) -> ArmColumns:
@@ -55,31 +51,21 @@ GRID = tuple(name for name in COLUMNS if name not in ("quantity", "gauge"))
 class CandidateColumns:
     """`Candidates`, a row a channel; a bridge is one, in the place of its first arm."""
 
-    element: np.ndarray = dataset("/element", "1", "channel", "element id of every candidate")
-    facet: np.ndarray = dataset(
-        "/facet", "1", "channel", "facet number within the element, from 1, in the order of this page"
-    )
-    kind: np.ndarray = dataset("/kind", "1", "channel", KIND)
-    nodes: np.ndarray = dataset("/nodes", "1", "channel × 8", "node indices of the facet, −1 where it has fewer")
-    position: np.ndarray = dataset("/position", "m", "channel × 3", "where it sits, of a candidate the facet's centre")
-    normal: np.ndarray = dataset("/normal", "1", "channel × 3", "outward normal")
-    direction: np.ndarray = dataset(
-        "/direction", "1", "channel × 3", "measuring direction, of strain in the facet's plane"
-    )
-    angle: np.ndarray = dataset(
-        "/angle", "deg", "channel", "from the projected axis, right-handed about the outward normal"
-    )
-    local: np.ndarray = dataset("/local", "1", "channel × 2", "local coordinates on the facet")
-    length: np.ndarray = dataset(
-        "/length", "m", "channel", "length of the grid that the strain is averaged over, 0: at the point"
-    )
-    quantity: np.ndarray = dataset("/quantity", "1", "channel", "0 strain, 1 acceleration, 2 displacement")
-    gauge: np.ndarray = dataset("/gauge", "1", "channel", "number of the gauge that the channel belongs to")
-    array: np.ndarray = dataset(
-        "/array", "1", "channel", "0 gauges, then the motion_sensors of the config in their order"
-    )
-    bonded: np.ndarray = dataset("/glued", "1", "channel", "1 where the gauge is bonded already")
-    arms: Arms | None = group("/arms", ArmColumns, default=None)
+    element: np.ndarray = dataset("1", "channel", "element id of every candidate")
+    facet: np.ndarray = dataset("1", "channel", "facet number within the element, from 1, in the order of this page")
+    kind: np.ndarray = dataset("1", "channel", KIND)
+    nodes: np.ndarray = dataset("1", "channel × 8", "node indices of the facet, −1 where it has fewer")
+    position: np.ndarray = dataset("m", "channel × 3", "where it sits, of a candidate the facet's centre")
+    normal: np.ndarray = dataset("1", "channel × 3", "outward normal")
+    direction: np.ndarray = dataset("1", "channel × 3", "measuring direction, of strain in the facet's plane")
+    angle: np.ndarray = dataset("deg", "channel", "from the projected axis, right-handed about the outward normal")
+    local: np.ndarray = dataset("1", "channel × 2", "local coordinates on the facet")
+    length: np.ndarray = dataset("m", "channel", "length of the grid that the strain is averaged over, 0: at the point")
+    quantity: np.ndarray = dataset("1", "channel", "0 strain, 1 acceleration, 2 displacement")
+    gauge: np.ndarray = dataset("1", "channel", "number of the gauge that the channel belongs to")
+    array: np.ndarray = dataset("1", "channel", "0 gauges, then the motion_sensors of the config in their order")
+    bonded: np.ndarray = dataset("1", "channel", "1 where the gauge is bonded already", path="/glued")
+    arms: Arms | None = group(ArmColumns, default=None)
 
     @classmethod
     def of(cls, pool: Candidates) -> CandidateColumns:
@@ -93,10 +79,10 @@ class CandidateColumns:
 class GivenRows:
     """Given strain rows (channel × row of the matrices), as the three arrays of a CSR matrix."""
 
-    value: np.ndarray = dataset("/value", "1/m or 1/rad", "value", "given strain per motion of a row of the matrices")
-    size: int = dataset("/size", "1", "", "rows of the matrices")
-    column: np.ndarray = dataset("/column", "1", "value", "row of the matrices of every value")
-    offset: np.ndarray = dataset("/offset", "1", "channel + 1", "values of candidate i are [offset[i], offset[i + 1])")
+    value: np.ndarray = dataset("1/m or 1/rad", "value", "given strain per motion of a row of the matrices")
+    size: int = dataset("1", "", "rows of the matrices")
+    column: np.ndarray = dataset("1", "value", "row of the matrices of every value")
+    offset: np.ndarray = dataset("1", "channel + 1", "values of candidate i are [offset[i], offset[i + 1])")
 
     @classmethod
     def of(cls, rows: sparse.csr_array) -> GivenRows:
@@ -115,58 +101,63 @@ class GivenRows:
 class CaseMotion:
     """The training run of a load case."""
 
-    time: np.ndarray = dataset("/time", "s", "instant", "time of the training run of the load case")
-    load: np.ndarray = dataset("/input", "unit of the loads", "instant × input", "its loads")
-    coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "instant × coordinate", "reduced coordinates q")
-    velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "instant × coordinate", "reduced velocities")
-    rms: np.ndarray = dataset("/rms", "unit of the channel", "channel", "RMS reading of every channel")
-    peak: np.ndarray = dataset("/peak", "unit of the channel", "channel", "largest reading of every channel")
+    time: np.ndarray = dataset("s", "instant", "time of the training run of the load case")
+    load: np.ndarray = dataset("unit of the loads", "instant × input", "its loads", path="/input")
+    coordinate: np.ndarray = dataset("kg^1/2 m", "instant × coordinate", "reduced coordinates q")
+    velocity: np.ndarray = dataset("kg^1/2 m/s", "instant × coordinate", "reduced velocities")
+    rms: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel")
+    peak: np.ndarray = dataset("unit of the channel", "channel", "largest reading of every channel")
 
 
 @record
 class Training:
     """train.h5."""
 
-    candidates: Candidates = group("/gauges", CandidateColumns)
+    candidates: Candidates = group(CandidateColumns, path="/gauges")
     name: tuple[str, ...] = dataset(
-        "/gauges/name", "1", "gauge", "what the config calls every gauge; empty: nothing, it is named in the layout"
+        "1",
+        "gauge",
+        "what the config calls every gauge; empty: nothing, it is named in the layout",
+        path="/gauges/name",
     )
     rows: np.ndarray = dataset(
-        "/gauges/row",
         "unit of the row",
         "channel × coordinate",
         "strain, or displacement [m], per reduced coordinate",
+        path="/gauges/row",
     )
     row_change: AffineOperator | None = group(
-        "/gauges/row_change",
         ChangeTerms,
         "unit of the row",
         "what a free thickness of shells adds to the rows",
+        path="/gauges/row_change",
         default=None,
     )
     missed: np.ndarray = dataset(
-        "/gauges/missed",
         "strain/N/rad or strain/N/m",
         "channel × input × misalignment",
         "static strain, or displacement [m], of a load's misalignments that no coordinate holds",
+        path="/gauges/missed",
     )
-    given: sparse.csr_array | None = group("/gauges/given", GivenRows, default=None)
+    given: sparse.csr_array | None = group(GivenRows, path="/gauges/given", default=None)
     moved: np.ndarray | None = dataset(
-        "/glued/distance", "m", "bonded gauge", "how far every bonded gauge was moved to the surface", default=None
+        "m", "bonded gauge", "how far every bonded gauge was moved to the surface", path="/glued/distance", default=None
     )
-    time: np.ndarray = dataset("/time", "s", "/time", "time of the training run")
-    load: np.ndarray = dataset("/input", "unit of the loads", "/time × input", "training load")
-    coordinate: np.ndarray = dataset("/coordinate", "kg^1/2 m", "/time × coordinate", "reduced coordinates q")
-    velocity: np.ndarray = dataset("/velocity", "kg^1/2 m/s", "/time × coordinate", "reduced velocities")
-    acceleration: np.ndarray = dataset("/acceleration", "kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
-    rms_as_stated: np.ndarray = dataset("/rms", "unit of the channel", "channel", "RMS reading of every channel")
-    peak_as_stated: np.ndarray = dataset("/peak", "unit of the channel", "channel", "largest reading of every channel")
-    cases: dict[str, CaseMotion] = group("/load_cases/<name>")
+    time: np.ndarray = dataset("s", "/time", "time of the training run")
+    load: np.ndarray = dataset("unit of the loads", "/time × input", "training load", path="/input")
+    coordinate: np.ndarray = dataset("kg^1/2 m", "/time × coordinate", "reduced coordinates q")
+    velocity: np.ndarray = dataset("kg^1/2 m/s", "/time × coordinate", "reduced velocities")
+    acceleration: np.ndarray = dataset("kg^1/2 m/s^2", "/time × coordinate", "reduced accelerations")
+    rms_as_stated: np.ndarray = dataset("unit of the channel", "channel", "RMS reading of every channel", path="/rms")
+    peak_as_stated: np.ndarray = dataset(
+        "unit of the channel", "channel", "largest reading of every channel", path="/peak"
+    )
+    cases: dict[str, CaseMotion] = group(path="/load_cases/<name>")
     arm_peak: np.ndarray | None = dataset(
-        "/arm_peak",
         "unit of the channel",
         "channel",
-        "largest reading of any grid of every channel, of a bridge of its arms, in any load case; where there are bridges",
+        "largest reading of any grid of every channel, of a bridge of its arms, in any load case; where there are "
+        "bridges",
         default=None,
     )
 
@@ -235,13 +226,10 @@ STATED, CARRIER = "stated", "carrier"
 class Clearance:
     """How far gauges stay from edges, supports and loads."""
 
-    distance: float = dataset("/distance", "m", "", "clearance that was kept from the centre of a gauge, 0: none")
-    wanted: float = dataset(
-        "/wanted", "m", "", "clearance that was to be kept, where the part leaves the choice for it"
-    )
-    rule: str = dataset("/rule", "1", "", "whose it is: stated, or carrier, the default")
+    distance: float = dataset("m", "", "clearance that was kept from the centre of a gauge, 0: none")
+    wanted: float = dataset("m", "", "clearance that was to be kept, where the part leaves the choice for it")
+    rule: str = dataset("1", "", "whose it is: stated, or carrier, the default")
     near: dict[str, int] = dataset(
-        "/near/<name>",
         "1",
         "",
         "how many candidates are nearer to <name>: edges, supports, loads, faces of gauges.exclude, bends too tight "
@@ -253,35 +241,28 @@ class Clearance:
 class Screened:
     """screen.h5."""
 
-    kept: np.ndarray = dataset("/kept", "1", "kept", "number of every kept gauge, ascending")
+    kept: np.ndarray = dataset("1", "kept", "number of every kept gauge, ascending")
     snr: np.ndarray = dataset(
-        "/snr",
         "1",
         "gauge",
-        "RMS over noise of what an unknown alone makes every gauge read in training, of the unknown and load case where it is "
-        "largest; by strength: of the training reading",
+        "RMS over noise of what an unknown alone makes every gauge read in training, of the unknown and load case "
+        "where it is largest; by strength: of the training reading",
     )
-    reason: np.ndarray = dataset("/reason", "1", "gauge", "why a gauge was dropped; empty where it was kept")
-    clearance: Clearance | None = group("/clearance", default=None)
+    reason: np.ndarray = dataset("1", "gauge", "why a gauge was dropped; empty where it was kept")
+    clearance: Clearance | None = group(default=None)
     noise_std: np.ndarray = dataset(
-        "/noise_std",
-        "unit of the channel",
-        "channel",
-        "noise of one sample of every channel at the training time step",
+        "unit of the channel", "channel", "noise of one sample of every channel at the training time step"
     )
     installation: np.ndarray | None = dataset(
-        "/installation",
         "unit of the variance",
         "case × channel",
-        "mean square of what errors of installation add to the readings, in every load case by name, or under the loads as "
-        "stated; zero for what is too near to an edge, a support or a load; where such errors are avoided",
+        "mean square of what errors of installation add to the readings, in every load case by name, or under the "
+        "loads as stated; zero for what is too near to an edge, a support or a load; where such errors are avoided",
         default=None,
     )
-    range: np.ndarray = dataset(
-        "/range", "unit of the channel", "channel", "what every channel can measure; inf: not stated"
-    )
+    range: np.ndarray = dataset("unit of the channel", "channel", "what every channel can measure; inf: not stated")
     family: tuple[str, ...] = dataset(
-        "/family", "1", "kind", "name of every kind of sensor, as /gauges/array of train.h5 counts them"
+        "1", "kind", "name of every kind of sensor, as /gauges/array of train.h5 counts them"
     )
 
 
