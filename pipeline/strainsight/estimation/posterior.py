@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+
+from strainsight.columns import Column
 
 VALUES = 401
 """At which a density is given."""
@@ -22,19 +25,18 @@ SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class Marginal:
-    """Of one parameter p: value (k,), density and prior (k,) there; left: σ over that before the samples; peak and share (q,):
-    where the density is largest, and the probability of what lies about there, from the lowest value on."""
+class Posterior:
+    """What the samples leave of one parameter, <what>; its peaks from the lowest value on."""
 
-    value: np.ndarray
-    density: np.ndarray
-    prior: np.ndarray
-    left: float
-    peak: np.ndarray
-    share: np.ndarray
+    value: Annotated[np.ndarray, Column("<unit>", "/value", "values of <what>")]
+    density: Annotated[np.ndarray, Column("1", "/value", "density of ln <what> after the samples")]
+    prior: Annotated[np.ndarray, Column("1", "/value", "the same before them")]
+    left: Annotated[float, Column("1", "", "σ of ln <what> after the samples over that before them")]
+    peak: Annotated[np.ndarray, Column("<unit>", "/peak", "values at which the density is largest")]
+    share: Annotated[np.ndarray, Column("1", "/peak", "probability of what lies about each")]
 
 
-def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[float, float]) -> Marginal:
+def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[float, float]) -> Posterior:
     """Of a posterior given by points (B,) with weights (B,) of sum one; step: of the lattice they belong to, along p, infinite
     where it is no lattice, which has the normal density then; prior: mean and standard deviation of a normal density.
 
@@ -55,7 +57,7 @@ def marginal(point: np.ndarray, weight: np.ndarray, step: float, prior: tuple[fl
     value = np.linspace(*ends, VALUES)
     density = normal(value[:, None], centre, h) @ weight
     peak, share = peaks_of(value, density)
-    return Marginal(value, density, normal(value, *prior), std / prior[1], peak, share)
+    return Posterior(value, density, normal(value, *prior), std / prior[1], peak, share)
 
 
 def normal(value: np.ndarray, mean: np.ndarray | float, std: float) -> np.ndarray:

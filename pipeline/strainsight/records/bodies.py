@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
-
 import numpy as np
 
 from strainsight.fem.affine import AffineOperator
@@ -12,28 +10,6 @@ from strainsight.records.reduced import AffineTerms
 from strainsight.rom.inertia import InertiaInvariants
 
 SQUARE = "coordinate × coordinate"
-
-
-@record
-class Inertia:
-    """`InertiaInvariants`: integrals over the undeformed body of the place x and the shapes Φ, in the floating frame."""
-
-    mass: float = dataset("kg", "", "∫ρ")
-    first: np.ndarray = dataset("kg m", "3", "∫ρ x")
-    first_modal: np.ndarray = dataset("kg per unit", "3 × coordinate", "∫ρ Φ")
-    second: np.ndarray = dataset("kg m^2", "3 × 3", "∫ρ x xᵀ")
-    second_modal: np.ndarray = dataset("kg m per unit", "coordinate × 3 × 3", "∫ρ (x φᵀ + φ xᵀ)")
-    second_modal2: np.ndarray = dataset("kg per unit^2", f"{SQUARE} × 3 × 3", "∫ρ φ_k φ_lᵀ")
-    coupling: np.ndarray = dataset("kg m per unit", "3 × 3 × coordinate", "∫ρ x_j Φ")
-    coupling_modal: np.ndarray = dataset("kg per unit^2", "coordinate × 3 × 3 × coordinate", "∫ρ φ_kj Φ")
-    modal: np.ndarray = dataset("kg per unit^2", SQUARE, "∫ρ ΦᵀΦ")
-
-    @classmethod
-    def of(cls, inertia: InertiaInvariants) -> Inertia:
-        return cls(**{field.name: getattr(inertia, field.name) for field in fields(InertiaInvariants)})
-
-    def made(self) -> InertiaInvariants:
-        return InertiaInvariants(**{field.name: getattr(self, field.name) for field in fields(InertiaInvariants)})
 
 
 @record
@@ -53,7 +29,7 @@ class ReducedBody:
     interface: dict[str, np.ndarray] = dataset(
         "m or rad per unit", "6 × coordinate", "three translations and three rotations of node <name>"
     )
-    inertia: InertiaInvariants = group(Inertia)
+    inertia: InertiaInvariants = group()
 
 
 @record

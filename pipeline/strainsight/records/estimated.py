@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.estimation.posterior import Posterior as Posterior
 from strainsight.records.budget import Budget
 from strainsight.records.damage import Damaged
 from strainsight.records.record import Source as File
@@ -101,18 +102,6 @@ class Compared:
     ratio: dict[str, np.ndarray] = dataset(
         "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
     )
-
-
-@record
-class Posterior:
-    """What the samples leave of a parameter."""
-
-    value: np.ndarray = dataset("<unit>", "/value", "values of <what>")
-    density: np.ndarray = dataset("1", "/value", "density of ln <what> after the samples")
-    prior: np.ndarray = dataset("1", "/value", "the same before them")
-    left: float = dataset("1", "", "σ of ln <what> after the samples over that before them")
-    peak: np.ndarray = dataset("<unit>", "/peak", "values at which the density is largest")
-    share: np.ndarray = dataset("1", "/peak", "probability of what lies about each")
 
 
 @record

@@ -17,7 +17,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import EllipsisType, UnionType
-from typing import Any, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Protocol, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,6 +154,7 @@ def _kind(hint: Any, through: Any = None, by: str = "") -> _Kind:
         (hint,) = (part for part in get_args(hint) if part is not type(None))
     named = get_origin(hint) is dict or bool(by)
     leaf = get_args(hint)[0 if by else 1] if named else hint
+    leaf = str if get_origin(leaf) is Literal else leaf
     return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional, by)
 
 

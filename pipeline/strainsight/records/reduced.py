@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
-
 import numpy as np
 
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
@@ -108,24 +106,13 @@ class ChangeTerms:
 
 
 @record
-class DampingLaw:
-    """`Damping`: what holds along the parameters."""
-
-    kind: str = dataset("1", "", "modal: the same ratio in every mode; rayleigh: αM + βK")
-    ratio: float = dataset("1", "", "damping ratio ζ")
-    alpha: float = dataset("1/s", "", "α")
-    beta: float = dataset("s", "", "β")
-    parameter: str = dataset("1", "", "name of the parameter that multiplies the damping, or empty")
-
-
-@record
 class ModelTerms:
     """`ReducedModel` (5.3); its damping matrix is the one at the reference."""
 
     mass: AffineOperator = group(AffineTerms, "1", "reduced mass")
     stiffness: AffineOperator = group(AffineTerms, "1/s^2", "reduced stiffness")
     damping: AffineOperator = group(AffineTerms, "1/s", "reduced damping at the reference")
-    law: DampingLaw = group()
+    law: Damping = group()
     input_shape: np.ndarray = dataset("kg^-1/2", "coordinate × /inputs", "input shape S at the reference")
     input_slope: dict[str, np.ndarray] = dataset(
         "SI", "coordinate × /inputs", "∂S/∂<name> of a density, where a load acts on its mass"
@@ -137,12 +124,11 @@ class ModelTerms:
     @classmethod
     def of(cls, model: ReducedModel) -> ModelTerms:
         slopes = {name: damping_derivative(model, model.reference, name) for name in model.parameters}
-        law = model.damping
         return cls(
             mass=model.mass,
             stiffness=model.stiffness,
             damping=AffineOperator(damping_matrix(model, model.reference), slopes),
-            law=DampingLaw(kind=law.kind, ratio=law.ratio, alpha=law.alpha, beta=law.beta, parameter=law.parameter),
+            law=model.damping,
             input_shape=model.input_shape,
             input_slope=dict(model.input_slope),
             inputs=model.inputs,
@@ -151,15 +137,13 @@ class ModelTerms:
         )
 
     def made(self) -> ReducedModel:
-        law = self.law
-        kind = cast(Literal["modal", "rayleigh"], law.kind)
         return ReducedModel(
             mass=self.mass,
             stiffness=self.stiffness,
             input_shape=self.input_shape,
             inputs=self.inputs,
             reference=dict(zip(self.parameters, self.reference.tolist(), strict=True)),
-            damping=Damping(kind, law.ratio, law.alpha, law.beta, parameter=law.parameter),
+            damping=self.law,
             input_slope=self.input_slope,
         )
 

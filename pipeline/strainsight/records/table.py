@@ -56,11 +56,11 @@ def table(
     ]
     members = {"row": row, "key": key, "bare": bare}
     return make_dataclass(
-        f"{row.__name__}Table", columns, bases=(_Table,), namespace=members, frozen=True, kw_only=True
+        f"{row.__name__}Table", columns, bases=(ColumnTable,), namespace=members, frozen=True, kw_only=True
     )
 
 
-class _Table:
+class ColumnTable:
     """Objects of `row` by columns."""
 
     row: Any

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.columns import Column
 from strainsight.errors import DeckError
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.model import FiniteElementModel
@@ -16,28 +18,18 @@ from strainsight.mesh.model import Mesh
 
 @dataclass(frozen=True)
 class InertiaInvariants:
-    """Integrals over the undeformed body of a point's place x and of its shapes Φ(x) (3, n), column k φ_k; p = x + Φη:
+    """Integrals over the undeformed body of a point's place x and of its shapes Φ(x) (3, n), column k φ_k, in the floating
+    frame: p = x + Φη."""
 
-    mass [kg]                     m = ∫ρ dV
-    first (3,) [kg m]             ∫ρ x
-    first_modal (3, n)            ∫ρ Φ
-    second (3, 3) [kg m²]         ∫ρ x xᵀ
-    second_modal (n, 3, 3)        [k] = ∫ρ (x φ_kᵀ + φ_k xᵀ)
-    second_modal2 (n, n, 3, 3)    [k, l] = ∫ρ φ_k φ_lᵀ
-    coupling (3, 3, n)            [j] = ∫ρ x_j Φ
-    coupling_modal (n, 3, 3, n)   [k, j] = ∫ρ φ_kj Φ
-    modal (n, n)                  ∫ρ ΦᵀΦ
-    """
-
-    mass: float
-    first: np.ndarray
-    first_modal: np.ndarray
-    second: np.ndarray
-    second_modal: np.ndarray
-    second_modal2: np.ndarray
-    coupling: np.ndarray
-    coupling_modal: np.ndarray
-    modal: np.ndarray
+    mass: Annotated[float, Column("kg", "", "∫ρ")]
+    first: Annotated[np.ndarray, Column("kg m", "3", "∫ρ x")]
+    first_modal: Annotated[np.ndarray, Column("kg per unit", "3 × coordinate", "∫ρ Φ")]
+    second: Annotated[np.ndarray, Column("kg m^2", "3 × 3", "∫ρ x xᵀ")]
+    second_modal: Annotated[np.ndarray, Column("kg m per unit", "coordinate × 3 × 3", "∫ρ (x φᵀ + φ xᵀ)")]
+    second_modal2: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate × 3 × 3", "∫ρ φ_k φ_lᵀ")]
+    coupling: Annotated[np.ndarray, Column("kg m per unit", "3 × 3 × coordinate", "∫ρ x_j Φ")]
+    coupling_modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × 3 × 3 × coordinate", "∫ρ φ_kj Φ")]
+    modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "∫ρ ΦᵀΦ")]
 
 
 def inertia_invariants(

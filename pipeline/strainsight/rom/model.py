@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy.linalg import eigh
 
+from strainsight.columns import Column
 from strainsight.fem.affine import AffineOperator
 from strainsight.ordering import TIE
 
@@ -17,17 +18,20 @@ from strainsight.ordering import TIE
 class Damping:
     """Viscous damping that commutes with the modes: each has c(λ) = 2ζ√λ (modal) or α + βλ (Rayleigh), λ = ω².
 
-    ratio ζ [-] stays the same along the parameters; alpha α [1/s]; beta β [s]; factors [-] on c of every mode in ascending
-    order of λ, none: 1; modes of one frequency have the factor of the first of them, since any rotation of them are modes too.
-    parameter: name of the one that multiplies every c, "" where none does; value θ of it [-], (..., 1) for many at once.
+    The ratio stays the same along the parameters. factors [-] on c of every mode in ascending order of λ, none: 1; modes of one
+    frequency have the factor of the first of them, since any rotation of them are modes too. value θ of the parameter that
+    multiplies every c [-], (..., 1) for many at once.
     """
 
-    kind: Literal["modal", "rayleigh"] = "modal"
-    ratio: float = 0.0
-    alpha: float = 0.0
-    beta: float = 0.0
+    kind: Annotated[
+        Literal["modal", "rayleigh"],
+        Column("1", "", "modal: the same ratio in every mode; rayleigh: αM + βK"),
+    ] = "modal"
+    ratio: Annotated[float, Column("1", "", "damping ratio ζ")] = 0.0
+    alpha: Annotated[float, Column("1/s", "", "α")] = 0.0
+    beta: Annotated[float, Column("s", "", "β")] = 0.0
     factors: tuple[float, ...] = ()
-    parameter: str = ""
+    parameter: Annotated[str, Column("1", "", "name of the parameter that multiplies the damping, or empty")] = ""
     value: float | np.ndarray = 1.0
 
     def at(self, theta: Mapping[str, Any]) -> Damping:

@@ -14,13 +14,12 @@ from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.posterior import marginal
+from strainsight.estimation.posterior import Posterior, marginal
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.settled import Settled
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoothed import Smoothed
 from strainsight.estimation.smoother import smooth
-from strainsight.records.estimated import Posterior
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
@@ -182,11 +181,9 @@ def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None
     found = {}
     for i, name in enumerate(names):
         prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
-        own = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
-        value, peak = guess[name] * np.exp(own.value), guess[name] * np.exp(own.peak)
-        found[name] = Posterior(
-            value=value, density=own.density, prior=own.prior, left=own.left, peak=peak, share=own.share
-        )
+        of_log = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
+        value, peak = guess[name] * np.exp(of_log.value), guess[name] * np.exp(of_log.peak)
+        found[name] = replace(of_log, value=value, peak=peak)
     return found
 
 
