@@ -47,6 +47,28 @@ class FiniteElementModel:
         return int(self.constraint.transform.shape[1])
 
 
+@dataclass(frozen=True)
+class FullModel:
+    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning;
+    modes: how many modes of another program it is made of, its first free motions, None of another model; alike: whether the
+    model without loads has the same modes, in its first coordinates."""
+
+    model: FiniteElementModel
+    motion: sparse.csr_array | None = None
+    notes: tuple[str, ...] = ()
+    modes: int | None = None
+    alike: bool = True
+
+    def at_most(self, modes: int) -> int:
+        """So many modes, or as many as there are results of."""
+        return modes if self.modes is None else min(modes, self.modes)
+
+    def in_coordinates(self, shape: np.ndarray) -> np.ndarray:
+        """Modes of the model without loads, on the free motions of this one: static responses stand behind the modes."""
+        behind = self.model.size - len(shape)
+        return np.vstack([shape, np.zeros((behind, shape.shape[1]))]) if behind else shape
+
+
 def build_model(
     mesh: Mesh, parameters: Sequence[Parameter] = (), *, supported: bool = True, free: bool = False
 ) -> FiniteElementModel:

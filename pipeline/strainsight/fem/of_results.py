@@ -20,7 +20,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint
 from strainsight.fem.given_motion import GivenMotion
 from strainsight.fem.mass_product import has_mass, mass_product
-from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.model import FiniteElementModel, FullModel
 from strainsight.fem.results_checks import check_modes, check_responses, check_rows, mass_normalised, unresolved_rows
 from strainsight.mesh.model import Mesh
 
@@ -51,17 +51,6 @@ class Results:
     where: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class ResultsModel:
-    """model: its first `modes` free motions are the modes; notes: sentences on what was found; alike: whether the model without
-    loads has the first of its coordinates and the same modes, as where nothing but a whole is scaled."""
-
-    model: FiniteElementModel
-    modes: int
-    notes: tuple[str, ...]
-    alike: bool = True
-
-
 def results_model(
     mesh: Mesh,
     given: GivenMotion,
@@ -69,7 +58,7 @@ def results_model(
     forces: Forces | None,
     names: tuple[str, ...],
     scaled: Mapping[str, tuple[str, float]],
-) -> ResultsModel:
+) -> FullModel:
     """K and M of the coordinates (Φ, r), and z = [Φ, r] q on the rows of the mesh.
 
     given: motion of the modes [m, rad] and of the responses [m/N, rad/N]; forces: the loads, called `names`; None: modes alone;
@@ -98,7 +87,7 @@ def results_model(
     T = as_sparse(np.hstack([Phi, found.field]))
     constraint = Constraint(T, given.constraint.reference_rows, np.zeros(0, dtype=np.int64))
     stiffness, mass = (as_operator(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
-    return ResultsModel(FiniteElementModel(mesh, constraint, stiffness, mass), m, tuple(notes))
+    return FullModel(FiniteElementModel(mesh, constraint, stiffness, mass), notes=tuple(notes), modes=m)
 
 
 @dataclass(frozen=True)

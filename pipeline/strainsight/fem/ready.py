@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
-from strainsight.fem.model import FiniteElementModel, restricted
+from strainsight.fem.model import FiniteElementModel, FullModel, restricted
 from strainsight.fem.ties import rigid_rows, rotation_rows
 from strainsight.mesh.model import Mesh
 
@@ -55,15 +55,6 @@ class ReadyMatrices:
     source: str = ""
 
 
-@dataclass(frozen=True)
-class ReadyModel:
-    """model; motion B, CSR (r, n_free): the rows of the matrices that the free motions cause; notes: sentences for a warning."""
-
-    model: FiniteElementModel
-    motion: sparse.csr_array
-    notes: tuple[str, ...]
-
-
 def ready_matrices(
     node_ids: np.ndarray,
     components: np.ndarray,
@@ -104,7 +95,7 @@ def row_scale(components: np.ndarray, length: float) -> np.ndarray:
     return np.where(components < 3, 1.0, length)
 
 
-def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> ReadyModel:
+def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
     """Put the matrices on the nodes of the mesh, under its supports and ties:
 
         u_rows = P z,   z = T z_free,     K_free = Bᵀ K B,   M_free = Bᵀ M B,   B = P T
@@ -135,7 +126,7 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> ReadyModel:
         *lost_mass(mesh, ready.mass, nodes, ready.components, B),
         *check_support(model, ready.at),
     )
-    return ReadyModel(model, B, notes)
+    return FullModel(model, B, notes)
 
 
 def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:

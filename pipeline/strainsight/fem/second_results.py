@@ -29,11 +29,10 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.constraints import Constraint
 from strainsight.fem.given_motion import GivenMotion
 from strainsight.fem.mass_product import mass_product
-from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.model import FiniteElementModel, FullModel
 from strainsight.fem.of_results import (
     Forces,
     Results,
-    ResultsModel,
     as_operator,
     as_sparse,
     independent,
@@ -77,7 +76,7 @@ def model_of_two(
     names: tuple[str, ...],
     scaled: Mapping[str, tuple[str, float]],
     change: Change,
-) -> ResultsModel:
+) -> FullModel:
     """K and M of the coordinates (Φ₀, r₀, what U₁ has beside these), affine in the parameter of the change.
 
     Arguments as of `results_model`, of two sets; scaled: what other parameters the rest is proportional to. Raises UserError for
@@ -128,7 +127,7 @@ def model_of_two(
         )
     constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
     model = FiniteElementModel(mesh, constraint, stiffness, mass)
-    return ResultsModel(model, len(first.lam), (*first.notes, *second.notes, *notes), alike=False)
+    return FullModel(model, notes=(*first.notes, *second.notes, *notes), modes=len(first.lam), alike=False)
 
 
 def _change_of_stiffness(

@@ -33,16 +33,17 @@ ASKEW = 0.1
 
 
 @dataclass(frozen=True)
-class Bridges:
-    """candidates: the bridges, each a gauge of one channel; alone: places without one, as no facet behind them takes its arms;
-    twice: bridges that were another one, seen from its other side."""
+class StrainGauges:
+    """candidates; alone: places without a bridge, as no facet behind them takes its arms; twice: bridges that were another one,
+    seen from its other side; left_out: places where a grid would run over a sharp edge."""
 
     candidates: Candidates
-    alone: int
-    twice: int
+    alone: int = 0
+    twice: int = 0
+    left_out: int = 0
 
 
-def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) -> Bridges:
+def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) -> StrainGauges:
     """A bridge for every gauge of the pool, with arms at its place p and at the opposite one p′, the first exit of the line from
     p along −n:
 
@@ -83,7 +84,7 @@ def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) ->
     grid = _interleaved(arms, m)
     sign = np.tile([float(sign) for _, _, sign in further], m)
     made = replace(_turned(sides[HERE], first), arms=Arms(each, sign, grid)) if m else sides[HERE]
-    return Bridges(made, len(pool) - len(index), len(index) - len(kept))
+    return StrainGauges(made, len(pool) - len(index), len(index) - len(kept))
 
 
 def _once(one: Candidates, other: Candidates, near: float, quarter: bool) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +16,8 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.gauges.admissible import admissible
 from strainsight.gauges.bonded import BondedEntry, bonded
-from strainsight.gauges.bridges import Bridges, bridges
-from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, concatenate
+from strainsight.gauges.bridges import StrainGauges, bridges
+from strainsight.gauges.candidates import ACCELERATION, DISPLACEMENT, candidates, concatenate
 from strainsight.gauges.motion import motion_candidates
 from strainsight.gauges.principal import ROSETTE, principal_angles
 from strainsight.gauges.rows import channel_rows, fits
@@ -31,19 +31,13 @@ FILE = "gauges.fixed_file"
 
 
 @dataclass(frozen=True)
-class OnSurface:
-    """candidates: all channels that the config allows, bonded gauges first; names of these, empty where they have none;
-    moved (bonded,) [m]: how far each of them was moved to the surface; left_out: places where a grid would run over a sharp
-    edge; alone: places without a bridge, for want of one opposite; twice: bridges that were others, seen from the other side;
-    empty: keys of zones that take no facet."""
+class OnSurface(StrainGauges):
+    """All channels that the config allows, bonded gauges first; names of these, empty where they have none; moved (bonded,) [m]:
+    how far each of them was moved to the surface; empty: keys of zones that take no facet."""
 
-    candidates: Candidates
-    names: tuple[str, ...]
-    moved: np.ndarray
-    left_out: int
-    alone: int
-    twice: int
-    empty: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    moved: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    empty: tuple[str, ...] = ()
 
 
 def candidates_on_surface(
@@ -88,7 +82,7 @@ def candidates_on_surface(
             )
     names = tuple(entry.name for entry in fixed)
     empty = _empty_zones(mesh, facets, config)
-    return OnSurface(concatenate(parts), names, distance, strain.left_out, strain.alone, strain.twice, empty)
+    return OnSurface(concatenate(parts), strain.alone, strain.twice, strain.left_out, names, distance, empty)
 
 
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
@@ -103,17 +97,7 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
     return tuple(found)
 
 
-@dataclass(frozen=True)
-class _StrainGauges:
-    """Candidates of strain, and the numbers of those left out, of `OnSurface`."""
-
-    candidates: Candidates
-    left_out: int = 0
-    alone: int = 0
-    twice: int = 0
-
-
-def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> _StrainGauges:
+def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> StrainGauges:
     """Gauges, rosettes or bridges on the facets that the config admits."""
     direction, length = gauges.direction, gauges.grid_length
     assert direction is not None  # the config asks for one where gauges are not given
@@ -138,7 +122,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             length=length,
             turn=turn,
         )
-        found = _StrainGauges(pool)
+        found = StrainGauges(pool)
         if gauges.bridge is not None:
             keep, _, _ = admissible(mesh, facets, surface=gauges.surface, include=include, exclude=exclude)
             found = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
@@ -156,7 +140,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
     return replace(found, candidates=kept, left_out=pool.gauges - kept.gauges)
 
 
-def _bridged(found: Bridges, pattern: str) -> _StrainGauges:
+def _bridged(found: StrainGauges, pattern: str) -> StrainGauges:
     """Raises InfeasibleError where no place has one opposite."""
     if not len(found.candidates):
         raise InfeasibleError(
@@ -165,7 +149,7 @@ def _bridged(found: Bridges, pattern: str) -> _StrainGauges:
             key="gauges.bridge",
             remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
         )
-    return _StrainGauges(found.candidates, alone=found.alone, twice=found.twice)
+    return found
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
-from scipy import sparse
 
 from strainsight.cases.structure.results import model_of_results
 from strainsight.config.loads import Load
@@ -16,7 +13,7 @@ from strainsight.decks.matrices.files import NOTED, read_matrix, read_numbering,
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import Factorise, factorise
-from strainsight.fem.model import FiniteElementModel, build_model
+from strainsight.fem.model import FiniteElementModel, FullModel, build_model
 from strainsight.fem.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, with_value
@@ -29,28 +26,6 @@ FILES = (
     *("mesh.results.second.file", "mesh.results.second.modes.file", "mesh.results.second.loads.*.file"),
 )
 """What a stage that calls `full_model` declares."""
-
-
-@dataclass(frozen=True)
-class FullModel:
-    """model; motion (r, n_free) of the rows of ready matrices, None for an assembled model; notes: sentences for a warning;
-    modes: how many modes of another program it is made of, its first free motions, None of another model; alike: whether the
-    model without loads has the same modes, in its first coordinates."""
-
-    model: FiniteElementModel
-    motion: sparse.csr_array | None = None
-    notes: tuple[str, ...] = ()
-    modes: int | None = None
-    alike: bool = True
-
-    def at_most(self, modes: int) -> int:
-        """So many modes, or as many as there are results of."""
-        return modes if self.modes is None else min(modes, self.modes)
-
-    def in_coordinates(self, shape: np.ndarray) -> np.ndarray:
-        """Modes of the model without loads, on the free motions of this one: static responses stand behind the modes."""
-        behind = self.model.size - len(shape)
-        return np.vstack([shape, np.zeros((behind, shape.shape[1]))]) if behind else shape
 
 
 def full_model(
@@ -80,9 +55,8 @@ def _built(
     loads: Mapping[str, Load] | None,
 ) -> FullModel:
     if config.results is not None:
-        of_results = model_of_results(config, mesh, parameters, files, loads)
-        model = _with_densities(of_results.model, parameters)
-        return FullModel(model, notes=of_results.notes, modes=of_results.modes, alike=of_results.alike)
+        full = model_of_results(config, mesh, parameters, files, loads)
+        return replace(full, model=_with_densities(full.model, parameters))
     if config.matrices is None:
         with blame("mesh.file"), mesh.located():
             model = _with_densities(build_model(mesh, parameters, free=config.free), parameters)
@@ -91,8 +65,8 @@ def _built(
         return FullModel(model)
     ready, said = _read(config.matrices, config, files)
     with blame("mesh.matrices.numbering"), mesh.located():
-        built = build_ready_model(mesh, ready)
-    return FullModel(built.model, built.motion, (*said, *built.notes))
+        full = build_ready_model(mesh, ready)
+    return replace(full, notes=(*said, *full.notes))
 
 
 def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:

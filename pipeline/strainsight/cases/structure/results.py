@@ -19,7 +19,8 @@ from strainsight.errors import DeckError, UserError, blame
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.given_motion import GivenMotion, given_motion
-from strainsight.fem.of_results import Results, ResultsModel, results_model
+from strainsight.fem.model import FullModel
+from strainsight.fem.of_results import Results, results_model
 from strainsight.fem.results_checks import check_positions
 from strainsight.fem.second_results import model_of_two
 from strainsight.fem.two_sets import KEY as SECOND
@@ -45,7 +46,7 @@ def model_of_results(
     parameters: Sequence[Parameter],
     files: Mapping[str, Path],
     loads: Mapping[str, Load] | None,
-) -> ResultsModel:
+) -> FullModel:
     """The model of `mesh.results`; loads: those of the config, None for the modes alone.
 
     Raises UserError with the key and the step for what the files lack or contradict.

@@ -21,7 +21,7 @@ from strainsight.cases.structure.drawn import (
     model_of,
     varies,
 )
-from strainsight.cases.structure.full_model import FullModel, full_model
+from strainsight.cases.structure.full_model import full_model
 from strainsight.cases.structure.problem import Problem
 from strainsight.cases.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.cases.structure.solver import solver_of
@@ -32,7 +32,7 @@ from strainsight.errors import blame
 from strainsight.fem.affine import Parameter, at_their_references
 from strainsight.fem.loads import PointLoad
 from strainsight.fem.misaligned import misaligned_shape, misalignment_shapes
-from strainsight.fem.model import FiniteElementModel, nodal
+from strainsight.fem.model import FiniteElementModel, FullModel, nodal
 from strainsight.gauges.candidates import ACCELERATION, Candidates
 from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.gauges.rows import channel_matrix, channel_rows
