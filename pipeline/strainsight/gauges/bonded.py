@@ -140,10 +140,7 @@ def _channels(
     each = np.repeat(np.arange(len(entries)), [len(entry.angles) for entry in entries])
     angle = np.array([angle for entry in entries for angle in entry.angles], dtype=float)
     return Candidates(
-        element=skin.facets.element_id[facet[each]],
-        facet=skin.facets.facet[facet[each]],
-        kind=skin.facets.kind[facet[each]],
-        nodes=skin.facets.nodes[facet[each]],
+        **skin.facets.columns(facet[each]),
         position=point[each],
         normal=normal[each],
         direction=turned(d[each], normal[each], angle),

@@ -64,10 +64,7 @@ def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) ->
     d = own.direction - np.sum(own.direction * n, axis=1)[:, None] * n
     behind = replace(
         own,
-        element=skin.facets.element_id[at],
-        facet=skin.facets.facet[at],
-        kind=skin.facets.kind[at],
-        nodes=skin.facets.nodes[at],
+        **skin.facets.columns(at),
         position=found.point[index],
         normal=n,
         direction=d / np.linalg.norm(d, axis=1)[:, None],

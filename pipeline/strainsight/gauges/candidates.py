@@ -228,10 +228,7 @@ def candidates(
     each = np.repeat(keep, len(angles))
     m = len(each)
     return Candidates(
-        element=facets.element_id[each],
-        facet=facets.facet[each],
-        kind=facets.kind[each],
-        nodes=facets.nodes[each],
+        **facets.columns(each),
         position=centre_[each],
         normal=normal[each],
         direction=turned(np.repeat(d0, len(angles), axis=0), normal[each], total.ravel()),

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from strainsight.columns import Column
 from strainsight.errors import UserError
 from strainsight.gauges.edges import edges_of
 from strainsight.gauges.locate import locate
@@ -51,20 +53,18 @@ class Pick:
 class Faces:
     """The f exterior facets as n faces, the largest first.
 
-    of (f,) the face of each facet; area (n,) [m²]; centre (n, 3) [m], weighted by area; normal (n, 3) unit, of a flat face
-    outward, zero where it is bent; radius (n,) [m] and axis (n, 3) of a cylinder, zero of other faces; hollow (n,) whether a
-    cylinder is seen from inside, as a bore is; point (n, 3) [m] a point of each, the centre of the facet nearest to its centre,
-    rounded to a millionth of that facet's size.
+    point: the centre of the facet nearest to the centre of the face, rounded to a millionth of that facet's size; of (f,): the
+    face of each facet, which no file has.
     """
 
-    of: np.ndarray
-    area: np.ndarray
-    centre: np.ndarray
-    normal: np.ndarray
-    radius: np.ndarray
-    axis: np.ndarray
-    hollow: np.ndarray
-    point: np.ndarray
+    area: Annotated[np.ndarray, Column("m^2", "face", "area, the largest first")]
+    centre: Annotated[np.ndarray, Column("m", "face × 3", "centre, weighted by area")]
+    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero where it is bent")]
+    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero of others")]
+    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero of others")]
+    hollow: Annotated[np.ndarray, Column("1", "face", "whether a cylinder is a bore")]
+    point: Annotated[np.ndarray, Column("m", "face × 3", "a point of each face")]
+    of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def near(self, face: int) -> str:
         """Its point, as a config names it by: "[x, y, z]"."""
@@ -240,7 +240,7 @@ def _described(group: np.ndarray, position: np.ndarray, facets: Facets, vector: 
             nodes = np.unique(corner[own])
             on_it = position[nodes[nodes >= 0]]
             radius[face], axis[face], hollow[face] = cylinder(on_it, middle[own], vector[own])
-    return Faces(of, area, centre, normal, radius, axis, hollow, point)
+    return Faces(area, centre, normal, radius, axis, hollow, point, of)
 
 
 def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[float, np.ndarray, bool]:

@@ -94,10 +94,7 @@ def _moved(
     g = candidates.gauge
     return replace(
         candidates,
-        element=skin.facets.element_id[facet][g],
-        facet=skin.facets.facet[facet][g],
-        kind=skin.facets.kind[facet][g],
-        nodes=skin.facets.nodes[facet][g],
+        **skin.facets.columns(facet[g]),
         position=x[g],
         normal=after[g],
         direction=turned(carried(candidates.direction, n[g], after[g]), after[g], rotation[g]),

@@ -47,10 +47,7 @@ def motion_candidates(
     each = np.repeat(keep, len(axes))
     direction = np.stack([_direction(axis, normal[keep], key) for axis in axes], axis=1).reshape(-1, 3)
     return Candidates(
-        element=facets.element_id[each],
-        facet=facets.facet[each],
-        kind=facets.kind[each],
-        nodes=facets.nodes[each],
+        **facets.columns(each),
         position=centre[each],
         normal=normal[each],
         direction=direction,

@@ -54,6 +54,15 @@ class Facets:
         """Those that are chosen, by a mask (f,) or their indices."""
         return Facets(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
+    def columns(self, index: IntArray) -> dict[str, IntArray]:
+        """Element, facet, kind and nodes of some of them, by these names: what says on which facet something lies."""
+        return {
+            "element": self.element_id[index],
+            "facet": self.facet[index],
+            "kind": self.kind[index],
+            "nodes": self.nodes[index],
+        }
+
     @property
     def key(self) -> IntArray:
         """(f,): one number for element and local number."""

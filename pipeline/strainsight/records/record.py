@@ -110,6 +110,12 @@ def record(kind: type[Record]) -> type[Record]:
     return dataclass(frozen=True, kw_only=True)(kind)
 
 
+def record_from(kind: type[Record], value: Any, **others: Any) -> Record:
+    """A record whose fields are the attributes of a value by their names, but for others."""
+    names = [field.name for field in dataclasses.fields(kind) if field.name not in others]  # type: ignore[arg-type]
+    return kind(**{name: getattr(value, name) for name in names}, **others)
+
+
 @dataclass(frozen=True)
 class _Kind:
     """What a field holds: leaf, its type; record: what stands in the file, None of a dataset; whether by name, or optional; by:

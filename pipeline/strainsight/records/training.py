@@ -10,7 +10,7 @@ from scipy import sparse
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.gauges.arms import Arms
 from strainsight.gauges.candidates import ACCELERATION, COLUMNS, Candidates
-from strainsight.records.record import dataset, group, record
+from strainsight.records.record import dataset, group, record, record_from
 from strainsight.records.reduced import ChangeTerms
 
 KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
@@ -37,7 +37,7 @@ class ArmColumns:
 
     @classmethod
     def of(cls, arms: Arms) -> ArmColumns:
-        return cls(channel=arms.channel, sign=arms.sign, **{name: getattr(arms.grid, name) for name in GRID})
+        return record_from(cls, arms.grid, channel=arms.channel, sign=arms.sign)
 
     def made(self) -> Arms:
         return Arms(self.channel, self.sign, Candidates(**{name: getattr(self, name) for name in GRID}))
@@ -69,7 +69,7 @@ class CandidateColumns:
 
     @classmethod
     def of(cls, pool: Candidates) -> CandidateColumns:
-        return cls(**{name: getattr(pool, name) for name in COLUMNS}, arms=pool.arms)
+        return record_from(cls, pool)
 
     def made(self) -> Candidates:
         return Candidates(**{name: getattr(self, name) for name in COLUMNS}, arms=self.arms)

@@ -20,9 +20,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, size_of
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.faces import FoundFaces, Imported
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.mesh import MeshColumns
+from strainsight.records.mesh import Imported, MeshColumns
 from strainsight.records.record import written
 from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.pages.found import faces_table, found_tables
@@ -60,7 +59,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     computed = config.matrices is None and config.results is None
     assumed = assumed_table(mesh, program, config.free) if computed else None
     return Output(
-        datasets=written(Imported(mesh=MeshColumns.of(mesh), found=FoundFaces.of(faces) if faces else None)) | grid,
+        datasets=written(Imported(mesh=MeshColumns.of(mesh), found=faces)) | grid,
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),

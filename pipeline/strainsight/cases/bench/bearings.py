@@ -16,6 +16,7 @@ from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bearing import BearingCase, BearingCurve
+from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")
 USUAL_REACH, USUAL_POINTS = 1e-4, 41
@@ -84,14 +85,8 @@ def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingC
         # a case may be of several bearings
         raise type(error)(f"'{name}': {error.what}", key=f"cases.{case}", remedy=error.remedy) from error
     found, balls = bearing_load(bearing, q), ball_loads(bearing, q)
-    return BearingCase(
-        load=found.force,
-        displacement=q,
-        stiffness=found.tangent,
-        station=balls.angle,
-        force=balls.force,
-        contact_angle=balls.contact_angle,
-        pressure=balls.pressure,
+    return record_from(
+        BearingCase, balls, load=found.force, displacement=q, stiffness=found.tangent, station=balls.angle
     )
 
 

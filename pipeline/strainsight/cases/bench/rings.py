@@ -12,6 +12,7 @@ from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
 from strainsight.ordering import first_of_largest
+from strainsight.records.record import record_from
 from strainsight.records.simulated import RingMotion, WorstInstant
 
 
@@ -40,11 +41,6 @@ def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[
             displacement=q,
             load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,
-            worst=WorstInstant(
-                time=float(found.time[worst]),
-                force=balls[worst].force,
-                contact_angle=balls[worst].contact_angle,
-                pressure=balls[worst].pressure,
-            ),
+            worst=record_from(WorstInstant, balls[worst], time=float(found.time[worst])),
         )
     return rings

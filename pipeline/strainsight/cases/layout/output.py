@@ -22,7 +22,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.placement.recommendation import worth_keeping
 from strainsight.records.grids import gauge_grid
 from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
-from strainsight.records.record import Place, written
+from strainsight.records.record import Place, record_from, written
 from strainsight.report.datum import Frame
 from strainsight.workflow.output import Dataset, Output, Scalar, Table
 
@@ -65,9 +65,7 @@ def layout_record(found: Placed) -> PlacedLayout:
         greedy=_selection(found, greedy),
         final=_selection(found, found.gauges, found.listed.most / found.listed.range),
         loss=found.loss,
-        certificate=None
-        if certificate is None
-        else Bound(lower_bound=certificate.lower_bound, gap=certificate.gap, weights=certificate.weights),
+        certificate=None if certificate is None else record_from(Bound, certificate),
         baseline={
             rule: scores.cost[criterion.name]
             for rule, scores in found.others.scores.items()

@@ -14,6 +14,7 @@ from strainsight.cases.structure.problem import rests_on_loads_in_words
 from strainsight.mesh.model import Mesh
 from strainsight.records.budget import budget_of_shares
 from strainsight.records.placed import PbhNumbers, Placed
+from strainsight.records.record import record_from
 from strainsight.workflow.output import Output, Scalar, Table
 
 
@@ -30,9 +31,7 @@ def placement_output(found: Placement, mesh: Mesh, length_unit: str) -> Output:
         expected_std={name: std * scale[name] for name, std in found.expected.std.items()},
         without=found.expected.without,
         budget=budget_of_shares(budget),
-        observability=PbhNumbers(
-            condition=condition.condition, sigma_min=condition.sigma_min, condition_raw=condition.condition_raw
-        ),
+        observability=record_from(PbhNumbers, condition),
         hot_spots=found.hot_spots,
         at_gauges=found.at_gauges,
         by_case=by_case,

@@ -11,6 +11,7 @@ from strainsight.cases.layout.output import layout_output, layout_record
 from strainsight.gauges.candidates import UNITS
 from strainsight.mesh.model import Mesh
 from strainsight.records.bench_placed import PLACED, BenchCandidates, BenchPlaced
+from strainsight.records.record import record_from
 from strainsight.workflow.output import Output, Scalar, Table
 
 
@@ -24,13 +25,7 @@ def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
         **vars(layout_record(found)),
         inputs=inputs,
         units=found.units,
-        candidates=BenchCandidates(
-            position=candidates.position,
-            direction=candidates.direction,
-            element=candidates.element,
-            facet=candidates.facet,
-            response=found.on.response[0] / found.scale,
-        ),
+        candidates=record_from(BenchCandidates, candidates, response=found.on.response[0] / found.scale),
         layouts=found.layouts,
     )
     drawn = [layout.std for name, layout in found.layouts.items() if name != PLACED]
