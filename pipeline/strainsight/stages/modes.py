@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import modes_of
-from strainsight.cases.structure.settings import reference_value
+from strainsight.cases.structure.settings import WHAT_IS_FREE, reference_value
 from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
 from strainsight.records.record import written
@@ -42,16 +42,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 MODES = Stage(
     "modes",
     version=6,
-    reads=(
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.springs",
-        "parameters.*.material",
-        "parameters.*.guess",
-        "parameters.*.range",
-        "rom.modes",
-        *READS,
-    ),
+    reads=(*WHAT_IS_FREE, "parameters.*.guess", "rom.modes", *READS),
     upstream=("import",),
     files=("parameters.*.guess.from", *FILES),
     run=run,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.structure.placed import placement_output
 from strainsight.cases.structure.placement import placement_of
-from strainsight.cases.structure.settings import KINDS_OF_LOAD
+from strainsight.cases.structure.settings import KINDS_OF_LOAD, WHAT_IS_FREE
 from strainsight.config.placement import PlacementConfig
 from strainsight.stages import inputs
 from strainsight.workflow.output import Output
@@ -32,11 +32,7 @@ PLACE = Stage(
         "loads.*.signal",
         "loads.*.process_noise",
         "parameters.*.process_noise_scale",
-        "parameters.*.range",
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.springs",
-        "parameters.*.material",
+        *WHAT_IS_FREE,
         "process_noise",
         "tolerances",
         "train",

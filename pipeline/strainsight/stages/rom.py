@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import reduced_of
-from strainsight.cases.structure.settings import WHERE_LOADS_ACT
+from strainsight.cases.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT
 from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
 from strainsight.mesh.vtkhdf import unstructured_grid
@@ -49,19 +49,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 ROM = Stage(
     "rom",
     version=10,
-    reads=(
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.springs",
-        "parameters.*.material",
-        "parameters.*.guess",
-        "parameters.*.range",
-        *WHERE_LOADS_ACT,
-        "damping",
-        "rom",
-        "train.model",
-        *READS,
-    ),
+    reads=(*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, "damping", "rom", "train.model", *READS),
     upstream=("import", "modes"),
     files=("parameters.*.guess.from", *FILES),
     run=run,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from strainsight.cases.structure.full_model import FILES, READS
 from strainsight.cases.structure.reduction import spectrum_of
+from strainsight.cases.structure.settings import WHAT_IS_FREE
 from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
 from strainsight.records.record import written
@@ -26,15 +27,7 @@ def run(context: Context[PlacementConfig]) -> Output:
 SPECTRUM = Stage(
     "spectrum",
     version=6,
-    reads=(
-        "parameters.*.property",
-        "parameters.*.region",
-        "parameters.*.springs",
-        "parameters.*.material",
-        "parameters.*.range",
-        "validate.truth.modes",
-        *READS,
-    ),
+    reads=(*WHAT_IS_FREE, "validate.truth.modes", *READS),
     upstream=("import",),
     files=FILES,
     run=run,

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.cases.layout.zones import zone_of
 from strainsight.cases.material import named_regions
-from strainsight.cases.structure.settings import WHERE_LOADS_ACT, parameters_of, places_of, point_loads
+from strainsight.cases.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT, parameters_of, places_of, point_loads
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import InfeasibleError, UserError, blame
@@ -26,12 +26,8 @@ from strainsight.mesh.sanity import attached
 from strainsight.mesh.thin import BeamBlock, ShellBlock
 
 READS = (
-    "parameters.*.property",
-    "parameters.*.region",
-    "parameters.*.springs",
-    "parameters.*.material",
+    *WHAT_IS_FREE,
     "parameters.*.guess",
-    "parameters.*.range",
     *WHERE_LOADS_ACT,
     "gauges.surface",
     "gauges.include",

@@ -37,6 +37,14 @@ KINDS_OF_LOAD = (
 """Keys that say of what kind a load is, and so its unit."""
 WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
 """Keys that `point_loads` reads."""
+WHAT_IS_FREE = (
+    "parameters.*.property",
+    "parameters.*.region",
+    "parameters.*.springs",
+    "parameters.*.material",
+    "parameters.*.range",
+)
+"""Keys that `parameters_of` reads, but for the guess."""
 PARAMETER_UNITS = {
     "youngs_modulus": "Pa",
     "density": "kg/m^3",
