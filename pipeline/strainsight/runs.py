@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Generic
 
 import numpy as np
 
@@ -44,9 +44,6 @@ class Written:
         """The artefact of a stage: `.summary`, `.tables`, `.message`, and its datasets by path."""
         return Artefact(self.folder / f"{stage}.h5")
 
-    def _record(self, kind: type[Record], stage: str) -> Record:
-        return read(kind, self.artefact(stage))
-
     def to_pyvista(self, stage: str = "import", step: int = 0) -> pyvista.UnstructuredGrid:
         """The grid of a stage at one of its steps."""
         artefact = self.artefact(stage)
@@ -54,6 +51,16 @@ class Written:
             raise UserError(f"the stage '{stage}' has written no grid", where=str(artefact.path), remedy=self.GRIDS)
         paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
         return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
+
+
+class _Of(Generic[Record]):
+    """The record of a stage in `Written`, read anew where it is asked for."""
+
+    def __init__(self, kind: type[Record], stage: str) -> None:
+        self.kind, self.stage = kind, stage
+
+    def __get__(self, written: Written | None, owner: type) -> Record:
+        return self if written is None else read(self.kind, written.artefact(self.stage))  # type: ignore[return-value]
 
 
 class Run(Written):
@@ -66,33 +73,13 @@ class Run(Written):
     def mesh(self) -> Mesh:
         return mesh_from(self.artefact("import"))
 
-    @property
-    def modes(self) -> Modes:
-        return self._record(Modes, "modes")
-
-    @property
-    def reduced(self) -> Reduced:
-        return self._record(Reduced, "rom")
-
-    @property
-    def training(self) -> Training:
-        return self._record(Training, "train")
-
-    @property
-    def screened(self) -> Screened:
-        return self._record(Screened, "screen")
-
-    @property
-    def observed(self) -> Observed:
-        return self._record(Observed, "observe")
-
-    @property
-    def placed(self) -> Placed:
-        return self._record(Placed, "place")
-
-    @property
-    def validated(self) -> Validated:
-        return self._record(Validated, "validate")
+    modes = _Of(Modes, "modes")
+    reduced = _Of(Reduced, "rom")
+    training = _Of(Training, "train")
+    screened = _Of(Screened, "screen")
+    observed = _Of(Observed, "observe")
+    placed = _Of(Placed, "place")
+    validated = _Of(Validated, "validate")
 
     @property
     def estimated(self) -> Estimated:
@@ -122,31 +109,17 @@ class BenchRun(Written):
 
     @property
     def meshes(self) -> dict[str, Mesh]:
-        return self._record(Meshes, "import").bodies
+        return read(Meshes, self.artefact("import")).bodies
 
     @property
     def reduced(self) -> dict[str, ReducedBody]:
-        return self._record(ReducedBodies, "reduce").bodies
+        return read(ReducedBodies, self.artefact("reduce")).bodies
 
-    @property
-    def bearings(self) -> BearingsAlone:
-        return self._record(BearingsAlone, "bearing")
-
-    @property
-    def placed(self) -> BenchPlaced:
-        return self._record(BenchPlaced, "place")
-
-    @property
-    def simulated(self) -> Simulated:
-        return self._record(Simulated, "simulate")
-
-    @property
-    def estimated(self) -> BenchEstimated:
-        return self._record(BenchEstimated, "estimate")
-
-    @property
-    def surface(self) -> SurfaceInTime:
-        return self._record(SurfaceInTime, "field")
+    bearings = _Of(BearingsAlone, "bearing")
+    placed = _Of(BenchPlaced, "place")
+    simulated = _Of(Simulated, "simulate")
+    estimated = _Of(BenchEstimated, "estimate")
+    surface = _Of(SurfaceInTime, "field")
 
 
 def open_run(folder: Path | str) -> Run:
