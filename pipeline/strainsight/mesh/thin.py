@@ -37,7 +37,7 @@ class GeneralShell:
 
         N = t M ε + t² C κ,   M = t² C ε + t³/12 D κ,   Q = t S γ,     strain ε + z κ in the order xx, yy, xy, γ_xy = 2 ε_xy
 
-    Of a uniform one M makes stress of the strain on its faces.
+    M of a uniform shell gives the stress of the strain on its faces.
     """
 
     thickness: Annotated[float, Column("m", "", "thickness t")]

@@ -7,8 +7,8 @@
 
 Writing (`written`), reading (`read`), the checks of shapes against each other and docs/artefacts.md (`listed`) come from there.
 A field may be an array, a number, text (`str`, `tuple[str, ...]`), another record below a group, a `dict` of any of these by
-name (`<name>` in its path), or None where it may be absent. A dataclass of a kernel stands in a file through a record of its
-own (`Form`), which says what its columns are.
+name (`<name>` in its path), or None where it may be absent. A dataclass of a kernel is one by the `Column` of its fields; many
+of them are a `table`. Of others a record says what stands in the file (`Form`).
 """
 
 from __future__ import annotations
