@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,7 @@ class Facets:
         """Those that are chosen, by a mask (f,) or their indices."""
         return Facets(*(getattr(self, entry.name)[chosen] for entry in fields(self)))
 
-    def columns(self, index: IntArray) -> dict[str, IntArray]:
+    def columns(self, index: IntArray) -> dict[str, Any]:
         """Element, facet, kind and nodes of some of them, by these names: what says on which facet something lies."""
         return {
             "element": self.element_id[index],

@@ -11,7 +11,7 @@ from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bench_truth import BenchTruths
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.estimated import CampaignRecord, Estimated
-from strainsight.records.mesh import Imported
+from strainsight.records.imported import Imported
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated, SurfaceInTime

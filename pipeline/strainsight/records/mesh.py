@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import numpy as np
 
 from strainsight.columns import Column
-from strainsight.gauges.faces import Faces
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.forces import NodalForces
@@ -187,14 +186,6 @@ def _sections(mesh: Mesh, kind: type[Section]) -> dict[int, Any]:
 
 def _ordered(blocks: Sequence[Any], kinds: Sequence[str]) -> tuple[Any, ...]:
     return tuple(sorted(blocks, key=lambda block: kinds.index(block.kind)))
-
-
-@record
-class Imported:
-    """import.h5 of a structure: the mesh, and the faces that are found on its surface."""
-
-    mesh: MeshColumns = group(path="")
-    found: Faces | None = group(path="/faces/found", default=None)
 
 
 @record

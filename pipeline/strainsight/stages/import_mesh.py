@@ -21,7 +21,8 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, size_of
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.mesh import Imported, MeshColumns
+from strainsight.records.imported import Imported
+from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
 from strainsight.stages.pages.assumed import assumed_table
 from strainsight.stages.pages.found import faces_table, found_tables
