@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, make_dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from itertools import chain, pairwise
 from types import NoneType
 from typing import Any, get_args, get_origin
@@ -113,12 +113,12 @@ class _Field:
     def offset(self) -> str:
         return self.column.offset or f"{self.name}_offset"
 
-    @property
+    @cached_property
     def components(self) -> bool:
         """Whether it is a tuple of components 0-5, which a file has as text, "123"."""
         return bool(self.hint == tuple[int, ...] and not self.axis)
 
-    @property
+    @cached_property
     def kind(self) -> type:
         """In a file: str, int (of bool as well) or float."""
         if self.hint is str or self.components:
@@ -135,19 +135,19 @@ class _Field:
             return np.full(length + self.tail, self.column.none)
         return "".join(str(c + 1) for c in value) if self.components else value
 
-    def made(self, value: Any) -> Any:
-        """The value again of what a file has."""
+    def made(self, entries: Any) -> list[Any]:
+        """The values of all objects again, of what a file has."""
         if self.components:
-            return tuple(int(letter) - 1 for letter in value)
-        if self.part:
-            return tuple(value) if self.axis else value
-        if self.hint in (int, float, str, bool):
-            return self.hint(value)
-        if self.optional and not self.column.none and not (value.any() if self.beside or not self.axis else len(value)):
-            return None
+            return [tuple(int(letter) - 1 for letter in text) for text in entries]
+        if self.hint in (int, float, bool):
+            return list(map(self.hint, entries.tolist()))
         if get_origin(self.hint) is tuple:
-            return tuple(value.tolist())
-        return value.astype(bool) if self.hint == NDArray[np.bool_] else value
+            return [tuple(entry if self.part else entry.tolist()) for entry in entries]
+        if self.hint == NDArray[np.bool_]:
+            entries = [entry.astype(bool) for entry in entries]
+        if not self.optional or self.column.none:
+            return list(entries)
+        return [entry if (entry.any() if self.beside or not self.axis else len(entry)) else None for entry in entries]
 
 
 @cache
@@ -198,9 +198,8 @@ def _columns(row: Any, objects: Sequence[Any]) -> dict[str, Any]:
         if field.part:
             columns |= _columns(field.part, list(chain(*values)) if field.axis else values)
         elif field.axis:
-            columns[field.name] = np.concatenate(
-                [_column(entries, field.kind, field.tail) for entries in ((), *values)]
-            )
+            none = _column((), field.kind, field.tail)
+            columns[field.name] = np.concatenate([none, *values]).astype(none.dtype)
         else:
             columns[field.name] = _column(values, field.kind, field.tail)
     return columns
@@ -217,5 +216,5 @@ def _objects(row: Any, columns: Any) -> list[Any]:
         entries = _objects(field.part, columns) if field.part else getattr(columns, field.name)
         if field.axis:
             entries = [entries[first:last] for first, last in pairwise(getattr(columns, field.offset).tolist())]
-        values[field.attribute] = [field.made(entry) for entry in entries]
+        values[field.attribute] = field.made(entries)
     return [row(**dict(zip(values, each, strict=True))) for each in zip(*values.values(), strict=True)]
