@@ -16,8 +16,8 @@ from typing import Any, get_type_hints
 class Column:
     """unit: "m", "1"; axes: what each axis counts, "node × 3", "" of a number; meaning: one line for people.
 
-    name: in a file, that of the field where empty; none: what stands in a file for None; offset: dataset in which a file has
-    the ends of lists of unequal length, `<name>_offset` where empty.
+    name: in a file, that of the field where empty; none: what stands in a file for None; offset: in a file of many objects, the
+    dataset that says where the list of each begins, `<name>_offset` where empty.
     """
 
     unit: str
