@@ -14,6 +14,8 @@ from strainsight.mesh.laminates import Laminate
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
+Pair = tuple[float, float]
+ZERO: Pair = (0.0, 0.0)
 
 SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
@@ -78,20 +80,15 @@ class BeamSection:
         default_factory=lambda: np.zeros((2, 2))
     )
     torsion: Annotated[float, Column("m^4", "", "torsion constant J")] = 0.0
-    shear: Annotated[
-        tuple[float, float], Column("1", "2", "areas in shear along y and z over the area; 0: no shear")
-    ] = (0.0, 0.0)
+    shear: Annotated[Pair, Column("1", "2", "areas in shear along y and z over the area; 0: no shear")] = ZERO
     points: Annotated[FloatArray, Column("m", "point × 2", "y and z where its strain is asked for")] = field(
         default_factory=lambda: np.zeros((0, 2))
     )
     nonstructural: Annotated[float, Column("kg/m", "", "mass that is not of its material")] = 0.0
     at_b: BeamSection | None = None
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
-    neutral: Annotated[tuple[float, float], Column("m", "2", "y and z of the neutral axis from the shear centre")] = (
-        0.0,
-        0.0,
-    )
-    beside: Annotated[tuple[float, float], Column("m", "2", "y and z of that mass from the shear centre")] = (0.0, 0.0)
+    neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
+    beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
 
 
 Section = ShellSection | GeneralShell | Laminate | BeamSection
