@@ -19,8 +19,7 @@ from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.draws import draw_truth
 from strainsight.measurements.assemble import Signals
-from strainsight.report.placement.verdicts import in_words
-from strainsight.stages.pages.claims import claims_of
+from strainsight.report.placement.verdicts import claims_of, in_words
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect

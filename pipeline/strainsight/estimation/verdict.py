@@ -13,17 +13,28 @@ SLACK = 0.1
 """A σ that is off by less than this is consistent whatever the number of draws: many draws make the band of χ² so narrow
 that every real model lies outside it."""
 CONSISTENT, OVERCONFIDENT, TOO_CAUTIOUS = "consistent", "overconfident", "too cautious"
+DIVERGED = "diverged"
 
 
 @dataclass(frozen=True)
 class Claim:
     """Errors against the σ claimed for them: ratio √(mean (e/σ)²) of so many draws, the band in which it lies where σ holds,
-    and the verdict: consistent, overconfident above the band, too cautious below it."""
+    and the verdict: consistent, overconfident above the band, too cautious below it; of: which errors these are, where there
+    are several kinds ("test", "smoothed", "repeats")."""
 
     draws: int
     ratio: float
     band: tuple[float, float]
     verdict: str
+    of: str = ""
+
+    @property
+    def weight(self) -> tuple[int, float]:
+        """How much it decides beside other claims on an unknown: the worst overconfident one most, then the most cautious one."""
+        low, high = self.band
+        if self.verdict == OVERCONFIDENT:
+            return 2, self.ratio / high
+        return (1, low / max(self.ratio, 1e-300)) if self.verdict == TOO_CAUTIOUS else (0, 0.0)
 
 
 def chi_square_band(dimension: int, samples: int = 1, level: float = LEVEL) -> tuple[float, float]:
@@ -103,6 +114,11 @@ def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std
     """
     with np.errstate(divide="ignore"):
         return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
+
+
+def comparison_verdict(ratio: float) -> str:
+    """On an `expected_ratio`: consistent, overconfident, too cautious or diverged."""
+    return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
 def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float | None = None) -> np.ndarray:

@@ -15,13 +15,13 @@ from strainsight.cases.structure.validation import measured_csv, validation_of
 from strainsight.cases.structure.validation_text import validation_message, validation_numbers, validation_table
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
+from strainsight.estimation.verdict import OVERCONFIDENT
 from strainsight.gauges.candidates import STRAIN
 from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
-from strainsight.report.placement.verdicts import OVER, WITHHELD, in_words
+from strainsight.report.placement.verdicts import WITHHELD, claims_of, in_words
 from strainsight.stages import inputs
-from strainsight.stages.pages.claims import claims_of
 from strainsight.workflow.output import Output
 from strainsight.workflow.stage import Context, Stage
 
@@ -52,7 +52,9 @@ def run(context: Context[PlacementConfig]) -> Output:
     beyond = beyond or excluded_in_words(apart, found.trial.settled is not None, "train.settle")
     claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
     numbers |= {f"claim.{name}": own[0].verdict for name, own in claims.items() if own and not beyond}
-    doubts = {name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVER and not beyond}
+    doubts = {
+        name: in_words(own[0]) for name, own in claims.items() if own and own[0].verdict == OVERCONFIDENT and not beyond
+    }
     if beyond:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
         numbers |= {"out_of_range": beyond, "verdict": WITHHELD}

@@ -83,7 +83,7 @@ def test_lines_bands_dots_and_bars_come_out_as_they_went_in(panels):
 
 
 def test_every_figure_of_a_report_has_its_three_files_with_units(full):
-    report = full(histories=(), gauge_signals=(), posteriors=(), random_sets=())
+    report = full(histories=(), gauge_signals=(), posteriors={}, random_sets=())
     with kept() as drawn:
         drawings = placement_figures(report)
         files = figure_files(drawings, drawn)

@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from strainsight.estimation.verdict import Benefit
 from strainsight.report.page.document import own
-from strainsight.report.placement.data import Benefit
 from strainsight.report.placement.figures import elbow, placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.section import script

@@ -93,7 +93,7 @@ def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
     text = page("held out")
     error, share, sigma, inside = shown(text[text.index('data-table="hold-out"') :], "G1")
     own = held_out().hold_out[0]
-    residual = own.measured - own.predicted
+    residual = own.residual
     assert error == pytest.approx(np.sqrt(np.mean(residual**2)))
     assert share == pytest.approx(np.sqrt(np.mean(residual**2) / np.mean(own.measured**2)))
     assert sigma == pytest.approx(np.sqrt(np.mean((residual / own.std) ** 2)))

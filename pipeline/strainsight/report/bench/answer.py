@@ -1,4 +1,4 @@
-"""What the page of a bench begins with: what was found, up to which frequency, and how near the stress is to the allowable."""
+"""What the page of a bench begins with: what does not hold, what was found, and how near the stress is to the allowable."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from html import escape
 
 import numpy as np
 
+from strainsight.estimation.verdict import DIVERGED, OVERCONFIDENT
 from strainsight.report.bench.data import BenchMotion, BenchRun, BenchStress, BenchUnknown
 from strainsight.report.bench.tables import ratio
-from strainsight.report.bench.verdicts import leading
-from strainsight.report.page.markup import count, data, measure, share
+from strainsight.report.page.markup import count, data, measure, plain, share
+from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, LOST, WITHHELD, ratio_in_words
 from strainsight.report.text import number
 
 
@@ -20,7 +21,7 @@ def bench_answer(run: BenchRun) -> str:
         text = run_answer(run)
     elif run.motion is not None:
         text = _moved(run.motion)
-    band = None if run.motion is None else run.motion.numbers.get("band")
+    band = run.numbers.get("simulate", {}).get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
         text += f" The time step follows loads up to {shown}."
@@ -79,8 +80,40 @@ def _moved(motion: BenchMotion) -> str:
     steps = len(motion.time) - 1
     length = float(motion.time[-1] - motion.time[0])
     text = f"{number(length)} s in {steps} steps"
-    if motion.bearings:
-        worst = max(motion.bearings, key=lambda bearing: float(np.max(bearing.pressure, initial=0.0)))
-        highest = measure(float(np.max(worst.pressure, initial=0.0)), "Pa")
-        text += f"; the highest contact pressure is {highest}, in {escape(worst.name)}"
+    highest = {name: float(np.max(ring.pressure, initial=0.0)) for name, ring in motion.bearings.items()}
+    if highest:
+        worst = max(highest, key=lambda name: highest[name])
+        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in {escape(worst)}"
     return f"{text}."
+
+
+def faults(run: BenchRun, name: str) -> tuple[str, ...]:
+    """What is wrong with the estimate of an unknown, empty where nothing is."""
+    over, apart = run.summary.get(f"claim.{name}") == OVERCONFIDENT, run.summary.get(f"identified.{name}") is False
+    word = str(run.summary.get(f"verdict.{name}"))
+    return (*[OVERCONFIDENT] * over, *[LOST] * apart, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
+
+
+def run_faults(run: BenchRun) -> tuple[str, ...]:
+    """What is wrong with a run, each once."""
+    found = [DIVERGED] * bool(run.number("lost"))
+    return tuple(dict.fromkeys([*found, *(fault for own in run.unknowns for fault in faults(run, own.name))]))
+
+
+def leading(run: BenchRun) -> str:
+    """What the page of a run begins with, as HTML: what does not hold."""
+    text, lost = "", run.number("lost")
+    if lost:
+        text += f'<strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong> '
+    for unknown in run.unknowns:
+        if wrong := faults(run, unknown.name):
+            said = ", ".join(_why(run, unknown.name, fault) for fault in wrong)
+            text += f'<strong class="bad">{escape(unknown.name)}: {said}.</strong> '
+    return text
+
+
+def _why(run: BenchRun, name: str, fault: str) -> str:
+    times, most = (run.number(f"claim_{key}.{name}") for key in ("ratio", "most"))
+    if fault != OVERCONFIDENT or times is None or most is None:
+        return fault
+    return f"{OVERCONFIDENT} (error {ratio_in_words(times, most, plain)})"

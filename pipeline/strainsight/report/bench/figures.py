@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray, History
+from strainsight.report.arrays import FloatArray, History, largest
 from strainsight.report.bench.data import BenchUnknown
 from strainsight.report.chart.drawing import (
     BLUE,
@@ -112,7 +112,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         for place, (label, unknown) in enumerate(lines):
             there, history, style = unknown.there, unknown.history, line_style(place)
             assert there is not None
-            large = np.abs(there) > LARGE * peak([there])
+            large = np.abs(there) > LARGE * largest(there)
             large[0] = False  # there stands the first guess
             quotient = np.full(len(there), np.nan)
             quotient[large] = history.mean[large] / there[large]
@@ -169,7 +169,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
 def shown_unit(histories: Sequence[History]) -> tuple[float, str]:
     """Factor and unit in which the largest of the histories reads well."""
     unit = histories[0].unit.replace("N m", "N·m")
-    size = peak([h.mean if h.truth is None else h.truth for h in histories])
+    size = largest(*(h.mean if h.truth is None else h.truth for h in histories))
     return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
 
 
@@ -189,19 +189,13 @@ def legend_height(labels: Sequence[str]) -> float:
     return 0.17 * len(labels) if max(map(len, labels), default=0) > 20 else 0.0
 
 
-def peak(values: Sequence[FloatArray]) -> float:
-    """The largest size of all that is finite in them; 0 where nothing is."""
-    sizes = [np.max(np.abs(v[np.isfinite(v)]), initial=0.0) for v in values]
-    return float(max(sizes, default=0.0))
-
-
 def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
     """Every different true history once, the finest sampling of it."""
     shown: list[tuple[FloatArray, FloatArray]] = []
     for history in sorted(histories, key=lambda history: -len(history.time)):
         time, truth = history.time, history.truth
         assert truth is not None
-        if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * peak([u])) for t, u in shown):
+        if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
         index = visible_instants(truth[:, None], 240)
         stroke: dict[str, Any] = {"color": INK, "lw": 1, "ls": (0, (4, 2)), "zorder": 3}
@@ -212,7 +206,7 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
 def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool) -> None:
     for place, own in histories:
         assert own.truth is not None
-        scale = peak([own.truth]) or 1.0
+        scale = largest(own.truth) or 1.0
         style = line_style(place)
         shown = [(own.mean, {**style, "lw": 1.1 if alone else style["lw"]})]
         if alone and own.smoothed is not None:
@@ -245,5 +239,5 @@ def _bulk(axes: Axes, history: History, factor: float) -> None:
 def _ending(history: History) -> str:
     if history.truth is None:
         return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
-    scale = peak([history.truth]) or 1.0
+    scale = largest(history.truth) or 1.0
     return f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value at the end"

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray
+from strainsight.report.arrays import FloatArray, largest
 from strainsight.report.bench.data import BenchEstimate, BenchSensor
-from strainsight.report.bench.figures import legend_height, line_label, line_style, peak
+from strainsight.report.bench.figures import legend_height, line_label, line_style
 from strainsight.report.chart.drawing import BLUE, INK, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import (
     dots,
@@ -33,7 +33,7 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
     """One component of a sensor as measured and as the estimates say it; below, the difference."""
     first = lines[0][1]
     columns = [(label, sensor, drawable(sensor.measured[:, component])) for label, sensor in lines]
-    factor, unit = sensor_unit(peak([values for *_, values in columns]), first.units[component])
+    factor, unit = sensor_unit(largest(*(values for *_, values in columns)), first.units[component])
     with styled():
         labels = [line_label(label, len(lines)) for label, _ in lines]
         drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
@@ -78,7 +78,7 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
             measured = drawable(sensor.measured[:, i])
             if sensor.expected is None and size[i] <= ROUNDING * size.max():
                 measured = np.zeros_like(measured)
-            factor, unit = sensor_unit(peak([measured]), sensor.units[i])
+            factor, unit = sensor_unit(largest(measured), sensor.units[i])
             index = visible_instants(measured[:, None], 240)
             if sensor.expected is None:
                 axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
@@ -103,17 +103,17 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
     return Drawing(key, title, f"{caption}.", f"Line charts of {len(kept)} components of {sensor.name} in time.", image)
 
 
-def consistency_figure(estimate: BenchEstimate) -> Drawing:
-    """NIS over the number of channels at every step, and the violation of the constraints after every correction."""
-    expected = estimate.numbers.get("expected_nis")
+def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawing:
+    """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
+    where it is known."""
     with styled():
         drawn, axes, below = figure(4.2, (1.4, 1.0))
         index = visible_instants(estimate.nis[:, None], 240)
         dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
         mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
         axes.axhline(mean, color=BLUE, label="mean")
-        if isinstance(expected, float | int) and not isinstance(expected, bool):
-            axes.axhline(float(expected), color=INK, lw=1, ls=(0, (4, 2)), label="expected")
+        if expected is not None:
+            axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
         axes.set_ylabel("NIS / channels [–]")
         axes.set_ylim(bottom=0)
         plain_axis(axes)
@@ -131,7 +131,7 @@ def consistency_figure(estimate: BenchEstimate) -> Drawing:
     worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
     caption = (
         f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}"
-        + (f", expected {number(float(expected), 3)}" if isinstance(expected, float | int) else "")
+        + (f", expected {number(expected, 3)}" if expected is not None else "")
         + f". Below, how far the constraints are violated after every correction: at most {worst}."
     )
     return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, image)

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 
+import numpy as np
+
+from strainsight.estimation.verdict import DIVERGED, OVERCONFIDENT
 from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
-from strainsight.report.page.positions import AXES, axes, decimals
-from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, DIVERGED, LOST, OVER, UNTESTED, WEAK, WITHHELD
+from strainsight.report.page.markup import (
+    AXES,
+    axes,
+    block,
+    cell,
+    data,
+    decimals,
+    grouped_table,
+    measure,
+    plain,
+    table,
+)
+from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, LOST, UNTESTED, WEAK, WITHHELD
 from strainsight.report.text import number
+from strainsight.workflow.output import Scalar
 
-NOT_GOOD = (DIVERGED, BEYOND, WITHHELD, LOST, OVER, CONTRADICTED, WEAK)
+NOT_GOOD = (DIVERGED, BEYOND, WITHHELD, LOST, OVERCONFIDENT, CONTRADICTED, WEAK)
 """Verdicts on an unknown whose σ does not hold, is withheld, or says that nothing is known."""
 Cell = Callable[[BenchRun, BenchUnknown], str]
 
@@ -183,46 +196,35 @@ def mismatch_table(run: BenchRun) -> str:
     return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
-def placement_table(placement: BenchPlacement) -> str:
-    """The layout's expected standard deviations beside those of random layouts, and where the gauges go."""
+def placement_table(placement: BenchPlacement, numbers: Mapping[str, Scalar]) -> str:
+    """The layout's expected standard deviations beside those of random layouts, and where the gauges go; numbers: the summary of
+    place."""
+    placed, units = placement.placed, placement.units
+    best, random = placed.placed, placed.random_std
     rows = []
-    for name, std in placement.expected.items():
-        unit = _unit(placement, name)
-        drawn = [float(value) for value in placement.random.get(name, ()) if not math.isnan(value)]
+    for i, (name, unit) in enumerate(units.items()):
+        drawn = random[~np.isnan(random[:, i]), i].tolist()
         cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
-        rows.append([escape(name), measure(std, unit, 3), *cells])
+        rows.append([escape(name), measure(float(best.std[i]), unit, 3), *cells])
     head = ("load", "expected σ", "best random layout", "worst")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
-    places, symbol = decimals(placement.position), escape(placement.trend.metric.symbol)
+    places, symbol = decimals(best.position), escape(placement.trend.metric.symbol)
     gauges = [
         [
-            escape(placement.labels[i]) if placement.labels else f"G{i + 1}",
-            *axes(placement.position[i], places),
-            f'<span class="whole">{" ".join(axes(placement.direction[i], 3))}</span>',
-            plain(float(placement.loss[i]), 4),
-            *(measure(float(std[i]), _unit(placement, name), 3) for name, std in placement.without.items()),
+            escape(label),
+            *axes(best.position[i], places),
+            f'<span class="whole">{" ".join(axes(best.direction[i], 3))}</span>',
+            plain(float(placed.loss[i]), 4),
+            *(measure(float(std), unit, 3) for std, unit in zip(best.without[i], units.values(), strict=True)),
         ]
-        for i in range(len(placement.position))
+        for i, label in enumerate(placement.labels)
     ]
-    columns = [
-        "gauge",
-        *AXES,
-        "direction",
-        f"{symbol} if it fails",
-        *(f"σ({escape(n)}) without it" for n in placement.without),
-    ]
+    without = [f"σ({escape(name)}) without it" for name in units]
+    columns = ["gauge", *AXES, "direction", f"{symbol} if it fails", *without]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
-        every = placement.numbers.get("bounded")
-        caption += (
-            f" No other layout within the limits{f' of all {every} candidates' if every else ''} is lower by more than "
-        )
-        caption += f"{ratio(max(gap, 0.0))}."
-    if "proven" in placement.numbers:
-        proof = "Proven: none is better." if placement.numbers["proven"] else "The time was too short for a proof."
-        caption += f" {proof}"
+        of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""
+        caption += f" No other layout within the limits{of} is lower by more than {ratio(max(gap, 0.0))}."
+    if "proven" in numbers:
+        caption += " Proven: none is better." if numbers["proven"] else " The time was too short for a proof."
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
-
-
-def _unit(placement: BenchPlacement, name: str) -> str:
-    return placement.units.get(name, "").replace("N m", "N·m")

@@ -1,13 +1,14 @@
-"""The figures of an unknown in time: its estimate with the band that is claimed for it, beside the truth where that is known."""
+"""The figures of an unknown: its estimate in time with the band that is claimed for it, and the posterior of a parameter."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.estimated import Posterior
 from strainsight.report.arrays import History
-from strainsight.report.chart.drawing import BLUE, GREEN, INK, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.drawing import BLUE, GREEN, INK, ORANGE, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, focus_on, last_periods, legend_above, shown_unit, time_axis
-from strainsight.report.text import quantity, short
+from strainsight.report.text import prefix, quantity, short
 
 
 def estimate_figure(history: History, start: int = 0) -> Drawing:
@@ -75,3 +76,28 @@ def _history_alt(history: History) -> str:
     truth = "" if history.truth is None else f", truth {quantity(float(history.truth[-1]), history.unit)}"
     sigma = f" ± {quantity(float(history.std[-1]), history.unit, 2)}" if np.isfinite(history.std[-1]) else ""
     return f"Line chart of {history.name}: at the end {end}{sigma}{truth}."
+
+
+def posterior_figure(name: str, unit: str, own: Posterior, truth: float | None = None) -> Drawing:
+    """Density of a parameter before and after the measurements, and its true value where that is known."""
+    factor, shown = prefix(float(own.value.max()), unit)
+    value = own.value / factor
+    with styled():
+        drawn, axes = figure()
+        axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
+        axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
+        axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
+        if truth is not None:
+            axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
+        axes.set_xlabel(f"{name} [{shown}]")
+        axes.set_ylabel(f"density of ln {name} [–]")
+        axes.set_ylim(bottom=0)
+        legend_above(axes, columns=3)
+        image = svg(drawn)
+    top = quantity(float(own.value[np.argmax(own.density)]), unit)
+    caption = (
+        f"What is known of {name} after the measurements of the test, beside what was known before: the narrower of the two "
+        "curves, the more they say; one with several peaks allows several values."
+    )
+    alt = f"Density of {name} before and after the measurements, largest at {top}."
+    return Drawing(f"posterior-{name}", f"{name}: what the measurements leave", caption, alt, image)

@@ -7,8 +7,7 @@ from html import escape
 
 from strainsight.report.chart.drawing import VERMILION
 from strainsight.report.page import markup
-from strainsight.report.page.markup import count
-from strainsight.report.page.positions import coordinates, decimals
+from strainsight.report.page.markup import coordinates, count, decimals
 from strainsight.report.picture import picture
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import shape

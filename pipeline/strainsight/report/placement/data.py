@@ -8,39 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
-from strainsight.report.arrays import FloatArray, History, IntArray
-from strainsight.report.chart.posterior import Posterior as Posterior
-from strainsight.report.page.filters import OtherFilter as OtherFilter
-from strainsight.report.picture.layout import Gauge as Gauge
-from strainsight.report.picture.layout import Layout as Layout
-from strainsight.report.picture.layout import Load as Load
-
-
-@dataclass(frozen=True)
-class Claim:
-    """Errors of an unknown against the σ claimed for them.
-
-    of: the filtered estimate of the test, the smoothed one, or the repeats, which are filtered; draws: how many errors;
-    ratio √(mean (error/σ)²); band in which it lies where the claim holds; verdict: consistent, overconfident or too cautious.
-    """
-
-    of: Literal["test", "smoothed", "repeats"]
-    draws: int
-    ratio: float
-    band: tuple[float, float]
-    verdict: str
-
-
-@dataclass(frozen=True)
-class Benefit:
-    """The layout among random ones of its size: as_well of so many sets have an error no larger than its own; verdict: "none",
-    "shown" or "not shown"."""
-
-    as_well: int
-    sets: int
-    verdict: str
+from strainsight.estimation.verdict import Benefit, Claim
+from strainsight.records.estimated import Compared, Posterior
+from strainsight.records.placed import ByCase
+from strainsight.report.arrays import FloatArray, History, IntArray, Reading
+from strainsight.report.picture.layout import Layout
 
 
 @dataclass(frozen=True)
@@ -85,17 +59,6 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class LoadCase:
-    """A training that the layout is placed for: name; weight beside the others; metric of the layout in it alone; std: unknown's
-    name → expected σ relative to its amplitude there, NaN where it is silent."""
-
-    name: str
-    weight: float
-    metric: float
-    std: Mapping[str, float]
-
-
-@dataclass(frozen=True)
 class Metric:
     """What a layout is judged by, a variance, as a formula and in words."""
 
@@ -119,20 +82,6 @@ class Trend:
     metric: Metric
     lower_bound: float | None = None
     gap: float | None = None
-
-
-@dataclass(frozen=True)
-class GaugeSignal:
-    """One channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured, truth (without noise),
-    estimated, std (T,) [unit]."""
-
-    label: str
-    time: FloatArray
-    measured: FloatArray
-    truth: FloatArray | None
-    estimated: FloatArray
-    std: FloatArray
-    unit: str = "strain"
 
 
 @dataclass(frozen=True)
@@ -204,29 +153,13 @@ class Repeats:
 
 
 @dataclass(frozen=True)
-class Consistency:
-    """NEES and NIS divided by their dimension (1 is ideal), each with the band a consistent filter stays in, and the verdict."""
+class Check:
+    """NEES or NIS over its dimension (1 is ideal), the band in which that of a consistent filter stays, and the verdict."""
 
-    nees: float | None = None
-    nees_band: tuple[float, float] | None = None
-    nees_verdict: str = ""
-    nis: float | None = None
-    nis_band: tuple[float, float] | None = None
-    nis_verdict: str = ""
-
-
-class Compared(Protocol):
-    """A layout beside those of other rules: its trend; criteria: layouts by every rule, ours first; metrics: every one, that of
-    the layout first; units: of every unknown."""
-
-    @property
-    def trend(self) -> Trend: ...
-    @property
-    def criteria(self) -> tuple[Criteria, ...]: ...
-    @property
-    def metrics(self) -> tuple[Metric, ...]: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
+    name: str
+    value: float
+    band: tuple[float, float]
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -236,10 +169,10 @@ class PlacementReport:
     name of the config, title for people; frequencies [Hz] of the model at the reference;
     metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
     distinguished; observability: name → number;
-    load_cases: what the layout is placed for together, empty where it is the loads as stated;
+    load_cases: what the layout is placed for together, None where it is the loads as stated;
     budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
-    filters: parameters by the bank and the filters that were compared with it;
+    posteriors: parameter → what the measurements leave of it; filters: parameters by the bank and by others;
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     test: what the test of this layout said, empty before one;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
@@ -252,8 +185,8 @@ class PlacementReport:
     layout: Layout
     trend: Trend
     histories: tuple[History, ...] = ()
-    posteriors: tuple[Posterior, ...] = ()
-    gauge_signals: tuple[GaugeSignal, ...] = ()
+    posteriors: Mapping[str, Posterior] = field(default_factory=dict)
+    gauge_signals: tuple[Reading, ...] = ()
     random_sets: tuple[RandomSets, ...] = ()
     noise: tuple[NoiseRow, ...] = ()
     repeats: tuple[Repeats, ...] = ()
@@ -261,13 +194,13 @@ class PlacementReport:
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     cases: tuple[Case, ...] = ()
-    load_cases: tuple[LoadCase, ...] = ()
+    load_cases: ByCase | None = None
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
-    filters: tuple[OtherFilter, ...] = ()
-    consistency: Consistency = field(default_factory=Consistency)
+    filters: Compared | None = None
+    consistency: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     not_tested: tuple[str, ...] = ()
     test: str = ""

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray, History, IntArray
+from strainsight.estimation.verdict import OVERCONFIDENT, Claim
+from strainsight.report.arrays import FloatArray, History, IntArray, Reading, largest
 from strainsight.report.chart.drawing import (
     BLUE,
     GREEN,
@@ -26,7 +27,7 @@ from strainsight.report.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.report.chart.histories import closing_figure, estimate_figure
+from strainsight.report.chart.histories import closing_figure, estimate_figure, posterior_figure
 from strainsight.report.chart.panels import (
     dots,
     drawable,
@@ -37,11 +38,8 @@ from strainsight.report.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.report.chart.posterior import posterior_figure
 from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import (
-    Claim,
-    GaugeSignal,
     NoiseRow,
     PlacementReport,
     RandomSets,
@@ -49,7 +47,7 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.report.placement.verdicts import LOST, OVER
+from strainsight.report.placement.verdicts import LOST
 from strainsight.report.text import READINGS, number, percent, reading_unit, short
 
 
@@ -61,7 +59,8 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     for entry in report.histories:
         drawings.append(estimate_figure(entry))
         drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
-    drawings += [posterior_figure(own) for own in report.posteriors]
+    truth, units = {unknown.name: unknown.truth for unknown in report.unknowns}, report.units
+    drawings += [posterior_figure(name, units[name], own, truth[name]) for name, own in report.posteriors.items()]
     drawings += signal_figures(report.gauge_signals, report.layout.gauges)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)
@@ -142,7 +141,7 @@ def trend_figure(trend: Trend) -> Drawing:
     return Drawing("trend", "What every gauge is worth", caption, alt, image)
 
 
-def signal_figures(signals: Sequence[GaugeSignal], gauges: Sequence[Gauge]) -> list[Drawing]:
+def signal_figures(signals: Sequence[Reading], gauges: Sequence[Gauge]) -> list[Drawing]:
     """One figure a channel, in the colour of its gauge."""
     labels = [gauge.label for gauge in gauges]
     return [signal_figure(signal, gauge_colour(owner(signal.label, labels, i))) for i, signal in enumerate(signals)]
@@ -156,10 +155,10 @@ def owner(label: str, gauges: Sequence[str], otherwise: int) -> int:
     return gauges.index(max(begun, key=len)) if begun else otherwise
 
 
-def signal_figure(signal: GaugeSignal, colour: str) -> Drawing:
+def signal_figure(signal: Reading, colour: str) -> Drawing:
     """Measured and estimated reading of one channel over the last periods, in µm/m, m/s² or millimetres."""
     window = last_periods(signal.estimated)
-    factor, unit = reading_unit(_peak(signal.measured[window]), signal.unit)
+    factor, unit = reading_unit(largest(signal.measured[window]), signal.unit)
     what = READINGS.get(signal.unit, "reading")
     time = signal.time[window]
     whole = [drawable(values) / factor for values in (signal.measured, signal.estimated, signal.std)]
@@ -184,14 +183,9 @@ def signal_figure(signal: GaugeSignal, colour: str) -> Drawing:
         f"{what.capitalize()} at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
         f"(RMS {number(residual, 3)} {unit} over the run) and the ±2σ band of its estimate."
     )
-    peak = number(_peak(estimated), 3)
+    peak = number(largest(estimated), 3)
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
     return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, image)
-
-
-def _peak(values: np.ndarray) -> float:
-    """Largest size among what is finite, 0 where nothing is."""
-    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
 
 
 def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
@@ -316,7 +310,7 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
     place = np.arange(1, len(error) + 1)
     with styled():
         drawn, axes = figure()
-        wrong = claim is not None and claim.verdict == OVER
+        wrong = claim is not None and claim.verdict == OVERCONFIDENT
         axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
         axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
         finite = np.concatenate([error, std])

@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from html import escape
 
-from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
-from strainsight.report.page.positions import axes, decimals
+from strainsight.estimation.verdict import OVERCONFIDENT
+from strainsight.report.page.markup import (
+    axes,
+    badge,
+    bullets,
+    count,
+    decimals,
+    mark,
+    measure,
+    plain,
+    share,
+    table,
+    tile,
+)
 from strainsight.report.picture.card import pictured
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
 from strainsight.report.placement.gauge_table import SINGLE, names_without
 from strainsight.report.placement.verdicts import (
     HARDLY,
     LOST,
-    OVER,
     WITHHELD,
     denominator,
     faults,
@@ -53,14 +63,14 @@ def answer(report: PlacementReport) -> str:
 
 def _worst_cases(report: PlacementReport) -> str:
     """In which load case every unknown is known least; empty without load cases."""
-    if not report.load_cases:
+    if report.load_cases is None:
         return ""
     parts = [
         f"{escape(own.name)} ±{share(own.expected_std)} in {escape(own.worst_case)}"
         for own in report.unknowns
         if own.worst_case
     ]
-    many = len(report.load_cases)
+    many = len(report.load_cases.name)
     return (
         f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {listed(parts)}, of the amplitude there."
     )
@@ -117,30 +127,17 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         rows.append(("expected σ", share(unknown.expected_std)))
     if unknown.worst_case:
         rows.append(("expected in load case", escape(unknown.worst_case)))
-    return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
-
-
-def _card(name: str, value: str, rows: Sequence[tuple[str, str]], after: str = "") -> str:
-    """A tile: what it is of, its value, and what stands beside that value as far as it is known."""
-    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
-    return (
-        f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
-        f"{f'<dl>{items}</dl>' if items else ''}{after}</div>"
-    )
+    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
 
 
 def _mark(unknown: Unknown, lost: bool) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
-    if lost:
-        return f'<p class="mark bad">✕ {LOST}: {HARDLY}</p>'
-    if unknown.withheld:
-        return f'<p class="mark bad">✕ {WITHHELD}</p>'
+    if lost or unknown.withheld:
+        return mark(f"{LOST}: {HARDLY}" if lost else WITHHELD, False)
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]
-    good = claim.verdict != OVER
-    said = in_words(claim, plain, limit=False)
-    return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {said}</p>'
+    return mark(in_words(claim, plain, limit=False), claim.verdict != OVERCONFIDENT)
 
 
 def _bound_tile(report: PlacementReport) -> str:
@@ -158,7 +155,7 @@ def _bound_tile(report: PlacementReport) -> str:
     value = "not certified"
     if trend.gap is not None:
         value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
-    return _card("distance from the best possible set", value, rows)
+    return tile("distance from the best possible set", value, rows)
 
 
 def _without(report: PlacementReport) -> str:

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray
 from strainsight.report.datum import Frame
-from strainsight.report.page.markup import badge, data, share, table
-from strainsight.report.page.positions import axes, decimals
+from strainsight.report.page.markup import axes, badge, data, decimals, share, table
 from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.text import number, percent, reading_unit

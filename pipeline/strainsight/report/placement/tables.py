@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 from strainsight.report.page.markup import measure, plain, share, table
-from strainsight.report.placement.data import Case, Compared, Criteria, PlacementReport
+from strainsight.report.placement.data import Case, Criteria, Metric, PlacementReport, Trend
 
 STEADY = (
     "one standard deviation of an unknown with the system held at an instant: it ranks layouts, a filter claims its own"
 )
 
 
-def criteria_table(report: Compared) -> str:
-    """Layouts by rule, the chosen one and its bound first, the others by their metric."""
-    chosen = report.criteria[0].chosen if report.criteria else report.trend.final
-    scale = chosen if 0 < chosen < math.inf else math.nan
-    unit = report.units
-    names = [name for name in unit if any(name in entry.std for entry in report.criteria)]
-    full = bool(report.criteria)
+def criteria_table(
+    trend: Trend, metrics: Sequence[Metric], criteria: Sequence[Criteria], unit: Mapping[str, str]
+) -> str:
+    """Layouts by rule, the chosen one and its bound first, the others by their metric.
 
-    others = report.metrics[1:] * full
+    metrics: every one, that of the layout first; criteria: layouts, the chosen one first; unit: of every unknown."""
+    chosen = criteria[0].chosen if criteria else trend.final
+    scale = chosen if 0 < chosen < math.inf else math.nan
+    names = [name for name in unit if any(name in entry.std for entry in criteria)]
+    full = bool(criteria)
+    others = metrics[1:] if full else ()
 
     def row(title: str, value: float, entry: Criteria | None) -> list[str]:
         cells = [title, plain(value), plain(value / scale)]
@@ -31,13 +33,13 @@ def criteria_table(report: Compared) -> str:
         cells += map(plain, entry.values[1:])
         return cells + [_sigma(entry.std.get(name), unit[name]) for name in names]
 
-    rule = f" ({escape(report.criteria[0].rule)})" if full else ""
-    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, report.criteria[0] if full else None)]
-    if report.trend.lower_bound is not None:
-        rows.append(row("certified lower bound", report.trend.lower_bound, None))
-    rules = sorted(report.criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
+    rule = f" ({escape(criteria[0].rule)})" if full else ""
+    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, criteria[0] if full else None)]
+    if trend.lower_bound is not None:
+        rows.append(row("certified lower bound", trend.lower_bound, None))
+    rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
-    head = ["layout by", escape(report.trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
+    head = ["layout by", escape(trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
     caption = "Layouts of the same size from the same pool"
     caption += ", all scored by the same covariance" if full else ""
@@ -47,16 +49,16 @@ def criteria_table(report: Compared) -> str:
         if rules
         else "."
     )
-    if any(math.isinf(value) for entry in report.criteria for value in (*entry.values, *entry.std.values())):
+    if any(math.isinf(value) for entry in criteria for value in (*entry.values, *entry.std.values())):
         caption += " ∞: that layout cannot observe all unknowns."
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-def criteria_meaning(report: Compared) -> str:
+def criteria_meaning(metrics: Sequence[Metric]) -> str:
     """What the columns of the criteria mean, as a list."""
     words = [
         (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
-        for i, metric in enumerate(report.metrics)
+        for i, metric in enumerate(metrics)
     ]
     items = "".join(
         f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>"
@@ -66,23 +68,21 @@ def criteria_meaning(report: Compared) -> str:
 
 
 def load_cases_table(report: PlacementReport) -> str:
-    """Load cases one a row: weight, metric, expected σ of every unknown."""
-    names = [unknown.name for unknown in report.unknowns]
+    """Load cases one a row: weight, metric, expected σ of every unknown; "" without load cases."""
+    own, names = report.load_cases, list(report.units)
+    if own is None:
+        return ""
     rows = [
         [
-            escape(case.name),
-            plain(case.weight),
-            plain(case.metric),
-            *("silent" if math.isnan(case.std[name]) else share(case.std[name]) for name in names),
+            escape(case),
+            plain(float(own.weight[i])),
+            plain(float(own.metric[i])),
+            *(share(float(own.std[name][i])) if own.acts[name][i] else "silent" for name in names),
         ]
-        for case in report.load_cases
+        for i, case in enumerate(own.name)
     ]
-    head = [
-        "load case",
-        "weight",
-        escape(report.trend.metric.symbol),
-        *(f"expected σ({escape(name)})" for name in names),
-    ]
+    expected = [f"expected σ({escape(name)})" for name in names]
+    head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
         "The layout serves all of them, each by its weight. σ along the training of the case, relative to the amplitude there; "
         "the metric is that of the case alone."

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 
-from strainsight.report.page.filters import HELD as HELD
-from strainsight.report.page.markup import plain, share
-from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.text import digits_apart, number
+import numpy as np
 
-OVER, CAUTIOUS = "overconfident", "too cautious"
-LOST, DIVERGED = "not identified", "diverged"
+from strainsight.estimation.verdict import DIVERGED, OVERCONFIDENT, Claim, claim_of
+from strainsight.report.page.markup import plain, share
+from strainsight.report.placement.data import Unknown
+from strainsight.report.text import digits_apart, number
+from strainsight.workflow.output import Scalar
+
+LOST = "not identified"
 WEAK, CONTRADICTED = "weakly observable", "contradicted by its sensors"
 BEYOND, WITHHELD = "beyond the range of the reduced model", "σ is withheld"
 BORNE_OUT, UNTESTED = "borne out by the sensors left out", "not contradicted"
@@ -22,13 +25,37 @@ Shown = Callable[[float, int], str]
 """How a number is written: `number` for people, `plain` for a page."""
 
 
+def claims_of(name: str, numbers: Mapping[str, Scalar], repeats: tuple[np.ndarray, np.ndarray]) -> tuple[Claim, ...]:
+    """All claims of an unknown, first the one that decides.
+
+    numbers: the summary of validate; repeats: error and claimed σ (n,) of them, one draw each. Of a load the smoothed estimate
+    counts, too, and errors are RMS of as many draws as the record in time is worth.
+    """
+
+    def drawn(error: str, std: str, draws: str) -> tuple[np.ndarray, np.ndarray]:
+        many = int(numbers[f"{draws}.{name}"])
+        return np.full(many, float(numbers[f"{error}.{name}"])), np.full(many, float(numbers[f"{std}.{name}"]))
+
+    of = {"test": drawn("error", "std", "draws")}
+    if f"zero.{name}" in numbers:
+        of["smoothed"] = drawn("smoothed", "smoothed_std", "smoothed_draws")
+    found = ((key, claim_of(*errors)) for key, errors in (*of.items(), ("repeats", repeats)))
+    claims = [replace(claim, of=key) for key, claim in found if claim is not None]
+    return tuple(sorted(claims, key=lambda claim: claim.weight, reverse=True))
+
+
 def in_words(claim: Claim, shown: Shown = number, *, limit: bool = True) -> str:
     """As "overconfident (error 6.6 times the claimed σ, at most 3.21 where it holds)"; limit: whether the most is named."""
-    what = {"test": "error", "smoothed": "smoothed error"}.get(claim.of, "RMS error of the repeats")
-    limit &= claim.verdict == OVER
-    digits = digits_apart(claim.ratio, claim.band[1], 2) if limit else 2
-    most = f", at most {shown(claim.band[1], max(digits, 3))} where it holds" * limit
-    return f"{claim.verdict} ({what} {shown(claim.ratio, digits)} times the claimed σ{most})"
+    what = {"smoothed": "smoothed error", "repeats": "RMS error of the repeats"}.get(claim.of, "error")
+    most = claim.band[1] if limit and claim.verdict == OVERCONFIDENT else None
+    return f"{claim.verdict} ({what} {ratio_in_words(claim.ratio, most, shown)})"
+
+
+def ratio_in_words(ratio: float, most: float | None, shown: Shown = number) -> str:
+    """As "6.6 times the claimed σ, at most 3.21 where it holds"; most: the largest ratio where it does, None: not named."""
+    digits = 2 if most is None else digits_apart(ratio, most, 2)
+    limit = "" if most is None else f", at most {shown(most, max(digits, 3))} where it holds"
+    return f"{shown(ratio, digits)} times the claimed σ{limit}"
 
 
 def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:
@@ -36,13 +63,13 @@ def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, .
     whether a repeat did."""
     found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
     found += [WITHHELD] * unknown.withheld
-    found += [OVER] * (bool(unknown.claims) and unknown.claims[0].verdict == OVER)
+    found += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].verdict == OVERCONFIDENT)
     return (*found, *[LOST] * lost)
 
 
 def why(fault: str, unknown: Unknown) -> str:
     """A fault and what it stands on, as HTML."""
-    if fault == OVER:
+    if fault == OVERCONFIDENT:
         return in_words(unknown.claims[0], plain)
     return f"{LOST} ({HARDLY})" if fault == LOST else fault
 
@@ -58,7 +85,7 @@ def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
     text = ""
     for unknown in unknowns:
         if wrong := faults(unknown, unknown.name in lost):
-            off = f"; it is {share(unknown.error)} off" * (OVER in wrong)
+            off = f"; it is {share(unknown.error)} off" * (OVERCONFIDENT in wrong)
             said = ", ".join(why(fault, unknown) for fault in wrong)
             text += f'<strong class="bad">{escape(unknown.name)}: {said}{off}.</strong> '
     return text + no_benefit(unknowns)

@@ -16,10 +16,8 @@ from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import gauge_colour, ink_on
 from strainsight.report.datum import Frame
 from strainsight.report.page.document import own
-from strainsight.report.page.markup import measure
-from strainsight.report.page.positions import coordinates, decimals
-from strainsight.report.page.scale import scale_bar
-from strainsight.report.picture.colours import stops
+from strainsight.report.page.markup import coordinates, decimals, measure
+from strainsight.report.picture.colours import scale_bar, stops
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.space.model import Contour, Shape, Space, space, vertex_shift
 from strainsight.report.text import number, percent

@@ -11,8 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from strainsight.report.arrays import History
-from strainsight.report.bench.data import BenchRun
-from strainsight.report.page.run import Run
+from strainsight.report.bench.data import BenchRun, Run
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.data import Case, Metric, Repeats, Trend, Unknown
 

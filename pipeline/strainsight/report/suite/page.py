@@ -16,10 +16,13 @@ from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import (
+    AXES,
+    axes,
     badge,
     block,
     bullets,
     cell,
+    decimals,
     figure,
     figures,
     grouped_table,
@@ -29,7 +32,6 @@ from strainsight.report.page.markup import (
     plain,
     table,
 )
-from strainsight.report.page.positions import AXES, axes, decimals
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
 from strainsight.report.space.section import STYLE, script, space_section
@@ -173,7 +175,7 @@ def _modes(run: PlacementRun) -> str:
 
 
 def _of_bench(run: BenchRun) -> list[str]:
-    numbers = run.motion.numbers if run.motion is not None else {}
+    numbers = run.numbers.get("simulate", {})
     cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
     method = run.summary.get("method")
     shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]

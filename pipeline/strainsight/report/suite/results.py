@@ -7,26 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray
+from strainsight.estimation.verdict import CONSISTENT, DIVERGED, OVERCONFIDENT, TOO_CAUTIOUS, Claim
+from strainsight.report.arrays import rms
+from strainsight.report.bench.answer import run_faults
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.bench.verdicts import run_faults
-from strainsight.report.placement.data import Claim, Unknown
-from strainsight.report.placement.verdicts import (
-    BEYOND,
-    CAUTIOUS,
-    CONTRADICTED,
-    DIVERGED,
-    HELD,
-    LOST,
-    OVER,
-    WITHHELD,
-    faults,
-)
+from strainsight.report.placement.data import Unknown
+from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, LOST, WITHHELD, faults
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 
 NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
-RED = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVER)
-WORDS = (*RED, HELD, CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
+RED = (DIVERGED, BEYOND, WITHHELD, LOST, CONTRADICTED, OVERCONFIDENT)
+WORDS = (*RED, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
 """What a run may come to, what does not hold first."""
 
 
@@ -107,25 +98,19 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
         results = results_of(run)
         wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
         held = {result.claim.verdict for result in results if result.claim is not None}
-    return wrong or ((CAUTIOUS,) if CAUTIOUS in held else (HELD,) if HELD in held else (UNKNOWN,))
+    return wrong or ((TOO_CAUTIOUS,) if TOO_CAUTIOUS in held else (CONSISTENT,) if CONSISTENT in held else (UNKNOWN,))
 
 
 def _result(run: PlacementRun, unknown: Unknown) -> Result:
     repeats = next((entry for entry in run.repeats if entry.name == unknown.name), None)
     smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
     error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
-    rms = worst = None
+    typical = worst = None
     many = lost = 0
     if repeats is not None and len(repeats.error):
         size = np.abs(repeats.error)
         many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
-        rms, worst = _rms(size), math.inf if lost else float(np.max(size))
+        typical, worst = rms(size), math.inf if lost else float(np.max(size))
     diverged = bool(lost) or (error is not None and not math.isfinite(error))
     verdicts = faults(unknown, repeats is not None and repeats.verdict == LOST, diverged)
-    return Result(unknown, smoothed, error, std, rms, worst, many, lost, verdicts)
-
-
-def _rms(values: FloatArray) -> float:
-    """Of the finite ones; NaN where there is none."""
-    values = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+    return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)

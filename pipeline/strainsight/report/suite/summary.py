@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from html import escape
 from urllib.parse import quote
 
+from strainsight.estimation.verdict import CONSISTENT, DIVERGED, OVERCONFIDENT, TOO_CAUTIOUS
 from strainsight.report.page.markup import block, cell, count, grouped_table, plain, share
-from strainsight.report.placement.verdicts import CAUTIOUS, DIVERGED, HELD, LOST, OVER, in_words, no_benefit, why
+from strainsight.report.placement.verdicts import LOST, in_words, no_benefit, why
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.report.suite.results import RED, Result, counts, is_estimated, results_of, without_benefit
@@ -28,7 +29,7 @@ def answer(report: Suite) -> str:
     for word, places in found.items():
         text = f'<strong class="bad">{word}</strong>' if word in RED else word
         parts.append(f"{count(len(places))} {text} ({_links(places)})")
-    both = [index for index in found.get(OVER, ()) if index in found.get(LOST, ())]
+    both = [index for index in found.get(OVERCONFIDENT, ()) if index in found.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
     none = without_benefit(report)
     gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""
@@ -144,12 +145,12 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
-        if result.verdict == CAUTIOUS:
-            return f'<strong class="good">✓ {CAUTIOUS}</strong> <small>{_measured(result)}</small>'
-        return f'<strong class="good">✓ {HELD}</strong>' if result.verdict == HELD else result.verdict
+        if result.verdict == TOO_CAUTIOUS:
+            return f'<strong class="good">✓ {TOO_CAUTIOUS}</strong> <small>{_measured(result)}</small>'
+        return f'<strong class="good">✓ {CONSISTENT}</strong>' if result.verdict == CONSISTENT else result.verdict
     lines = []
     for verdict in result.verdicts:
-        over = f" <small>{_measured(result)}</small>" if verdict == OVER else ""
+        over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
         over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
         lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
     return "<br>".join(lines)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 
 import numpy as np
 
 from strainsight.report.page.markup import measure, picture
-from strainsight.report.page.scale import scale_bar
-from strainsight.report.picture.colours import Scale, scale_of
+from strainsight.report.picture.colours import Scale, scale_bar, scale_of
 from strainsight.report.picture.geometry import areas
 from strainsight.report.picture.layout import Layout
 from strainsight.report.space.model import Shape, contour_of
 from strainsight.report.space.section import space_section
 from strainsight.report.tested.data import Findings, Map, Moment
-from strainsight.report.tested.parts import Parts
 from strainsight.report.text import number
 from strainsight.report.view.viewed import FACETS, Panel, View
 
@@ -46,9 +45,9 @@ def views_of(report: Findings) -> tuple[View, ...]:
     )
 
 
-def field_section(parts: Parts) -> str:
-    """Maps side by side, then the structure to turn round; nothing where the mesh has no surface."""
-    moment = parts.report.moment
+def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> str:
+    """Maps side by side; nothing where the mesh has no surface. pictures: of every map, or none with the sentence on why."""
+    moment = report.moment
     if moment is None:
         return ""
     lead = (
@@ -56,21 +55,21 @@ def field_section(parts: Parts) -> str:
         f"({escape(moment.label)}), smoothed.</p>"
     )
     cards = ""
-    for own, png in zip(moment.maps, parts.pictures, strict=False):
+    for own, png in zip(moment.maps, pictures, strict=False):
         cards += (
             f'<figure class="card"><h3>{escape(own.quantity)}</h3><div class="scene" tabindex="0" role="region" '
-            f'aria-label="picture: {escape(own.quantity)}">{picture(png, _alt(own, moment, parts.report.layout), *SIZE)}</div>'
-            f"{scale_bar(scale(own, parts.report.layout))}<figcaption>{_said(own)}</figcaption></figure>"
+            f'aria-label="picture: {escape(own.quantity)}">{picture(png, _alt(own, moment, report.layout), *SIZE)}</div>'
+            f"{scale_bar(scale(own, report.layout))}<figcaption>{_said(own)}</figcaption></figure>"
         )
-    if not parts.pictures:
-        said = f"<p><strong>No picture.</strong> {escape(parts.problem)}</p>" if parts.problem else ""
+    if not pictures:
+        said = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
         cards = f'<div class="card">{said}{"".join(f"<p>{_said(own)}</p>" for own in moment.maps)}</div>'
     return f'<h2>Strain and stress of the surface</h2>{lead}<div class="figures">{cards}</div>'
 
 
-def space_of(parts: Parts) -> str:
+def space_of(report: Findings) -> str:
     """The structure to turn round, coloured by each map of the moment, the last of them first."""
-    report, moment = parts.report, parts.report.moment
+    moment = report.moment
     if moment is None:
         return space_section([("", report.layout)])
     when, group = f"at {number(moment.time)}\u00a0s", "Strain and stress"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.report.arrays import History
+from strainsight.report.arrays import History, largest
 from strainsight.report.chart.drawing import (
     BLUE,
     SMALL,
@@ -17,12 +17,10 @@ from strainsight.report.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.report.chart.histories import estimate_figure
+from strainsight.report.chart.histories import estimate_figure, posterior_figure
 from strainsight.report.chart.panels import about, drawable, legend_above, log_ticks, plain_axis, time_axis
-from strainsight.report.chart.posterior import posterior_figure
 from strainsight.report.tested.data import Findings, Spectrum, peak_of
-from strainsight.report.tested.hold_out import hold_out_figures
-from strainsight.report.tested.readings import BUCKETS, largest, reading_figure
+from strainsight.report.tested.readings import BUCKETS, hold_out_figures, reading_figure
 from strainsight.report.text import capital, number, prefix, quantity, reading_unit, short
 
 WORDS = {
@@ -38,7 +36,7 @@ LINES = 700
 def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
     """Those that the report has data for; their keys begin with what they are of: "reading-", "residual-", "hold-out", "load-",
     "known-", "resultant-", "spectrum-", "estimate-", "posterior-"."""
-    loads = {own.name for own in report.unknowns if own.kind == "load"}
+    loads = {own.name for own in report.loads}
     drawings = [reading_figure(own) for own in report.readings]
     drawings += hold_out_figures(report.hold_out)
     colours = {own.label: gauge_colour(own.gauge) for own in report.readings}
@@ -48,7 +46,7 @@ def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
     drawings += [load_figure("known", own, VERMILION) for own in report.known]
     drawings += [load_spectrum_figure(own) for own in report.load_spectra]
     drawings += [estimate_figure(own) for own in report.histories if own.name not in loads]
-    drawings += [posterior_figure(own) for own in report.posteriors]
+    drawings += [posterior_figure(name, report.units[name], own) for name, own in report.posteriors.items()]
     return tuple(drawings)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from html import escape
 
-from strainsight.report.arrays import History
-from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
-from strainsight.report.tested.data import Findings, Peak, Reading, Unknown, peak_of
-from strainsight.report.tested.parts import Parts
-from strainsight.report.tested.readings import reading, rms
-from strainsight.report.text import listed, number
+from strainsight.report.arrays import History, Reading, rms
+from strainsight.report.page.markup import badge, bullets, count, mark, measure, plain, share, table, tile
+from strainsight.report.page.sections import section
+from strainsight.report.tested.data import Findings, Peak, Unknown, peak_of
+from strainsight.report.tested.readings import reading
+from strainsight.report.text import listed
 
 LOUD = 1.5
 """RMS of what is left over the stated noise from which it is marked."""
@@ -26,7 +26,7 @@ def answer(report: Findings) -> str:
     text += f"<strong>{parts}</strong>" if parts else "<strong>No unknown was estimated</strong>"
     return (
         f"{text}, from {count(samples)} samples of {count(channels)} channel{'s' * (channels != 1)} in "
-        f"{escape(report.file.name)}."
+        f"{escape(report.file.source.file)}."
     )
 
 
@@ -49,9 +49,8 @@ def _relative(own: Unknown) -> float:
     return own.std / abs(own.estimate) if own.std is not None and own.estimate else math.nan
 
 
-def first_screen(parts: Parts) -> str:
+def first_screen(report: Findings) -> str:
     """Every unknown, the verdict on the record, every channel, and what to mind. Every number in it is a `data` element."""
-    report = parts.report
     tiles = "".join(_tile(own) for own in report.unknowns) + _verdict(report)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
@@ -78,23 +77,16 @@ def _tile(own: Unknown) -> str:
         ):
             if not math.isnan(value_):
                 rows.append((words, f"{measure(value_, own.unit)} at {measure(at, 's')}"))
-    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows)
-    marks = ["σ is withheld"] if own.std is None else []
-    said = "".join(f'<p class="mark bad">✕ {escape(mark)}</p>' for mark in (*marks, *own.doubts))
-    return (
-        f'<div class="card tile"><h2 class="name">{escape(own.name)}, {own.kind}</h2><p class="value">{value}</p>'
-        f"{f'<dl>{items}</dl>' if items else ''}{said}</div>"
-    )
+    doubts = ["σ is withheld"] * (own.std is None) + list(own.doubts)
+    marks = "".join(mark(escape(text), False) for text in doubts)
+    return tile(f"{escape(own.name)}, {own.kind}", value, rows, marks)
 
 
 def _verdict(report: Findings) -> str:
     """Whether the record is what the model and the stated noise make one expect."""
     good = report.consistent
-    value, sign, tone = ("fits", "✓", "good") if good else ("does not fit", "✕", "bad")
-    return (
-        f'<div class="card tile"><h2 class="name">the record and what was stated</h2><p class="value">{value}</p>'
-        f'<p class="mark {tone}">{sign} {escape(_sentence(report.verdict))}</p></div>'
-    )
+    words = mark(escape(_sentence(report.verdict)), good)
+    return tile("the record and what was stated", "fits" if good else "does not fit", after=words)
 
 
 def _channels(report: Findings) -> str:
@@ -154,10 +146,11 @@ def _sentence(text: str) -> str:
     return f"{text}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
-def extremes_section(parts: Parts) -> str:
+def extremes_section(report: Findings) -> str:
     """The least and the largest of every load and channel, and when."""
-    report = parts.report
-    rows = [_row(own.name, "load", peak_of(own.time, own.mean), own.unit, own) for own in _loads(report)]
+    loads = {own.name for own in report.loads}
+    shown = [own for own in report.histories if own.name in loads]
+    rows = [_row(own.name, "load", peak_of(own.time, own.mean), own.unit, own) for own in shown]
     rows += [
         _row(f"size of the sum at {own.name}", "loads", peak_of(own.time, own.mean), own.unit, own)
         for own in report.resultants
@@ -167,13 +160,7 @@ def extremes_section(parts: Parts) -> str:
         for words, values, held in (("measured", own.measured, None), ("reconstructed", own.estimated, own)):
             rows.append(_row(own.label, words, peak_of(own.time, values), own.unit, held))
     head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
-    text = table("extremes", head, rows, numeric=range(2, 7))
-    return f'<h2>Extremes</h2><div class="card">{text}</div>' if rows else ""
-
-
-def _loads(report: Findings) -> list[History]:
-    names = {own.name for own in report.unknowns if own.kind == "load"}
-    return [own for own in report.histories if own.name in names]
+    return section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
 
 def _row(name: str, what: str, peak: Peak, unit: str, claimed: History | Reading | None) -> list[str]:
@@ -192,11 +179,3 @@ def _row(name: str, what: str, peak: Peak, unit: str, claimed: History | Reading
 def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
     """As "beam: what the test says of side and E"."""
     return f"{name}: what the test says of {listed(report_unknowns)}" if report_unknowns else f"{name}: the test"
-
-
-def size_in_words(size: int) -> str:
-    """Bytes as people read them."""
-    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if size >= factor:
-            return f"{number(size / factor, 3)} {unit} ({number(size, 12)} bytes)"
-    return f"{number(size, 12)} bytes"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from strainsight import __version__
 from strainsight.cases.bench.reduction import flexible
@@ -38,7 +37,7 @@ def run(context: Context[BenchConfig]) -> Output:
     body = _body(context)
     pictures, problem = ([], "") if body is None else _pictures(context, body)
     turned = "" if body is None else _in_space(context, body)
-    page = bench_page(report, drawings, provenance.items(), pictures, turned).encode()
+    page = bench_page(report, drawings, provenance, pictures, turned).encode()
     count = sum(len(entries) for entries in drawings.values())
     return Output(
         datasets=_datasets(report),
@@ -97,8 +96,6 @@ def bench_run(context: Context[BenchConfig]) -> BenchRun:
     estimate = estimate_of(up["estimate"]) if "estimate" in up else None
     motion = motion_of(up["simulate"]) if "simulate" in up else None
     placement = placement_of(up["place"]) if "place" in up else None
-    if placement is not None and motion is not None:
-        placement = replace(placement, units={name: unit for name, (unit, _) in motion.inputs.items()})
     return BenchRun(
         name=context.config.name,
         motion=motion,

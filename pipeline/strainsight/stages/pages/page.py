@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.clearance import clearance_warning
@@ -17,6 +16,7 @@ from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unre
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
+from strainsight.estimation.verdict import OVERCONFIDENT
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import Placed
@@ -25,21 +25,19 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.verdicts import OVER, in_words
+from strainsight.report.placement.verdicts import claims_of, in_words
 from strainsight.report.text import capital, listed
 from strainsight.stages.pages.assumed import ASSUMES
-from strainsight.stages.pages.claims import claims_of
 from strainsight.stages.pages.page_layout import layout_of_page, measured
 from strainsight.stages.pages.page_numbers import (
     cases_of,
-    consistency_of,
+    checks_of,
     criteria_of,
-    filters_of,
     history_of,
-    load_cases_of,
+    messages,
     metrics_of,
     noise_rows,
-    posterior_of,
+    provenance,
     random_sets_of,
     repeated,
     repeats_of,
@@ -50,6 +48,9 @@ from strainsight.stages.pages.page_numbers import (
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
 
+STAGES = ("import", "rom", "train", "screen", "place", "validate")
+"""Of which the page shows what each came to."""
+
 
 def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> PlacementReport:
     """The page's content, from the artefacts; mesh of import.h5; shop: the layout as measured (`workshop_of_run`)."""
@@ -57,7 +58,8 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
     validate, place = up["validate"], read(Placed, up["place"])
-    budget = read(Validated, validate).budget or place.budget
+    validated = read(Validated, validate)
+    budget = validated.budget or place.budget
     return PlacementReport(
         name=context.config.name,
         title=f"{context.config.name}: {_number_of_gauges(up)} for {listed(names)}",
@@ -65,7 +67,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
-        posteriors=tuple(posterior_of(name, validate) for name in read(Validated, validate).posterior),
+        posteriors=validated.posterior,
         gauge_signals=signals_of(up),
         random_sets=random_sets_of(names, validate),
         noise=noise_rows(names, up),
@@ -74,22 +76,21 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
-        load_cases=load_cases_of(place),
+        load_cases=place.by_case,
         budget={} if budget is None else budget.shares,
         advice=place.advice,
         observability={"condition": place.observability.condition},
         truth_description=str(validate.summary["description"]),
-        filters=filters_of(read(Validated, validate)),
-        consistency=consistency_of(validate),
+        filters=validated.compared,
+        consistency=checks_of(validate),
         warnings=warnings_of(up, names, mesh, config.loads),
         not_tested=_not_tested(up["train"], config, place),
         test=up["estimate"].message if "estimate" in up else "",
-        facts=_facts(up),
+        facts=messages(up, STAGES),
         seconds={
             stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
         },
-        provenance={"strainsight": __version__, "seed": str(context.config.seed)}
-        | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+        provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
 
@@ -125,7 +126,7 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     for name in names if not beyond else ():
         std = float(summary[f"std.{name}"])
         claims = claims_of(name, summary, repeated(name, validate))
-        if claims and claims[0].verdict == OVER:
+        if claims and claims[0].verdict == OVERCONFIDENT:
             notes.append(f"{name} is {in_words(claims[0])}.")
         random = own.all.std[name]
         if len(random) and np.nanmedian(random) < 0.9 * std:
@@ -153,10 +154,6 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
     outside = "temperature" * (own.temperature == 0), "drift" * (own.drift == 0), "supports that give"
     notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are outside this model.")
     return tuple(notes)
-
-
-def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
-    return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "validate")}
 
 
 def _number_of_gauges(up: Mapping[str, Artefact]) -> str:

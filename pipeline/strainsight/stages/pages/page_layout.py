@@ -21,8 +21,7 @@ from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.report.picture.layout import Arm
-from strainsight.report.placement.data import Gauge, Layout, Load
+from strainsight.report.picture.layout import Arm, Gauge, Layout, Load
 from strainsight.workflow.artefact import Artefact
 
 

@@ -2,41 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 
-from strainsight.cases.filters_compared import BANK, comparison_verdict
+from strainsight import __version__
 from strainsight.cases.layout.comparison import RULES
 from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.estimation.verdict import word_of
+from strainsight.estimation.verdict import benefit_of, word_of
 from strainsight.placement.criteria.choices import criterion_of
 from strainsight.placement.criteria.criterion import Criterion
-from strainsight.records.estimated import Histories
 from strainsight.records.layout import PlacedLayout, metric_key
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import read, unit_of
 from strainsight.records.validated import Validated
-from strainsight.report.arrays import History
+from strainsight.report.arrays import History, Reading
 from strainsight.report.placement.data import (
     Case,
-    Consistency,
+    Check,
     Criteria,
-    GaugeSignal,
-    LoadCase,
     Metric,
     NoiseRow,
-    OtherFilter,
-    Posterior,
     RandomSets,
     Repeats,
     Trend,
     Unknown,
 )
-from strainsight.stages.pages.claims import benefit_on, claims_of
+from strainsight.report.placement.verdicts import claims_of
 from strainsight.stages.pages.page_layout import listed_gauges, placed_scale, placed_size
 from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.stage import Context
 
 
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
@@ -54,33 +50,12 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         std=None if beyond else float(summary[f"std.{name}"]),
         smoothed_error=float(summary[f"smoothed.{name}"]),
         expected_std=placed.expected_std[name] / placed_size(name, up),
-        worst_case=worst_case_of(name, placed),
+        worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
         claims=() if beyond else claims_of(name, summary, repeated(name, validate)),
         withheld=beyond,
-        benefit=benefit_on(name, summary, own.all.error[name]),
-    )
-
-
-def worst_case_of(name: str, placed: Placed) -> str:
-    """The load case in which an unknown is known least, empty where there are none."""
-    return "" if placed.by_case is None else placed.by_case.worst[name]
-
-
-def load_cases_of(placed: Placed) -> tuple[LoadCase, ...]:
-    """The load cases that a layout is placed for."""
-    own = placed.by_case
-    if own is None:
-        return ()
-    return tuple(
-        LoadCase(
-            name,
-            float(own.weight[i]),
-            float(own.metric[i]),
-            {unknown: float(std[i]) if own.acts[unknown][i] else np.nan for unknown, std in own.std.items()},
-        )
-        for i, name in enumerate(own.name)
+        benefit=benefit_of(float(summary[f"error.{name}"]), own.all.error[name]),
     )
 
 
@@ -113,14 +88,6 @@ def history_of(name: str, validate: Artefact) -> History:
     return History(name, unit_of(own, "estimate", name), own.time, *values)
 
 
-def posterior_of(name: str, validate: Artefact) -> Posterior:
-    own = read(Validated, validate)
-    found = own.posterior[name]
-    return Posterior(
-        name, unit_of(own, "estimate", name), found.value, found.density, found.prior, float(own.truth[name][0])
-    )
-
-
 def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
     return tuple(
         Repeats(
@@ -149,11 +116,11 @@ def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSets, ..
     )
 
 
-def signals_of(up: Mapping[str, Artefact]) -> tuple[GaugeSignal, ...]:
+def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
     own, listed = read(Validated, up["validate"]).gauge, listed_gauges(up)
-    units = [unit for unit, own in zip(listed.unit, listed.angles, strict=True) for _ in own]
+    units = [unit for unit, angles in zip(listed.unit, listed.angles, strict=True) for _ in angles]
     return tuple(
-        GaugeSignal(label, own.time, own.measured[:, i], own.true[:, i], own.estimated[:, i], own.std[:, i], units[i])
+        Reading(label, units[i], own.time, own.measured[:, i], own.estimated[:, i], own.std[:, i], truth=own.true[:, i])
         for i, label in enumerate(channel_labels(listed))
     )
 
@@ -211,27 +178,23 @@ def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, 
     return tuple(sorted(rows, key=lambda row: row.factor))
 
 
-def filters_of(own: Histories) -> tuple[OtherFilter, ...]:
-    """Every parameter by every filter, the bank first."""
-    beside = own.compared
-    if beside is None:
-        return ()
+def checks_of(validate: Artefact) -> tuple[Check, ...]:
+    """NEES and NIS of the filter."""
+    names = {"nees": "NEES of the run; band of one instant", "nis": "NIS of the gauges"}
+    bands = ((float(low), float(high)) for low, high in read(Validated, validate).consistency.band)
+    values = (float(validate.summary[key]) for key in names)
     return tuple(
-        OtherFilter(
-            name,
-            unit_of(beside, "estimate", name),
-            filter_,
-            float(values[i]),
-            float(beside.std[name][i] / values[i]),
-            float(beside.ratio[name][i]),
-            "" if filter_ == BANK else comparison_verdict(float(beside.ratio[name][i])),
-        )
-        for name, values in beside.estimate.items()
-        for i, filter_ in enumerate(beside.filter)
+        Check(name, value, band, word_of(value, band))
+        for name, value, band in zip(names.values(), values, bands, strict=True)
     )
 
 
-def consistency_of(validate: Artefact) -> Consistency:
-    nees_band, nis_band = ((float(low), float(high)) for low, high in read(Validated, validate).consistency.band)
-    nees, nis = float(validate.summary["nees"]), float(validate.summary["nis"])
-    return Consistency(nees, nees_band, word_of(nees, nees_band), nis, nis_band, word_of(nis, nis_band))
+def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:
+    """What each of these stages came to."""
+    return {stage: up[stage].message for stage in stages}
+
+
+def provenance(context: Context[Any]) -> dict[str, str]:
+    """Version, seed, and what tells the artefacts from others."""
+    own = {"strainsight": __version__, "seed": str(context.config.seed)}
+    return own | {f"{stage} artefact": artefact.key[:16] for stage, artefact in context.upstream.items()}

@@ -11,15 +11,17 @@ import numpy as np
 from strainsight import __version__
 from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
+from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.placement.data import Layout, Unknown
+from strainsight.report.picture.layout import Layout
+from strainsight.report.placement.data import Unknown
 from strainsight.report.suite.data import Comparison, PlacementRun, Statement, Study, Suite, SuiteRun
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, seeds_of, warnings_in
+from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
 from strainsight.stages.pages.page import warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
 from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
@@ -68,7 +70,7 @@ def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
         **_stated(entry, up),
         motion=motion_of(up["simulate"]) if "simulate" in up else None,
         estimate=estimate_of(up["estimate"]) if "estimate" in up else None,
-        seeds=seeds_of(up["estimate"]) if "estimate" in up else {},
+        seeds=read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {},
         warnings=warnings_in(up),
     )
 

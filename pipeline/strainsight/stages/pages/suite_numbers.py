@@ -15,8 +15,8 @@ from strainsight.records.suite import (
     UnknownRows,
     columns,
 )
+from strainsight.report.bench.answer import faults
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.bench.verdicts import faults
 from strainsight.report.suite.comparisons import side
 from strainsight.report.suite.data import Comparison, PlacementRun, Suite, SuiteRun, metric_name, metrics_of
 from strainsight.report.suite.results import Result, results_of

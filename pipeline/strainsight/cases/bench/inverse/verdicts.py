@@ -11,18 +11,17 @@ from strainsight.cases.bench.inverse.unknowns import asked
 from strainsight.cases.hold_out import Left
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromFile
-from strainsight.estimation.verdict import OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
+from strainsight.estimation.verdict import DIVERGED, OVERCONFIDENT, TOO_CAUTIOUS, Claim, judged
 from strainsight.report.placement.verdicts import (
     BEYOND,
     BORNE_OUT,
     CONTRADICTED,
-    DIVERGED,
     LOST,
     UNTESTED,
     WEAK,
     WITHHELD,
+    in_words,
 )
-from strainsight.report.text import digits_apart, number
 
 Scalar = float | str
 """Of a summary."""
@@ -52,11 +51,7 @@ def warnings_of(
         for said, claim in ((name, claims.get(name)), (f"{name}, smoothed,", claims.get(smoothed_name(name)))):
             if claim is None or claim.verdict != OVERCONFIDENT:
                 continue
-            digits = digits_apart(claim.ratio, claim.band[1], 2)
-            yield (
-                f"{said} is {OVERCONFIDENT} (error {number(claim.ratio, digits)} times the claimed σ, at most "
-                f"{number(claim.band[1], max(digits, 3))} where it holds)"
-            )
+            yield f"{said} is {in_words(claim)}"
         if name in estimate.inputs and std > HARDLY:
             yield (
                 f"{name} is weakly observable: σ is {100 * std:.3g} % of the largest load; give other sensors, "
