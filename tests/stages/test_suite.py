@@ -13,8 +13,8 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.report.placement.data import Repeats, Unknown
 from strainsight.report.suite.data import PlacementRun, Suite
 from strainsight.stages import suite as suite_stage
+from strainsight.stages.pages.suite import numbers_of, suite_tables
 from strainsight.stages.pages.suite_entries import suite_config
-from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.stages.suite import SUITE
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run

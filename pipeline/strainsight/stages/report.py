@@ -12,8 +12,7 @@ from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
-from strainsight.stages.pages.sheets import sheet_files, sheets_of
-from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
+from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.stages.view.strain import strain_shapes, strains_of
 from strainsight.workflow.output import Dataset, Output, Scalar, warnings_table

@@ -10,9 +10,8 @@ from strainsight.report.picture.scene import look, render_all
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import RED, counts, is_estimated, without_benefit
-from strainsight.stages.pages.suite import suite_of
-from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
+from strainsight.report.suite.summary import RED, counts, is_estimated, without_benefit
+from strainsight.stages.pages.suite import numbers_of, suite_of, suite_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context, Stage

@@ -19,15 +19,15 @@ from strainsight.report.bench.data import (
     BenchStress,
     BenchUnknown,
 )
+from strainsight.report.bench.figures import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.page import bench_figures, bench_page
-from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.tables import placement_table
 from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import RED, counts
 from strainsight.report.suite.statements import measured, statements_table
+from strainsight.report.suite.summary import RED, counts
 
 from ...models import compute_once
 from ..outline import names_of_regions, whole, words

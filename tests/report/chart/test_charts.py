@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import Drawing, figure, kept, styled, svg, visible_instants
-from strainsight.report.chart.files import INDEX, figure_files, write_figures
+from strainsight.report.chart.files import INDEX, figure_csv, figure_files, write_figures
 from strainsight.report.chart.panels import dots
 from strainsight.report.placement.figures import placement_figures
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.datum import Frame
-from strainsight.report.placement.gauge_table import gauge_table
-from strainsight.report.placement.tables import cases_table, criteria_table
+from strainsight.report.placement.gauge_table import cases_table, criteria_table, gauge_table
 
 
 def rows(report):

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.verdict import Benefit
-from strainsight.report.page.document import own
+from strainsight.report.page.document import SPACE_SCRIPTS, text_of
 from strainsight.report.placement.figures import elbow, placement_figures
 from strainsight.report.placement.page import placement_page
-from strainsight.report.space.section import script
 
 from ...models import compute_once
 from ...shared import slowly
@@ -45,7 +44,7 @@ def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(full, mix
     outline = whole(page(full()))
     assert "warnings" in outline.targets
     assert [attributes["src"][:22] for tag, attributes in outline.seen if tag == "img"] == ["data:image/png;base64,"]
-    assert own_scripts(outline) == [own("page/tables.js"), script()]
+    assert own_scripts(outline) == [text_of("page/tables.js"), "\n".join(map(text_of, SPACE_SCRIPTS))]
 
 
 def test_the_exact_numbers_stand_on_the_first_screen(full):

@@ -10,9 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import own
+from strainsight.report.page.document import text_of
 from strainsight.report.suite.cases import groups_of, series_of
-from strainsight.report.suite.comparisons import comparisons_answer
 from strainsight.report.suite.data import (
     CONTRADICTED,
     HOLDS,
@@ -27,7 +26,8 @@ from strainsight.report.suite.data import (
 )
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import counts, results_of
+from strainsight.report.suite.statements import comparisons_answer
+from strainsight.report.suite.summary import counts, results_of
 
 from ...models import compute_once
 from ...shared import slowly
@@ -74,7 +74,7 @@ def test_placements_have_studies_and_statements_too(suite):
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
     outline = whole(page(suite(), drawings=usual()))
     assert {"run-1", "run-2", "run-3", "run-4"} <= outline.targets
-    assert own_scripts(outline)[0] == own("page/tables.js")
+    assert own_scripts(outline)[0] == text_of("page/tables.js")
 
 
 def test_what_does_not_hold_leads_the_page_and_its_headline(suite):

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import kept
+from strainsight.report.chart.files import figure_csv
 from strainsight.report.picture.geometry import at_points
-from strainsight.report.tested.figures import figures_of_test, load_figure, residual_figure
+from strainsight.report.tested.figures import figures_of_test, load_figure, reading_figure, residual_figure
 from strainsight.report.tested.page import page_of_test
-from strainsight.report.tested.readings import reading_figure
 
 from ...models import compute_once
 from ...shared import slowly

@@ -8,21 +8,26 @@ from html import escape
 from strainsight.report.bench.answer import bench_answer, faults, too_high
 from strainsight.report.bench.bearing_page import balls_figures
 from strainsight.report.bench.data import BenchRun, BenchUnknown
-from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
+from strainsight.report.bench.figures import (
+    Line,
+    components_figure,
+    consistency_figure,
+    ratio_figure,
+    runs_figure,
+    unknown_figure,
+)
 from strainsight.report.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
-from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, picture, plain, table
 from strainsight.report.page.sections import advice_card, panel, rests_on, section
 from strainsight.report.placement.figures import trend_figure
-from strainsight.report.placement.tables import criteria_meaning, criteria_table
+from strainsight.report.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
-from strainsight.report.space.section import STYLE, script
-from strainsight.report.tested.readings import hold_out_figures, hold_out_section
+from strainsight.report.tested.figures import hold_out_figures, hold_out_section
 
-STYLES = ("bench/bench.css",)
+STYLE = "bench/bench.css"
 FOOTER = (
     "σ is one standard deviation. Errors and claimed σ of a bench are relative: of a load to its largest true value, of a "
     "parameter to its true value. Bearings are quasi-static after Hertz, their rings rigid but for the contacts."
@@ -115,8 +120,8 @@ def bench_page(
         bench_answer(run),
         sections,
         FOOTER,
-        (*STYLES, STYLE) if turned else STYLES,
-        (script(),) * bool(turned),
+        STYLE,
+        turned=bool(turned),
     )
 
 

@@ -22,6 +22,7 @@ from strainsight.report.page.markup import (
     measure,
     plain,
     table,
+    verdict_mark,
 )
 from strainsight.report.placement.verdicts import BEYOND, CONTRADICTED, LOST, UNTESTED, WEAK, WITHHELD
 from strainsight.report.text import number
@@ -73,10 +74,7 @@ def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    mark, style = ("✕", "bad") if word in NOT_GOOD else ("✓", "good")
-    if word == UNTESTED:
-        return word
-    return f'<strong class="{style} whole">{mark} {word}</strong>'
+    return word if word == UNTESTED else verdict_mark(word, word not in NOT_GOOD)
 
 
 COLUMNS: tuple[tuple[str, Cell], ...] = (

@@ -9,6 +9,8 @@ from html import escape
 from importlib.resources import files
 
 PARTS = files("strainsight.report")
+SPACE_STYLE, SPACE_SCRIPTS = "space/space.css", ("space/draw.js", "space/view.js")
+"""Files of the page that go with a structure to turn round; the scripts run as one."""
 
 
 def document(
@@ -18,13 +20,15 @@ def document(
     answer: str,
     sections: Iterable[str],
     footer: str,
-    styles: Iterable[str] = (),
-    scripts: Iterable[str] = (),
+    style: str = "",
+    *,
+    turned: bool = False,
 ) -> str:
-    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML;
-    styles: files beside page.css whose rules come after its own; scripts: JavaScript texts that run after tables.js."""
-    css = "".join(own(style) for style in ("page/page.css", *styles))
-    running = (own("page/tables.js"), *scripts)
+    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: a
+    file beside page.css whose rules come after its own; turned: whether a section has a structure to turn round."""
+    styles = ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]
+    css = "".join(map(text_of, styles))
+    running = [text_of("page/tables.js"), *["\n".join(map(text_of, SPACE_SCRIPTS))] * turned]
     return "\n".join(
         (
             "<!DOCTYPE html>",
@@ -44,7 +48,7 @@ def document(
     )
 
 
-def own(name: str) -> str:
+def text_of(name: str) -> str:
     """The text of a file below `report/`."""
     return PARTS.joinpath(name).read_text(encoding="utf-8")
 

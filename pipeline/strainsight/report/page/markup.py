@@ -60,6 +60,16 @@ def plain(value: float, digits: int = 4) -> str:
     return data(value, number(value, digits))
 
 
+def links(name: str, places: Iterable[int]) -> str:
+    """Links to what has these numbers on the page: `name-1`, `name-3`."""
+    return ", ".join(f'<a href="#{name}-{i}">{i}</a>' for i in places)
+
+
+def verdict_mark(verdict: str, good: bool, bad: str = "✕") -> str:
+    """A verdict in a table, with a tick where it is good, else with the sign for a bad one."""
+    return f'<strong class="{"good" if good else "bad"} whole">{"✓" if good else bad} {verdict}</strong>'
+
+
 def bullets(sentences: Iterable[str]) -> str:
     """An escaped bullet list."""
     return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"

@@ -19,12 +19,17 @@ from strainsight.report.page.sections import (
 )
 from strainsight.report.placement.data import PlacementReport
 from strainsight.report.placement.first import answer, first_screen, lost_of
-from strainsight.report.placement.gauge_table import gauge_table
-from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table, load_cases_table
+from strainsight.report.placement.gauge_table import (
+    cases_table,
+    criteria_meaning,
+    criteria_table,
+    gauge_table,
+    load_cases_table,
+)
 from strainsight.report.placement.verdicts import faults, headline
-from strainsight.report.sheets.section import sheets_section
+from strainsight.report.sheets.sheet import sheets_section
 from strainsight.report.space.model import Shape
-from strainsight.report.space.section import STYLE, script, space_section
+from strainsight.report.space.section import space_section
 from strainsight.report.text import unbroken
 
 FOOTER = (
@@ -73,7 +78,7 @@ def placement_page(
     )
     lost = lost_of(report)
     title = headline((own.name, faults(own, own.name in lost)) for own in report.unknowns) + report.title
-    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, (STYLE,), (script(),))
+    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
 
 
 def _test(report: PlacementReport) -> str:

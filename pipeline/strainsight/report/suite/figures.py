@@ -18,8 +18,8 @@ from strainsight.report.chart.panels import legend_above, plain_ticks
 from strainsight.report.placement.data import Trend
 from strainsight.report.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
 from strainsight.report.suite.data import PlacementRun, Suite, metric_name, metric_words, metrics_of
-from strainsight.report.suite.results import Result, results_of
 from strainsight.report.suite.studies import study_figures
+from strainsight.report.suite.summary import Result, results_of
 from strainsight.report.text import SUPERSCRIPTS, number, percent, short
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.report.bench.answer import run_answer
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import FOOTER as BENCHES
-from strainsight.report.bench.page import STYLES
+from strainsight.report.bench.page import STYLE
 from strainsight.report.bench.tables import MEANINGS
 from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
@@ -34,8 +34,8 @@ from strainsight.report.page.markup import (
 )
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
-from strainsight.report.space.section import STYLE, script, space_section
-from strainsight.report.suite import comparisons, statements, summary
+from strainsight.report.space.section import space_section
+from strainsight.report.suite import statements, summary
 from strainsight.report.suite.cases import numbered, observability_section
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.report.text import number, unbroken
@@ -50,10 +50,10 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
-    tables = (comparisons.comparisons_table(suite), statements.statements_table(suite))
+    tables = (statements.comparisons_table(suite), statements.statements_table(suite))
     first = "".join(tables) + (summary.runs_table(suite) if suite.placements else "")
     turned = suite_space(suite)
-    answers = [comparisons.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
+    answers = [statements.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
@@ -65,7 +65,6 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
         _facts(suite),
     )
     footer = " ".join([PLACEMENTS] * bool(suite.placements) + [BENCHES] * bool(suite.benches))
-    styles = (*STYLES, STYLE) if turned else STYLES
     return document(
         "suite",
         suite.name,
@@ -73,8 +72,8 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
         " ".join(filter(None, answers)),
         sections,
         footer,
-        styles,
-        (script(),) * bool(turned),
+        STYLE,
+        turned=bool(turned),
     )
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.bench.data import BenchRun, BenchSensor
-from strainsight.report.bench.figures import Line, line_style, ratio_figure, unknown_figure
-from strainsight.report.bench.sensors import sensor_figure
+from strainsight.report.bench.figures import Line, line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.report.chart.drawing import Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above, log_ticks
 from strainsight.report.suite.data import Study, Suite, SuiteRun

@@ -9,7 +9,7 @@ from strainsight.report.arrays import History, Reading, rms
 from strainsight.report.page.markup import badge, bullets, count, mark, measure, plain, share, table, tile
 from strainsight.report.page.sections import section
 from strainsight.report.tested.data import Findings, Peak, Unknown, peak_of
-from strainsight.report.tested.readings import reading
+from strainsight.report.tested.figures import reading
 from strainsight.report.text import listed
 
 LOUD = 1.5

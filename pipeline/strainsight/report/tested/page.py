@@ -22,11 +22,10 @@ from strainsight.report.page.sections import (
     rests_on,
     warnings_section,
 )
-from strainsight.report.space.section import STYLE, script
 from strainsight.report.tested.data import Findings
 from strainsight.report.tested.field import field_section, space_of
+from strainsight.report.tested.figures import hold_out_section
 from strainsight.report.tested.first import answer, extremes_section, first_screen
-from strainsight.report.tested.readings import hold_out_section
 from strainsight.report.text import number, quantity
 
 FOOTER = (
@@ -71,7 +70,7 @@ def page_of_test(
         _file(report),
         rests_on(report.facts, report.provenance),
     )
-    return document("test", report.name, report.title, answer(report), sections, FOOTER, (STYLE,), (script(),))
+    return document("test", report.name, report.title, answer(report), sections, FOOTER, turned=True)
 
 
 def _other_records(report: Findings) -> str:

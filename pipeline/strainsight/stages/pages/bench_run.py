@@ -21,7 +21,7 @@ from strainsight.report.bench.data import (
     BenchStress,
     BenchUnknown,
 )
-from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
+from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))

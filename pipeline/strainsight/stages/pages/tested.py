@@ -28,8 +28,8 @@ from strainsight.report.tested.first import title_of
 from strainsight.report.text import capital
 from strainsight.report.view.viewed import exaggerated
 from strainsight.signals.spectra import density, noise_density
+from strainsight.stages.pages.page import messages, provenance
 from strainsight.stages.pages.page_layout import layout_of_test
-from strainsight.stages.pages.page_numbers import messages, provenance
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
