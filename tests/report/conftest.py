@@ -17,7 +17,7 @@ from strainsight.report.placement.data import (
     Check,
     Criteria,
     Metric,
-    NoiseRow,
+    Noise,
     PlacementReport,
     RandomSets,
     Repeats,
@@ -115,7 +115,8 @@ def mixed():
         for label in labels:
             peak, unit = size.get(label[:2], (9e-5, "strain"))
             small = np.full(1001, 0.01 * peak)
-            signals.append(Reading(label, unit, time, peak * wave + small, peak * wave, small, truth=peak * wave))
+            gauge = int(label[1]) - 1
+            signals.append(Reading(label, unit, time, peak * wave + small, peak * wave, small, gauge, peak * wave))
         return report(**{"layout": mixed_layout(), "gauge_signals": tuple(signals)} | changes)
 
     return make
@@ -146,7 +147,8 @@ def report(**changes):
         unknowns=(
             Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04, load_claims),
             Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
-                    claims=(Claim(20, 6.64, TWENTY, "overconfident", "repeats"), HELD)),
+                    claims=(Claim(20, 6.64, TWENTY, "overconfident", "repeats"), HELD),
+                    repeats=Repeats(np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), False)),
         ),
         layout=layout(),
         trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, METRICS[0], 2.6187, 2.62 / 2.6187 - 1),
@@ -157,7 +159,7 @@ def report(**changes):
         posteriors={"E": posterior(2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread))},
         gauge_signals=tuple(
             Reading(
-                f"G{i}", "strain", time, strain + draw.normal(size=1001) * 1e-6, strain, np.full(1001, 1.5e-7), truth=strain
+                f"G{i}", "strain", time, strain + draw.normal(size=1001) * 1e-6, strain, np.full(1001, 1.5e-7), i - 1, strain
             )
             for i in range(1, 5)
         ),
@@ -166,12 +168,11 @@ def report(**changes):
             RandomSets("E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523),
             RandomSets("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
         ),
-        noise=(
-            NoiseRow(0.001, 0.1, {"tip": 0.05, "E": 6.1e-5}, {"tip": 0.06, "E": 9.1e-5}),
-            NoiseRow(0.01, 1.0, {"tip": 0.177, "E": 0.000523}, {"tip": 0.159, "E": 0.000814}),
-            NoiseRow(0.05, 5.0, {"tip": 0.4, "E": 0.0031}, {"tip": 0.41, "E": 0.0042}),
+        noise=Noise(
+            np.array([0.001, 0.01, 0.05]),
+            {"tip": np.array([0.05, 0.177, 0.4]), "E": np.array([6.1e-5, 0.000523, 0.0031])},
+            {"tip": np.array([0.06, 0.159, 0.41]), "E": np.array([9.1e-5, 0.000814, 0.0042])},
         ),
-        repeats=(Repeats("E", np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), "not identified"),),
         frequencies=(40.12, 58.9, 247.3),
         metrics=METRICS,
         criteria=(
@@ -225,21 +226,21 @@ def suite_report(**changes):
     full = report()
     load, modulus = full.unknowns
     agree = Claim(20, 0.875, TWENTY, "consistent", "repeats")
-    agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
-    pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
+    agreed = Repeats(np.full(20, 0.0007), np.full(20, 0.0008), True)
     done = PlacementRun(
-        "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report", unknowns=(replace(modulus, claims=(HELD, agree)),),
-        gauges=4, pool=30, trend=full.trend, layout=full.layout, expected_std={"E": 0.000787}, histories=full.histories[1:],
-        repeats=agreed, cases=full.cases, frequencies=full.frequencies, truth_description=full.truth_description, pairs=pairs,
+        "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report",
+        unknowns=(replace(modulus, claims=(HELD, agree), repeats=agreed),),
+        pool=30, trend=full.trend, layout=full.layout, histories=full.histories[1:],
+        cases=full.cases, frequencies=full.frequencies, truth_description=full.truth_description,
     )  # fmt: skip
     joint = replace(
         done, name="beam-tip-E", label="tip + E, 20 Hz", note="A softer beam under a smaller load strains alike.",
-        page=None, unknowns=full.unknowns, histories=full.histories, repeats=full.repeats, warnings=full.warnings,
+        page=None, unknowns=full.unknowns, histories=full.histories, warnings=full.warnings,
         trend=replace(full.trend, value=2 * full.trend.value[0] * full.trend.value**2, final=13.0, gap=0.03),
     )  # fmt: skip
     wrong = replace(
-        joint, name="beam-wrong", label="tip + E, slow", repeats=(), note="",
-        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),))),
+        joint, name="beam-wrong", label="tip + E, slow", note="",
+        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),), repeats=None)),
         cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
     )  # fmt: skip
     guess = Unknown("E", "Pa", "parameter", 1.89e11)

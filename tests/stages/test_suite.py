@@ -66,8 +66,10 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
 
 def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
     run = PlacementRun(
-        "a", "a", reached="validate", unknowns=(Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
-        repeats=(Repeats("E", np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), "identified"),),
+        "a", "a", reached="validate", unknowns=(
+            Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001,
+                    repeats=Repeats(np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), True)),
+        ),
     )  # fmt: skip
     report = Suite("s", "s", (run,))
     unknowns = numbers_of(report).unknowns

@@ -110,14 +110,14 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     assert said.index("overconfident") < said.index("tell tip to within")
     assert "<h1>✕ E overconfident and not identified – Cantilever: load and stiffness</h1>" in text
     load, modulus = full().unknowns
-    good = page(full(repeats=(), unknowns=(load, replace(modulus, claims=modulus.claims[1:]))))
+    good = page(full(unknowns=(load, replace(modulus, claims=modulus.claims[1:], repeats=None))))
     assert "<h1>Cantilever: load and stiffness</h1>" in good
     assert "✕" not in first_screen(good)
     assert "tell tip to within" in words(good)
 
 
 def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
-    load, modulus = full(repeats=()).unknowns
+    load, modulus = full().unknowns
     none, some, shown = (Benefit(count, 10, word) for count, word in ((6, "none"), (3, "not shown"), (0, "shown")))
 
     def said(one, other):
@@ -162,14 +162,13 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
 
     broken = replace(
         report,
-        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost) for unknown in report.unknowns),
+        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost, repeats=None) for unknown in report.unknowns),
         histories=tuple(gone(entry, "mean", "std", "smoothed", "smoothed_std") for entry in report.histories),
         gauge_signals=tuple(gone(entry, "measured", "estimated", "std") for entry in report.gauge_signals[:1]),
         criteria=tuple(replace(entry, values=(lost,) * 3, std={"E": lost}) for entry in report.criteria),
         cases=tuple(replace(case, condition=lost, raw=lost) for case in report.cases),
         trend=replace(gone(report.trend, "value"), blocks={}, final=lost, lower_bound=lost, gap=lost),
         random_sets=(),
-        repeats=(),
     )
     Outline(page(broken, drawn=True))
 

@@ -127,10 +127,12 @@ def test_numbers_that_are_none_are_survived(suite, lost):
     trace = np.full_like(first.trend.value, lost)
     broken = replace(
         first,
-        unknowns=tuple(replace(unknown, error=lost, std=lost) for unknown in first.unknowns),
+        unknowns=tuple(
+            replace(unknown, error=lost, std=lost, repeats=replace(unknown.repeats, error=np.full(20, lost)))
+            for unknown in first.unknowns
+        ),
         trend=replace(first.trend, value=trace, final=lost),
         cases=tuple(replace(case, condition=lost) for case in first.cases),
-        repeats=tuple(replace(entry, error=np.full(20, lost)) for entry in first.repeats),
     )
     late = np.where(np.arange(len(trace)) < 20, second.trend.value, lost)
     broken_end = replace(
@@ -219,18 +221,21 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
 
 
+def repeated(run, error):
+    """The run with other errors of its repeats."""
+    return replace(run, unknowns=tuple(replace(own, repeats=replace(own.repeats, error=error)) for own in run.unknowns))
+
+
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
-    lost = replace(run.repeats[0], error=np.full(20, np.nan))
-    (result,) = results_of(replace(run, repeats=(lost,)))
+    (result,) = results_of(repeated(run, np.full(20, np.nan)))
     assert np.isnan(result.rms)
     assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
     run = suite().runs[0]
-    lost = replace(run.repeats[0], error=np.append(np.full(19, 0.0007), np.inf))
-    (result,) = results_of(replace(run, repeats=(lost,)))
+    (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
     assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
     assert result.verdicts == ("diverged",)
 

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from itertools import count
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,15 +13,12 @@ from strainsight.records.bearing import BearingCase, Displaced
 from strainsight.records.bench_estimated import BallsThen, RingEstimate
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import BLUE, GREEN, ORANGE, VERMILION, Drawing, figure, styled, svg
-from strainsight.report.chart.panels import legend_above, plain_axis, time_axis
+from strainsight.report.chart.panels import band, legend_above, plain_axis, time_axis
 from strainsight.report.page.document import document
 from strainsight.report.page.markup import figure as card
 from strainsight.report.page.markup import figures, measure, table
 from strainsight.report.page.sections import section
 from strainsight.report.text import number, quantity
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
@@ -189,7 +185,7 @@ def _around(name: str, then: BallsThen) -> Drawing:
         drawn, axes = figure(2.6)
         for contact in range(INNER):
             axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
-            _band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
+            band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
         axes.set_ylabel("force [kN]")
         axes.set_xlabel("station of the ball [°]")
         axes.set_ylim(bottom=0)
@@ -209,7 +205,7 @@ def _in_time(name: str, ring: RingEstimate) -> Drawing:
     with styled():
         drawn, axes = figure(2.4)
         axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
-        _band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
+        band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
         axes.set_ylabel("highest pressure [MPa]")
         plain_axis(axes)
         time_axis(axes)
@@ -229,7 +225,3 @@ def _known(value: float, std: float, unit: str) -> str:
     return (
         f"{shown}; its σ is withheld." if np.isnan(std) else f"{shown} ± {quantity(2 * float(std), unit, 2)}. {BELIEF}"
     )
-
-
-def _band(axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str) -> None:
-    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=0.25, lw=0)

@@ -6,7 +6,6 @@ Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,63 +48,48 @@ SAME = 0.02
 """Share of the largest value within which two true histories are drawn as one: one may be sampled more coarsely."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """One run in a figure of several: its label and what is drawn of it."""
-
-    label: str
-    history: History
-
-
-def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Drawing:
+def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, History]]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
-    A single line has the band of ±2 claimed standard deviations and the claimed σ beside its error, unless σ is withheld, and
-    what it is once it is smoothed.
+    lines: label of the run and what is drawn of it. A single line has the band of ±2 claimed standard deviations and the claimed
+    σ beside its error, unless σ is withheld, and what it is once it is smoothed.
     """
-    factor, unit = shown_unit([line.history for line in lines])
-    labels = [line_label(line.label, len(lines)) for line in lines]
-    known = [(place, line.history) for place, line in enumerate(lines) if line.history.truth is not None]
-    claimed = len(lines) == 1 and bool(np.isfinite(lines[0].history.std).any())
+    (_, first), alone = lines[0], len(lines) == 1
+    factor, unit = shown_unit([history for _, history in lines])
+    labels = [line_label(label, len(lines)) for label, _ in lines]
+    known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
+    claimed = alone and bool(np.isfinite(first.std).any())
     with styled():
         drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
         _truths(axes, [history for _, history in known], factor)
-        for place, line in enumerate(lines):
-            own, style = line.history, line_style(place)
+        for place, (label, (_, own)) in enumerate(zip(labels, lines, strict=True)):
             index = visible_instants(np.column_stack([drawable(own.mean), drawable(own.std)]), 240)
+            time = own.time[index]
             if claimed:
-                low, high = ((own.mean + sign * 2 * own.std)[index] / factor for sign in (-1, 1))
-                axes.fill_between(
-                    own.time[index], drawable(low), drawable(high), color=BLUE, alpha=0.2, lw=0, label="±2σ"
-                )
-            axes.plot(
-                own.time[index], drawable(own.mean)[index] / factor, **style, label=line_label(line.label, len(lines))
-            )
-        smoothed = lines[0].history.smoothed if len(lines) == 1 else None
+                low, high = (drawable((own.mean + sign * 2 * own.std)[index] / factor) for sign in (-1, 1))
+                axes.fill_between(time, low, high, color=BLUE, alpha=0.2, lw=0, label="±2σ")
+            axes.plot(time, drawable(own.mean)[index] / factor, **line_style(place), label=label)
+        smoothed = first.smoothed if alone else None
         if smoothed is not None:
             index = visible_instants(drawable(smoothed)[:, None], 240)
-            axes.plot(
-                lines[0].history.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed"
-            )
-        if len(lines) == 1 and kind == "input":
-            _bulk(axes, lines[0].history, factor)
+            axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
+        if alone and kind == "input":
+            _bulk(axes, first, factor)
         plain_axis(axes)
-        axes.set_ylabel(f"{short(lines[0].history.name, 24)} [{short(unit)}]")
+        axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
         for below in more:
-            _errors(below, known, alone=len(lines) == 1)
+            _errors(below, known, alone=alone)
         time_axis((axes, *more)[-1])
         legend_of_lines(axes, labels)
         image = svg(drawn)
-    name = lines[0].history.name
-    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + (
-        " beside the truth (dashed)" if known else ""
-    )
+    name = first.name
+    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + " beside the truth (dashed)" * bool(known)
     caption += ", with ±2 claimed standard deviations" if claimed else ""
     caption += "" if smoothed is None else ", and smoothed (green)"
     if known:
         caption += "; below, the size of the error over the largest true value"
         caption += ", and the claimed σ (dotted)" if claimed else ""
-    text = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
+    text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
     return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", image)
 
 
@@ -117,7 +101,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         labels = [line_label(label, len(lines)) for label, _ in lines]
         drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
         text = []
-        for place, (label, unknown) in enumerate(lines):
+        for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
             there, history, style = unknown.there, unknown.history, line_style(place)
             assert there is not None
             large = np.abs(there) > LARGE * largest(there)
@@ -125,10 +109,10 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
             quotient = np.full(len(there), np.nan)
             quotient[large] = history.mean[large] / there[large]
             index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
-            axes.plot(history.time[index], history.mean[index] / factor, **style, label=line_label(label, len(lines)))
+            axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
             below.plot(history.time[index], drawable(quotient)[index], **style)
             if (known := quotient[np.isfinite(quotient)]).size:
-                text.append(f"{label or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
+                text.append(f"{run or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
         axes.set_ylabel(f"{short(own.name, 24)} [{short(unit)}]")
         plain_axis(axes)
         plain_axis(below)
@@ -268,7 +252,7 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
         labels = [line_label(label, len(lines)) for label, _ in lines]
         drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
         shown: list[FloatArray] = []
-        for place, (label, sensor, values) in enumerate(columns):
+        for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
             index = visible_instants(values[:, None], 240)
             if not any(np.array_equal(values, other, equal_nan=True) for other in shown):
                 dots(axes, sensor.time[index], values[index] / factor, "" if shown else "measured")
@@ -276,7 +260,7 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
             if sensor.expected is None:
                 continue
             expected, style = drawable(sensor.expected[:, component]), line_style(place)
-            axes.plot(sensor.time[index], expected[index] / factor, **style, label=line_label(label, len(lines)))
+            axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
             difference = (values - expected) / factor
             index = visible_instants(difference[:, None], 240)
             below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})

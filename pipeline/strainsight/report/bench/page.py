@@ -9,7 +9,6 @@ from strainsight.report.bench.answer import bench_answer, faults, too_high
 from strainsight.report.bench.bearing_page import balls_figures
 from strainsight.report.bench.data import BenchRun, BenchUnknown
 from strainsight.report.bench.figures import (
-    Line,
     components_figure,
     consistency_figure,
     ratio_figure,
@@ -39,7 +38,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
     found: dict[str, tuple[Drawing, ...]] = {}
     if (estimate := run.estimate) is not None:
         found["unknowns"] = tuple(
-            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [Line("", unknown.history)])
+            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [("", unknown.history)])
             for i, unknown in enumerate(estimate.unknowns)
         )
         found["unknowns"] += tuple(

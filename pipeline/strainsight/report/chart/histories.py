@@ -7,7 +7,7 @@ import numpy as np
 from strainsight.records.estimated import Posterior
 from strainsight.report.arrays import History
 from strainsight.report.chart.drawing import BLUE, GREEN, INK, ORANGE, Drawing, figure, styled, svg, visible_instants
-from strainsight.report.chart.panels import drawable, focus_on, last_periods, legend_above, shown_unit, time_axis
+from strainsight.report.chart.panels import band, drawable, focus_on, last_periods, legend_above, shown_unit, time_axis
 from strainsight.report.text import prefix, quantity, short
 
 
@@ -43,23 +43,13 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     with styled():
         drawn, axes = figure()
         if np.isfinite(std).any():
-            axes.fill_between(
-                time[index], columns[1][index], columns[2][index], color=BLUE, alpha=0.2, lw=0, label="±2σ"
-            )
+            band(axes, time[index], mean[index], std[index], BLUE, 0.2, "±2σ")
         axes.plot(time[index], mean[index], color=BLUE, label="estimate")
         if smoothed is not None:
             claimed = history.smoothed_std is not None and np.isfinite(history.smoothed_std).any()
             if history.smoothed_std is not None and claimed:
-                wide = 2 * drawable(history.smoothed_std[window])[index] / factor
-                axes.fill_between(
-                    time[index], smoothed[index] - wide, smoothed[index] + wide, color=GREEN, alpha=0.25, lw=0
-                )
-            axes.plot(
-                time[index],
-                smoothed[index],
-                color=GREEN,
-                label="smoothed ±2σ" if claimed else "smoothed",
-            )
+                band(axes, time[index], smoothed[index], drawable(history.smoothed_std[window])[index] / factor, GREEN)
+            axes.plot(time[index], smoothed[index], color=GREEN, label="smoothed ±2σ" if claimed else "smoothed")
         if truth is not None:
             axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
         if focus:

@@ -18,6 +18,15 @@ from strainsight.report.picture.layout import Layout
 
 
 @dataclass(frozen=True)
+class Repeats:
+    """The estimation over other seeds and starts: error (n,), claimed_std (n,) relative, and whether the starts end together."""
+
+    error: FloatArray
+    claimed_std: FloatArray
+    identified: bool
+
+
+@dataclass(frozen=True)
 class Unknown:
     """One thing the gauges are to tell.
 
@@ -36,6 +45,7 @@ class Unknown:
     benefit         whether random layouts of the same size estimate it as well
     withheld        whether σ is, as a parameter has left the range of the reduced model: std and smoothed_std are None
     worst_case      name of the load case of expected_std, empty where there are none
+    repeats         the same of other seeds and starts
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -56,6 +66,12 @@ class Unknown:
     benefit: Benefit | None = None
     worst_case: str = ""
     withheld: bool = False
+    repeats: Repeats | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether its starts end apart."""
+        return self.repeats is not None and not self.repeats.identified
 
 
 @dataclass(frozen=True)
@@ -132,24 +148,13 @@ class RandomSets:
 
 
 @dataclass(frozen=True)
-class NoiseRow:
-    """One noise level: level = noise std over the strongest candidate's RMS (0.01 is one per cent), factor times the
-    configured noise; error, std: unknown's name → relative."""
+class Noise:
+    """The estimation at other noise: level (k,), rising, = noise std over the strongest candidate's RMS (0.01 is one per cent);
+    error, std: unknown's name → (k,) relative."""
 
-    level: float
-    factor: float
-    error: Mapping[str, float]
-    std: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Repeats:
-    """The estimation repeated over seeds and starts: error (n,), claimed_std (n,) relative, and the verdict on it."""
-
-    name: str
-    error: FloatArray
-    claimed_std: FloatArray
-    verdict: Literal["identified", "not identified"]
+    level: FloatArray
+    error: Mapping[str, FloatArray]
+    std: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -188,8 +193,7 @@ class PlacementReport:
     posteriors: Mapping[str, Posterior] = field(default_factory=dict)
     gauge_signals: tuple[Reading, ...] = ()
     random_sets: tuple[RandomSets, ...] = ()
-    noise: tuple[NoiseRow, ...] = ()
-    repeats: tuple[Repeats, ...] = ()
+    noise: Noise | None = None
     frequencies: tuple[float, ...] = ()
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()

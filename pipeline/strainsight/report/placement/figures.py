@@ -38,14 +38,12 @@ from strainsight.report.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.report.picture.layout import Gauge
 from strainsight.report.placement.data import (
-    NoiseRow,
+    Noise,
     PlacementReport,
     RandomSets,
     Repeats,
     Trend,
-    Unknown,
 )
 from strainsight.report.placement.verdicts import LOST
 from strainsight.report.text import READINGS, number, percent, reading_unit, short
@@ -61,16 +59,17 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
         drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
     truth, units = {unknown.name: unknown.truth for unknown in report.unknowns}, report.units
     drawings += [posterior_figure(name, units[name], own, truth[name]) for name, own in report.posteriors.items()]
-    drawings += signal_figures(report.gauge_signals, report.layout.gauges)
+    drawings += map(signal_figure, report.gauge_signals)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)
         drawings.append(random_errors_figure(sets))
         if name in history and any(entry.history is not None for entry in sets):
             drawings.append(random_histories_figure(sets, history[name]))
-    if report.noise:
-        drawings.append(noise_figure(report.noise, report.unknowns))
-    claims = {unknown.name: claim for unknown in report.unknowns for claim in unknown.claims if claim.of == "repeats"}
-    drawings += [repeats_figure(repeats, claims.get(repeats.name)) for repeats in report.repeats]
+    if report.noise is not None:
+        drawings.append(noise_figure(report.noise, list(report.units)))
+    drawings += [
+        repeats_figure(own.name, own.repeats, own.claims) for own in report.unknowns if own.repeats is not None
+    ]
     return tuple(drawings)
 
 
@@ -141,23 +140,9 @@ def trend_figure(trend: Trend) -> Drawing:
     return Drawing("trend", "What every gauge is worth", caption, alt, image)
 
 
-def signal_figures(signals: Sequence[Reading], gauges: Sequence[Gauge]) -> list[Drawing]:
-    """One figure a channel, in the colour of its gauge."""
-    labels = [gauge.label for gauge in gauges]
-    return [signal_figure(signal, gauge_colour(owner(signal.label, labels, i))) for i, signal in enumerate(signals)]
-
-
-def owner(label: str, gauges: Sequence[str], otherwise: int) -> int:
-    """Which gauge a channel belongs to: that of its label, or of the longest label that it begins with ("G1 45°")."""
-    if label in gauges:
-        return gauges.index(label)
-    begun = [name for name in gauges if label.startswith(f"{name} ")]
-    return gauges.index(max(begun, key=len)) if begun else otherwise
-
-
-def signal_figure(signal: Reading, colour: str) -> Drawing:
+def signal_figure(signal: Reading) -> Drawing:
     """Measured and estimated reading of one channel over the last periods, in µm/m, m/s² or millimetres."""
-    window = last_periods(signal.estimated)
+    window, colour = last_periods(signal.estimated), gauge_colour(signal.gauge)
     factor, unit = reading_unit(largest(signal.measured[window]), signal.unit)
     what = READINGS.get(signal.unit, "reading")
     time = signal.time[window]
@@ -270,23 +255,17 @@ def random_histories_figure(sets: tuple[RandomSets, ...], chosen: History) -> Dr
     return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, image)
 
 
-def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> Drawing:
+def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     """Error and claimed standard deviation against the gauge noise, one colour an unknown."""
-    level = np.array([row.level for row in rows])
-    order = np.argsort(level)
-    names = [unknown.name for unknown in unknowns if any(unknown.name in row.error for row in rows)]
+    level = 100 * noise.level
     with styled():
         drawn, axes = figure()
-        for name, colour in zip(names, np.resize(SERIES, len(names)), strict=True):
-            error = np.array([row.error.get(name, np.nan) for row in rows])[order]
-            std = np.array([row.std.get(name, np.nan) for row in rows])[order]
-            axes.plot(100 * level[order], 100 * std, "-", color=str(colour), lw=1.4, label=f"claimed σ({short(name)})")
-            axes.plot(
-                100 * level[order], 100 * error, "o", color=str(colour), ms=7, label=f"real error of {short(name)}"
-            )
+        for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
+            axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
+            axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
         if np.all(level > 0):
             axes.set_xscale("log")
-            axes.set_xticks(100 * np.unique(level), [number(100 * value, 3) for value in np.unique(level)])
+            axes.set_xticks(np.unique(level), [number(value, 3) for value in np.unique(level)])
             axes.minorticks_off()
         if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
             axes.set_yscale("log")
@@ -297,14 +276,17 @@ def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> D
         image = svg(drawn)
     caption = "Dots are what the filter got wrong, lines what it claims as one standard deviation."
     alt = "; ".join(
-        f"at {percent(row.level)} noise " + ", ".join(f"{name} {percent(value)}" for name, value in row.error.items())
-        for row in rows
+        f"at {percent(level)} noise "
+        + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
+        for i, level in enumerate(noise.level)
     )
     return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", image)
 
 
-def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
-    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claim: on all."""
+def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Drawing:
+    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claims: on the unknown."""
+    claim = next((own for own in claims if own.of == "repeats"), None)
+    verdict = "identified" if repeats.identified else LOST
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     place = np.arange(1, len(error) + 1)
@@ -320,16 +302,16 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
             plain_ticks(axes, "y")
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlabel("run, smallest error first [–]")
-        axes.set_ylabel(f"relative error of {short(repeats.name)} [%]")
+        axes.set_ylabel(f"relative error of {short(name)} [%]")
         legend_above(axes)
         image = svg(drawn)
     caption = (
         f"{len(error)} runs with other noise and other starting values, the truth the same. "
-        f"{_agreement(repeats.verdict, claim)}"
+        f"{_agreement(verdict, claim)}"
     )
-    ending = f"{claim.verdict}, {repeats.verdict}" if claim is not None else repeats.verdict
-    alt = f"Chart of {len(error)} repeated runs for {repeats.name}, {ending}."
-    return Drawing(f"repeats-{repeats.name}", f"{repeats.name}: other seeds, other starts", caption, alt, image)
+    ending = f"{claim.verdict}, {verdict}" if claim is not None else verdict
+    alt = f"Chart of {len(error)} repeated runs for {name}, {ending}."
+    return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, image)
 
 
 def _agreement(verdict: str, claim: Claim | None) -> str:

@@ -27,7 +27,7 @@ from strainsight.report.picture import picture
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import shape
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
-from strainsight.report.placement.gauge_table import SINGLE, names_without
+from strainsight.report.placement.gauge_table import SINGLE, expected_with_all, names_without
 from strainsight.report.placement.verdicts import (
     HARDLY,
     LOST,
@@ -47,11 +47,10 @@ def answer(report: PlacementReport) -> str:
     bonded = sum(gauge.bonded for gauge in report.layout.gauges)
     word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
     many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
-    lost = lost_of(report)
-    sound = [unknown for unknown in report.unknowns if not faults(unknown, unknown.name in lost)]
+    sound = [unknown for unknown in report.unknowns if not faults(unknown)]
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
     parts = [f"{escape(own.name)} to within ±{share(_sigma(own))} {denominator(own)}" for own in known]
-    text = leading(report.unknowns, lost)
+    text = leading(report.unknowns)
     text += f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     tell = "tells" if gauges == 1 else "tell"
     if parts:
@@ -82,17 +81,11 @@ def _worst_cases(report: PlacementReport) -> str:
     )
 
 
-def lost_of(report: PlacementReport) -> frozenset[str]:
-    """The unknowns whose starts end apart."""
-    return frozenset(repeats.name for repeats in report.repeats if repeats.verdict == LOST)
-
-
 def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
     """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
     and what to mind. Every number in it is a `data` element."""
-    lost = lost_of(report)
-    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown, unknown.name in lost))
-    tiles = "".join(_tile(unknown, unknown.name in lost) for unknown in order) + _bound_tile(report)
+    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
+    tiles = "".join(_tile(unknown) for unknown in order) + _bound_tile(report)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
         f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
@@ -110,7 +103,7 @@ def _name_of_sigma(unknown: Unknown) -> str:
     return "expected σ" if unknown.std is None else "claimed σ"
 
 
-def _tile(unknown: Unknown, lost: bool) -> str:
+def _tile(unknown: Unknown) -> str:
     """One unknown: its estimate and band, whether the claim held, and what they are beside."""
     kind = "load" if unknown.kind == "input" else "parameter"
     sigma = _sigma(unknown)
@@ -133,13 +126,13 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         rows.append(("expected σ", share(unknown.expected_std)))
     if unknown.worst_case:
         rows.append(("expected in load case", escape(unknown.worst_case)))
-    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
+    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
 
 
-def _mark(unknown: Unknown, lost: bool) -> str:
+def _mark(unknown: Unknown) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
-    if lost or unknown.withheld:
-        return mark(f"{LOST}: {HARDLY}" if lost else WITHHELD, False)
+    if unknown.lost or unknown.withheld:
+        return mark(f"{LOST}: {HARDLY}" if unknown.lost else WITHHELD, False)
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]
@@ -177,15 +170,14 @@ def _without(report: PlacementReport) -> str:
         ]
         for index, gauge in enumerate(gauges)
     ]
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
-    foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
+    expected = expected_with_all(report, names)
     text = table(
         "with and without",
         ["gauge", *(f"expected σ({escape(name)})" for name in names), *frame.heads],
         rows,
         title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
         numeric=range(1, 4 + len(names)),
-        foot=foot if any(sigma[name] is not None for name in names) else (),
+        foot=["with all", *expected, "", "", ""] if expected else (),
     )
     lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
     more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""

@@ -51,7 +51,6 @@ def _where(report: PlacementReport) -> str:
 def _worth(report: PlacementReport) -> str:
     gauges = report.layout.gauges
     names = names_without(report)
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
 
@@ -69,11 +68,7 @@ def _worth(report: PlacementReport) -> str:
     head += ["strain on a finer mesh"] * tested
     first = len(head)
     head += [f"expected σ({escape(name)}) without it" for name in names]
-    foot = (
-        ["all together", *[""] * (first - 1), *[share(sigma[name]) for name in names]]
-        if any(sigma[name] is not None for name in names)
-        else []
-    )
+    foot = ["all together", *[""] * (first - 1), *expected] if (expected := expected_with_all(report, names)) else []
     rows = map(row, range(len(gauges)), gauges)
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
@@ -82,6 +77,12 @@ def _worth(report: PlacementReport) -> str:
 def names_without(report: PlacementReport) -> list[str]:
     """The unknowns of which it is known what they would be without a gauge."""
     return [u.name for u in report.unknowns if any(u.name in gauge.without for gauge in report.layout.gauges)]
+
+
+def expected_with_all(report: PlacementReport, names: Sequence[str]) -> list[str]:
+    """Cells with the expected σ of these unknowns with all gauges, none where it is not known."""
+    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
+    return [share(sigma[name]) for name in names] if any(sigma[name] is not None for name in names) else []
 
 
 def given(gauges: tuple[Gauge, ...]) -> bool:

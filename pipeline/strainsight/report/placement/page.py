@@ -18,7 +18,7 @@ from strainsight.report.page.sections import (
     warnings_section,
 )
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.first import answer, first_screen, lost_of
+from strainsight.report.placement.first import answer, first_screen
 from strainsight.report.placement.gauge_table import (
     cases_table,
     criteria_meaning,
@@ -76,8 +76,7 @@ def placement_page(
         section("What this model assumes", _assumes(report), "assumes"),
         warnings_section(report.warnings),
     )
-    lost = lost_of(report)
-    title = headline((own.name, faults(own, own.name in lost)) for own in report.unknowns) + report.title
+    title = headline((own.name, faults(own)) for own in report.unknowns) + report.title
     return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
 
 
@@ -116,14 +115,12 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
 
 def _noise(report: PlacementReport) -> list[str]:
     """A card with errors and claimed σ by gauge noise."""
-    if not report.noise:
+    if (noise := report.noise) is None:
         return []
     names = list(report.units)
     head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error of", "claimed σ of")]
-    rows = [
-        [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
-        for row in report.noise
-    ]
+    columns = [noise.level, *(values[name] for name in names for values in (noise.error, noise.std))]
+    rows = [list(map(share, row)) for row in zip(*(column.tolist() for column in columns), strict=True)]
     caption = "Noise as a share of the strongest candidate's RMS reading; real error beside claimed σ."
     return [f'<div class="card">{table("noise", head, rows, caption=caption, numeric=range(1, len(head)))}</div>']
 

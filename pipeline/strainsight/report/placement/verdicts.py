@@ -58,13 +58,12 @@ def ratio_in_words(ratio: float, most: float | None, shown: Shown = number) -> s
     return f"{shown(ratio, digits)} times the claimed σ{limit}"
 
 
-def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:
-    """What is wrong with the estimate of an unknown, empty where nothing is; lost: whether its starts end apart; diverged:
-    whether a repeat did."""
+def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:
+    """What is wrong with the estimate of an unknown, empty where nothing is; diverged: whether a repeat did."""
     found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
     found += [WITHHELD] * unknown.withheld
     found += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].verdict == OVERCONFIDENT)
-    return (*found, *[LOST] * lost)
+    return (*found, *[LOST] * unknown.lost)
 
 
 def why(fault: str, unknown: Unknown) -> str:
@@ -80,11 +79,11 @@ def headline(found: Iterable[tuple[str, Sequence[str]]]) -> str:
     return f"✕ {', '.join(parts)} – " if parts else ""
 
 
-def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
+def leading(unknowns: Sequence[Unknown]) -> str:
     """What a page begins with, as HTML: what does not hold, and unknowns for which the placement gains nothing."""
     text = ""
     for unknown in unknowns:
-        if wrong := faults(unknown, unknown.name in lost):
+        if wrong := faults(unknown):
             off = f"; it is {share(unknown.error)} off" * (OVERCONFIDENT in wrong)
             said = ", ".join(why(fault, unknown) for fault in wrong)
             text += f'<strong class="bad">{escape(unknown.name)}: {said}{off}.</strong> '

@@ -24,6 +24,7 @@ from strainsight.report.sheets.views import (
     size,
     to_edges,
 )
+from strainsight.report.text import short
 
 EDGE, COLUMN = 8.0, 196.0
 """[mm] from the paper's border to the frame; where the right column begins."""
@@ -132,8 +133,8 @@ def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
     said = (
         f"lengths in {sheet.frame.unit}; angles counter-clockwise, from outside",
         f"{scales}, printed at 100 % on A4",
-        f"deck {_short(sheet.deck)}",
-        f"run {_short(sheet.run)}, layout {sheet.layout}",
+        f"deck {short(sheet.deck, 32)}",
+        f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
     for i, words in enumerate(said):
         paper.text((COLUMN + 3, top + 13 + 4.4 * i), words, size=2.7)
@@ -180,10 +181,6 @@ def _vector(d: FloatArray) -> str:
 
 def _numbers(values: FloatArray) -> str:
     return " ".join(f"{round(float(v), 4) + 0.0:g}" for v in values).replace("-", MINUS)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 32 else f"{text[:31]}…"
 
 
 def _box(left: float, top: float, right: float, bottom: float) -> list[tuple[float, float]]:

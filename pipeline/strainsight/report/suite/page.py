@@ -234,10 +234,25 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     )
 
 
+def _nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
+    """Every gauge with its nearest other one and the distance between them [m]."""
+    found = []
+    for gauge in layout.gauges:
+        others = [
+            (float(np.linalg.norm(gauge.position - other.position)), other.label)
+            for other in layout.gauges
+            if other is not gauge
+        ]
+        if others:
+            distance, label = min(others)
+            found.append((gauge.label, label, distance))
+    return tuple(found)
+
+
 def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
     """Every pair of nearest gauges once, the closest first."""
     found: dict[frozenset[str], tuple[str, str, float]] = {}
-    for one, other, size in run.pairs:
+    for one, other, size in _nearest(run.layout) if run.layout is not None else ():
         found.setdefault(frozenset((one, other)), (one, other, size))
     return sorted(found.values(), key=lambda pair: pair[2])
 
@@ -245,7 +260,7 @@ def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
 def _gauge_rows(index: int, run: PlacementRun) -> str:
     assert run.layout is not None
     places = decimals(run.layout.points)
-    nearest = {one: (other, size) for one, other, size in run.pairs}
+    nearest = {one: (other, size) for one, other, size in _nearest(run.layout)}
     rows = []
     for i, gauge in enumerate(run.layout.gauges):
         other, size = nearest.get(gauge.label, ("", None))

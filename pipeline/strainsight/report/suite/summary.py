@@ -75,7 +75,7 @@ class Result:
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
     """Every unknown of the run, in its order."""
-    return tuple(_result(run, unknown) for unknown in run.unknowns)
+    return tuple(map(_result, run.unknowns))
 
 
 def is_estimated(run: SuiteRun) -> bool:
@@ -115,8 +115,8 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
     return wrong or ((TOO_CAUTIOUS,) if TOO_CAUTIOUS in held else (CONSISTENT,) if CONSISTENT in held else (UNKNOWN,))
 
 
-def _result(run: PlacementRun, unknown: Unknown) -> Result:
-    repeats = next((entry for entry in run.repeats if entry.name == unknown.name), None)
+def _result(unknown: Unknown) -> Result:
+    repeats = unknown.repeats
     smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
     error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
     typical = worst = None
@@ -126,7 +126,7 @@ def _result(run: PlacementRun, unknown: Unknown) -> Result:
         many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
         typical, worst = rms(size), math.inf if lost else float(np.max(size))
     diverged = bool(lost) or (error is not None and not math.isfinite(error))
-    verdicts = faults(unknown, repeats is not None and repeats.verdict == LOST, diverged)
+    verdicts = faults(unknown, diverged)
     return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)
 
 
@@ -228,7 +228,8 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 
 def _absent(run: PlacementRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
-    expected = ", ".join(f"{escape(name)} ± {share(std)}" for name, std in run.expected_std.items())
+    known = [own for own in run.unknowns if own.expected_std is not None]
+    expected = ", ".join(f"{escape(own.name)} ± {share(own.expected_std)}" for own in known)
     text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 

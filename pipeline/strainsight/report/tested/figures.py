@@ -26,7 +26,7 @@ from strainsight.report.chart.drawing import (
     visible_instants,
 )
 from strainsight.report.chart.histories import estimate_figure, posterior_figure
-from strainsight.report.chart.panels import about, dots, drawable, legend_above, log_ticks, plain_axis, time_axis
+from strainsight.report.chart.panels import about, band, dots, drawable, legend_above, log_ticks, plain_axis, time_axis
 from strainsight.report.page.markup import data, figures, plain, share, table
 from strainsight.report.tested.data import Findings, Spectrum, peak_of
 from strainsight.report.text import READINGS, capital, number, percent, prefix, quantity, reading_unit, short
@@ -65,7 +65,7 @@ def overlay(
     index = visible_instants(np.column_stack(columns), BUCKETS)
     dots(axes, time[index], measured[index], "measured")
     if banded:
-        axes.fill_between(time[index], columns[2][index], columns[3][index], color=colour, alpha=0.3, lw=0)
+        band(axes, time[index], estimated[index], std[index], colour, 0.3)
     axes.plot(time[index], estimated[index], color=colour, lw=1.2, label=f"{words} ±2σ" if banded else words)
 
 
@@ -261,7 +261,7 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
             index = visible_instants(np.column_stack(columns), BUCKETS)
             at = time[part][index]
             if banded:
-                axes.fill_between(at, low[index], high[index], color=colour, alpha=0.25, lw=0)
+                band(axes, at, mean[part][index], std[part][index], colour)
             axes.plot(at, mean[part][index], color=colour, lw=1.2, label=f"{curve} ±2σ" if banded else curve)
             plain_axis(axes)
             axes.set_ylabel(f"{short(history.name)} [{unit}]")

@@ -38,7 +38,7 @@ from strainsight.report.placement.data import (
     Check,
     Criteria,
     Metric,
-    NoiseRow,
+    Noise,
     PlacementReport,
     RandomSets,
     Repeats,
@@ -73,8 +73,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         posteriors=validated.posterior,
         gauge_signals=signals_of(up),
         random_sets=random_sets_of(names, validate),
-        noise=noise_rows(names, up),
-        repeats=repeats_of(names, validate),
+        noise=noise_of(names, up),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()),
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
@@ -170,7 +169,7 @@ def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
     validate, place = up["validate"], up["place"]
     own, summary, placed = read(Validated, validate), validate.summary, read(Placed, place)
-    truth, beyond = own.truth[name], "out_of_range" in summary
+    truth, beyond, repeats = own.truth[name], "out_of_range" in summary, repeated(name, validate)
     return Unknown(
         name=name,
         unit=unit_of(own, "estimate", name),
@@ -185,9 +184,10 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
         smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
-        claims=() if beyond else claims_of(name, summary, repeated(name, validate)),
+        claims=() if beyond else claims_of(name, summary, repeats),
         withheld=beyond,
         benefit=benefit_of(float(summary[f"error.{name}"]), own.all.error[name]),
+        repeats=Repeats(*repeats, summary.get(f"identified.{name}") is not False) if len(repeats[0]) > 1 else None,
     )
 
 
@@ -220,18 +220,6 @@ def history_of(name: str, validate: Artefact) -> History:
     return History(name, unit_of(own, "estimate", name), own.time, *values)
 
 
-def repeats_of(names: list[str], validate: Artefact) -> tuple[Repeats, ...]:
-    return tuple(
-        Repeats(
-            name,
-            *repeated(name, validate),
-            "not identified" if validate.summary.get(f"identified.{name}") is False else "identified",
-        )
-        for name in names
-        if len(repeated(name, validate)[0]) > 1
-    )
-
-
 POOLS: tuple[tuple[str, Literal["all candidates", "screened"]], ...] = (
     ("all", "all candidates"),
     ("screened", "screened"),
@@ -250,9 +238,18 @@ def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSets, ..
 
 def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
     own, listed = read(Validated, up["validate"]).gauge, listed_gauges(up)
-    units = [unit for unit, angles in zip(listed.unit, listed.angles, strict=True) for _ in angles]
+    gauges = [gauge for gauge, angles in enumerate(listed.angles) for _ in angles]
     return tuple(
-        Reading(label, units[i], own.time, own.measured[:, i], own.estimated[:, i], own.std[:, i], truth=own.true[:, i])
+        Reading(
+            label,
+            listed.unit[gauges[i]],
+            own.time,
+            own.measured[:, i],
+            own.estimated[:, i],
+            own.std[:, i],
+            gauges[i],
+            own.true[:, i],
+        )
         for i, label in enumerate(channel_labels(listed))
     )
 
@@ -298,16 +295,17 @@ def cases_of(observe: Artefact) -> tuple[Case, ...]:
     )
 
 
-def noise_rows(names: list[str], up: Mapping[str, Artefact]) -> tuple[NoiseRow, ...]:
-    validate = up["validate"]
-    strongest = float(up["train"].summary["strongest_rms"])
-    level = float(up["screen"].summary["noise_std"]) / strongest
-    error, std = ({n: float(validate.summary.get(f"{key}.{n}", np.nan)) for n in names} for key in ("error", "std"))
-    rows, study = [NoiseRow(level, 1.0, error, std)], read(Validated, validate).noise
-    for i, factor in enumerate(study.factor.tolist()):
-        error, std = ({n: float(by[n][i]) for n in names} for by in (study.error, study.std))
-        rows.append(NoiseRow(level * factor, factor, error, std))
-    return tuple(sorted(rows, key=lambda row: row.factor))
+def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
+    """At the noise as configured, and at that of the study."""
+    summary, study = up["validate"].summary, read(Validated, up["validate"]).noise
+    level = float(up["screen"].summary["noise_std"]) / float(up["train"].summary["strongest_rms"])
+    factor = np.append(1.0, study.factor)
+    order = np.argsort(factor, kind="stable")
+    error, std = (
+        {n: np.append(float(summary.get(f"{key}.{n}", np.nan)), getattr(study, key)[n])[order] for n in names}
+        for key in ("error", "std")
+    )
+    return Noise(level * factor[order], error, std)
 
 
 def checks_of(validate: Artefact) -> tuple[Check, ...]:

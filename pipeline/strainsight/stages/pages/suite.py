@@ -29,7 +29,6 @@ from strainsight.records.suite import (
 from strainsight.records.training import Training
 from strainsight.report.bench.answer import faults
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.data import Unknown
 from strainsight.report.suite.data import (
     Comparison,
@@ -44,8 +43,8 @@ from strainsight.report.suite.data import (
 from strainsight.report.suite.statements import measured, side, target
 from strainsight.report.suite.summary import Result, results_of
 from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
-from strainsight.stages.pages.page import cases_of, history_of, repeats_of, trend_of, unknown_of, warnings_of
-from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
+from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
+from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.output import Table
 from strainsight.workflow.slices import Slice
@@ -101,22 +100,16 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(entry.unknowns)
     mesh = mesh_from(up["import"])
     validate, place = up.get("validate"), up.get("place")
-    expected = read(Placed, place).expected_std if place else {}
-    layout = layout_of_page(mesh, up, entry.loads) if place else None
     return PlacementRun(
         **_stated(entry, up),
         unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
-        gauges=len(layout.gauges) if layout else None,
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
-        layout=layout,
-        expected_std={n: expected[n] / placed_size(n, up) for n in names if n in expected},
+        layout=layout_of_page(mesh, up, entry.loads) if place else None,
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
-        repeats=repeats_of(names, validate) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
         truth_description=str(validate.summary["description"]) if validate else "",
-        pairs=nearest(layout) if layout else (),
         warnings=warnings_of(up, names, mesh, entry.loads),
     )
 
@@ -139,21 +132,6 @@ def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
         return float("nan")
     loads = read(Reduced, up["rom"]).model.inputs
     return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
-
-
-def nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
-    """Every gauge with its nearest other one and the distance between them [m]."""
-    found = []
-    for gauge in layout.gauges:
-        others = [
-            (float(np.linalg.norm(gauge.position - other.position)), other.label)
-            for other in layout.gauges
-            if other is not gauge
-        ]
-        if others:
-            distance, label = min(others)
-            found.append((gauge.label, label, distance))
-    return tuple(found)
 
 
 def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study, ...]:
@@ -284,9 +262,9 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
     if isinstance(run, BenchRun):
         return vars(run) | {"nis": run.number("nis")}
     if (trend := run.trend) is None:
-        return vars(run)
+        return vars(run) | {"gauges": run.gauges}
     metric = {"metric": trend.metric.symbol, "metric_initial": trend.value[0], "metric_final": trend.final}
-    return vars(run) | metric | {"gap": trend.gap}
+    return vars(run) | metric | {"gauges": run.gauges, "gap": trend.gap}
 
 
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
