@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import StrainsightError
-from strainsight.report.picture.scene import render
+from strainsight.report.picture.scene import drawn_or_why, render
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
@@ -23,11 +22,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     shop = workshop_of_run(context, mesh)
     report, sheets = placement_report(context, mesh, shop), sheet_files(sheets_of(context, shop, mesh))
     context.progress("picture", 0.1)
-    scene, problem = None, ""
-    try:
-        scene = render(report.layout)
-    except StrainsightError as error:
-        problem = f"{error.what}: {error.remedy}"
+    scene, problem = drawn_or_why(lambda: render(report.layout))
     modes = placement_view(context.config, "modes", context.upstream, None)
     strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
     shapes = (*strains, *(Shape(panel.title, panel.shift) for panel in modes.panels))

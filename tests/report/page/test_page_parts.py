@@ -10,8 +10,8 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import document, policy, text_of
 from strainsight.report.page.markup import count, data, measure, pairs, share, table
+from strainsight.report.page.sections import document, policy, text_of
 from strainsight.report.text import (
     digits_apart,
     number,

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.verdict import Benefit
-from strainsight.report.page.document import SPACE_SCRIPTS, text_of
+from strainsight.report.page.sections import SPACE_SCRIPTS, text_of
 from strainsight.report.placement.figures import elbow, placement_figures
 from strainsight.report.placement.page import placement_page
 

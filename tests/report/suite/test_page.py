@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import text_of
+from strainsight.report.page.sections import text_of
 from strainsight.report.suite.cases import groups_of, series_of
 from strainsight.report.suite.data import (
     CONTRADICTED,

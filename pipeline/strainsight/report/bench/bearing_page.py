@@ -14,10 +14,9 @@ from strainsight.records.bench_estimated import BallsThen, RingEstimate
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import BLUE, GREEN, ORANGE, VERMILION, Drawing, figure, styled, svg
 from strainsight.report.chart.panels import band, legend_above, plain_axis, time_axis
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import figure as card
 from strainsight.report.page.markup import figures, measure, table
-from strainsight.report.page.sections import section
+from strainsight.report.page.sections import document, section
 from strainsight.report.text import number, quantity
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")

@@ -68,10 +68,7 @@ def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -
         f"drive-{name}",
         f"{name}: motion and {what} of the drive",
         time,
-        (
-            (place[0], place[1][:, None], (name,)),
-            (f"{what} [{unit}]", drive.force[:, None] / factor, (what,)),
-        ),
+        ((place[0], place[1][:, None], (name,)), (f"{what} [{unit}]", drive.force[:, None] / factor, (what,))),
         f"Motion that {name} follows, and the {what} that it takes, at most {number(largest / factor, 3)} {unit}.",
     )
 

@@ -18,9 +18,8 @@ from strainsight.report.bench.figures import (
 from strainsight.report.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, figure, figures, measure, picture, plain, table
-from strainsight.report.page.sections import advice_card, panel, rests_on, section
+from strainsight.report.page.sections import advice_card, document, panel, rests_on, section
 from strainsight.report.placement.figures import trend_figure
 from strainsight.report.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline

@@ -221,6 +221,12 @@ def picture(png: bytes, alt: str, width: int, height: int) -> str:
     return f'<img alt="{escape(alt)}" width="{width}" height="{height}" src="{source}">'
 
 
+def scene(png: bytes, alt: str, label: str, width: int = 1280, height: int = 840) -> str:
+    """A picture that scrolls where it is wider than the page; label: what it is of."""
+    shown = picture(png, alt, width, height)
+    return f'<div class="scene" tabindex="0" role="region" aria-label="{escape(label)}">{shown}</div>'
+
+
 def inline_svg(entry: Drawing, prefix: str) -> str:
     """The SVG as an element of the page: own ids under `prefix`, themed colours, alternative text, nothing to fetch.
 

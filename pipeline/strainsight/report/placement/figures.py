@@ -38,13 +38,7 @@ from strainsight.report.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.report.placement.data import (
-    Noise,
-    PlacementReport,
-    RandomSets,
-    Repeats,
-    Trend,
-)
+from strainsight.report.placement.data import Noise, PlacementReport, RandomSets, Repeats, Trend
 from strainsight.report.placement.verdicts import LOST
 from strainsight.report.text import READINGS, number, percent, reading_unit, short
 

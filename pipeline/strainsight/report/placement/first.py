@@ -257,10 +257,7 @@ def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
         if len(layout.loose):
             key.append((picture.LINES, "", "nodes outside the solids"))
         items = "".join(_key(*entry) for entry in key)
-        shown = (
-            '<div class="scene" tabindex="0" role="region" aria-label="picture of the gauges">'
-            f'{markup.picture(scene, alt, 1280, 840)}</div><ul class="key">{items}</ul>'
-        )
+        shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{items}</ul>'
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from html import escape
 
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import chosen, figures, folded, measure, plain, share, table
 from strainsight.report.page.sections import (
     advice_card,
     budget_section,
+    document,
     filters_section,
     held_mark,
     panel,

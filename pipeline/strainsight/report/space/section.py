@@ -45,10 +45,7 @@ TRUE_SIZE = (
 
 
 def space_section(
-    layouts: Sequence[tuple[str, Layout]],
-    shapes: Sequence[Shape] = (),
-    name: str = "",
-    first: int = -1,
+    layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "", first: int = -1
 ) -> str:
     """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
 

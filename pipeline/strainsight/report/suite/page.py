@@ -14,7 +14,6 @@ from strainsight.report.bench.page import STYLE
 from strainsight.report.bench.tables import MEANINGS
 from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import (
     AXES,
     axes,
@@ -28,10 +27,11 @@ from strainsight.report.page.markup import (
     grouped_table,
     measure,
     pairs,
-    picture,
     plain,
+    scene,
     table,
 )
+from strainsight.report.page.sections import document
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
 from strainsight.report.space.section import space_section
@@ -227,11 +227,8 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
         f"; nearest to each other: {near}." if near else "."
     )
     nearest = f"Nearest to each other: {near}." if near else ""
-    label = f"picture of the gauges of {numbered(tuple(numbers))}"
-    return (
-        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
-        f"{picture(png, alt, 1280, 840)}</div><figcaption>{escape(nearest)}</figcaption></figure>"
-    )
+    shown = scene(png, alt, f"picture of the gauges of {numbered(tuple(numbers))}")
+    return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
 
 
 def _nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:

@@ -61,9 +61,7 @@ def comparisons_answer(suite: Suite) -> str:
     return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
 
 
-def _by_verdict(
-    rows: Sequence[Statement] | Sequence[Comparison], verdicts: Sequence[str]
-) -> list[tuple[str, list[int]]]:
+def _by_verdict(rows: Sequence[Statement | Comparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
     """Verdicts that occur, in this order, with the numbers of their rows from 1."""
     found = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
     return [(verdict, places) for verdict, places in found if places]

@@ -9,9 +9,8 @@ from html import escape
 from strainsight.records.estimated import CampaignRecord
 from strainsight.report.chart.drawing import Drawing
 from strainsight.report.chart.histories import posterior_figure
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import bullets, count, figure, figures, measure, plain, share, table
-from strainsight.report.page.sections import damage_section, rests_on, section, warnings_section
+from strainsight.report.page.sections import damage_section, document, rests_on, section, warnings_section
 from strainsight.report.tested.data import Findings, Unknown
 from strainsight.report.tested.page import broken_digest
 from strainsight.workflow.output import Table
@@ -76,17 +75,13 @@ def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) ->
 def _answer(report: CampaignFindings) -> str:
     text = f'<strong class="bad">{escape(report.warnings[0])}</strong> ' if report.warnings else ""
     found = ", ".join(
-        f"{escape(own.name)} {measure(own.estimate, own.unit)} ({_sigma(own)})" for own in report.parameters
+        f"{escape(own.name)} {measure(own.estimate, own.unit)} "
+        + ("(σ withheld)" if own.std is None else f"(± {share(own.relative)})")
+        for own in report.parameters
     )
     samples = sum(own.report.file.samples for own in report.records)
     said = f"<strong>{found}</strong>, from" if found else "From"
     return f"{text}{said} {count(samples)} samples in {count(len(report.records))} records."
-
-
-def _sigma(own: Unknown) -> str:
-    if own.std is None:
-        return "σ withheld"
-    return f"± {share(own.std / abs(own.estimate) if own.estimate else math.nan)}"
 
 
 def _records(report: CampaignFindings) -> str:

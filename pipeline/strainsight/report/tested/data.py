@@ -56,6 +56,11 @@ class Unknown:
     doubts: tuple[str, ...] = ()
     peak_std: float | None = None
 
+    @property
+    def relative(self) -> float:
+        """σ over the size of the estimate, NaN where either is not known."""
+        return self.std / abs(self.estimate) if self.std is not None and self.estimate else np.nan
+
 
 @dataclass(frozen=True)
 class Spectrum:

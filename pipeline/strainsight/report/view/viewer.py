@@ -22,8 +22,8 @@ from strainsight.report.picture.colours import scale_of
 from strainsight.report.picture.geometry import areas, facet_of_triangle, mesh_lines, seen_from, triangles, views
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
-from strainsight.report.picture.offscreen import OFF_SCREEN, answer
 from strainsight.report.picture.picture import CREASES, DRAWN_FACETS, across, aim
+from strainsight.report.picture.scene import OFF_SCREEN, answer
 from strainsight.report.text import short
 from strainsight.report.view.viewed import DOTS, FACETS, NO_DISPLAY, POINTS, Panel, View
 

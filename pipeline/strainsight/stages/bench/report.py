@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from strainsight import __version__
 from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.errors import StrainsightError
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
+from strainsight.report.picture.scene import drawn_or_why
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
 from strainsight.report.view.viewed import View, untitled
@@ -75,13 +75,9 @@ def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str,
     config, up = context.config, context.upstream
     views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
     views = [view for view in views if view.layout.gauges or len(view.panels[0].values)]
-    if not views:
-        return [], ""
-    try:
-        # The page says below the picture what it is of: not in it, too.
-        return [(_caption(view), screenshot(untitled(view))) for view in views], ""
-    except StrainsightError as error:
-        return [], f"{error.what}: {error.remedy}"
+    # The page says below the picture what it is of: not in it, too.
+    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in views])
+    return pictures or [], problem
 
 
 def _caption(view: View) -> str:

@@ -50,8 +50,10 @@ def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[Reading
         _, units = _components(kinds[name], unit_of(match, "expected"), match.expected.shape[1])
         for i, why in enumerate(match.left_in):
             if not why:
-                columns = (values[:, i] for values in (match.measured, match.predicted, match.predicted_std))
-                yield Reading(f"{name}.{i + 1}", units[i], own.time[1:], *columns, gauge=i + 1)
+                measured, predicted, std = (
+                    values[:, i] for values in (match.measured, match.predicted, match.predicted_std)
+                )
+                yield Reading(f"{name}.{i + 1}", units[i], own.time[1:], measured, predicted, std, i + 1)
 
 
 def motion_of(artefact: Artefact) -> BenchMotion:

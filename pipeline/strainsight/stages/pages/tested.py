@@ -78,9 +78,9 @@ def _findings_of(
     readings = _readings(own, marks, read(Training, up["train"]))
     shared = own.posterior if campaign is None else campaign.posterior
     doubts = posterior_doubts(shared, units)
-    judged = verdict(own.whitened) if record else None
+    judged = verdict(own.whitened)
     text, consistent = (
-        (summary["verdict"], summary["consistent"]) if judged is None else (judged.text, judged.consistent)
+        (judged.text, judged.consistent) if record else (str(summary["verdict"]), bool(summary["consistent"]))
     )
     others = [(name, page) for name, page in pages.items() if name != record]
     contradicts = APART if summary.get("apart") else CONTRADICTS
@@ -99,9 +99,9 @@ def _findings_of(
             )
             for name in names
         ),
-        verdict=str(text) if own.trusted else contradicts,
+        verdict=text if own.trusted else contradicts,
         consistent=bool(own.trusted and consistent),
-        warnings=_warnings(own, summary, withheld, doubts, str(text), bool(consistent)),
+        warnings=_warnings(own, summary, withheld, doubts, text, consistent),
         notes=own.notes,
         layout=layout,
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
@@ -236,24 +236,22 @@ def _readings(own: Estimated, marks: tuple[int, ...], training: Training) -> tup
         offsets = {
             int(c): (float(m), float(s)) for c, m, s in zip(own.bias.channel, own.bias.mean, own.bias.std, strict=True)
         }
-    found = []
-    for i, label in enumerate(gauge.label):
-        offset = offsets.get(i)
-        shift = 0.0 if offset is None else offset[0]
-        found.append(
-            Reading(
-                label=label,
-                gauge=marks[i],
-                unit=UNITS[int(training.candidates.quantity[gauge.channel[i]])],
-                time=gauge.time,
-                measured=gauge.measured[:, i] - shift,
-                estimated=gauge.estimated[:, i] - shift,
-                std=gauge.std[:, i],
-                noise_std=float(gauge.noise_std[i]),
-                offset=offset,
-            )
+    shift = np.array([offsets[i][0] if i in offsets else 0.0 for i in range(len(gauge.label))])
+    measured, estimated = gauge.measured - shift, gauge.estimated - shift
+    return tuple(
+        Reading(
+            label,
+            UNITS[int(training.candidates.quantity[gauge.channel[i]])],
+            gauge.time,
+            measured[:, i],
+            estimated[:, i],
+            gauge.std[:, i],
+            marks[i],
+            noise_std=float(gauge.noise_std[i]),
+            offset=offsets.get(i),
         )
-    return tuple(found)
+        for i, label in enumerate(gauge.label)
+    )
 
 
 def _held_out(own: Estimated, readings: tuple[Reading, ...]) -> tuple[Reading, ...]:
