@@ -19,17 +19,9 @@ from strainsight.report.text import number, percent, quantity
 AXES = METRES.heads
 LONGEST = 20
 """Letters of a word in a head that paper has room for: a name from a config may be longer."""
-THEME = {
-    drawing.BLUE: "var(--blue)",
-    drawing.VERMILION: "var(--vermilion)",
-    drawing.GREEN: "var(--green)",
-    drawing.ORANGE: "var(--orange)",
-    drawing.PURPLE: "var(--purple)",
-    drawing.SKY: "var(--sky)",
-    drawing.INK: "var(--ink)",
-    drawing.MUTED: "var(--muted)",
-    drawing.GRID: "var(--grid)",
-    "#ffffff": "var(--card)",
+THEME = {"#ffffff": "var(--card)"} | {
+    getattr(drawing, name.upper()): f"var(--{name})"
+    for name in ("blue", "vermilion", "green", "orange", "purple", "sky", "ink", "muted", "grid")
 }
 
 
@@ -92,7 +84,7 @@ def table(
     right = frozenset(numeric)
 
     def line(cells: Sequence[str]) -> str:
-        rest = "".join(f"<td{_right(i, right)}>{cell}</td>" for i, cell in enumerate(cells) if i)
+        rest = "".join(cell(text, right=i in right) for i, text in enumerate(cells) if i)
         return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
 
     text = (
@@ -145,10 +137,6 @@ def _head(names: Sequence[str], right: frozenset[int]) -> str:
         kind = f' class="{kinds}"' if kinds else ""
         cells += f'<th scope="col"{kind}>{name}</th>'
     return f"<thead><tr>{cells}</tr></thead>"
-
-
-def _right(column: int, numeric: frozenset[int]) -> str:
-    return ' class="n"' if column in numeric else ""
 
 
 def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:

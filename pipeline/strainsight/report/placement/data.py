@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
 from strainsight.estimation.verdict import Benefit, Claim
 from strainsight.records.estimated import Compared, Posterior
 from strainsight.records.placed import ByCase
@@ -145,6 +147,11 @@ class RandomSets:
     error: FloatArray
     history: FloatArray | None
     chosen_error: float
+
+    @property
+    def finite(self) -> FloatArray:
+        """Errors of the sets whose filter did not diverge."""
+        return self.error[np.isfinite(self.error)]
 
 
 @dataclass(frozen=True)

@@ -173,7 +173,7 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
     with styled():
         drawn, axes = figure(1.5 + 0.6 * len(sets))
         for row, (entry, colour) in enumerate(zip(sets, (ORANGE, PURPLE), strict=False)):
-            error = 100 * entry.error[np.isfinite(entry.error)]
+            error = 100 * entry.finite
             # A fixed fan keeps equal errors apart without a random jitter.
             fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
             axes.plot(error, row + fan, "o", color=colour, ms=6, mec="white", mew=0.6, alpha=0.9)
@@ -182,7 +182,7 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
         axes.axvline(100 * chosen, color=BLUE, lw=2)
         axes.set_yticks(range(len(sets)), [f"random,\n{entry.pool_label}" for entry in sets])
         axes.set_ylim(len(sets) - 0.5, -0.9)
-        finite = np.concatenate([[100 * chosen], *[100 * entry.error[np.isfinite(entry.error)] for entry in sets]])
+        finite = np.concatenate([[100 * chosen], *[100 * entry.finite for entry in sets]])
         if finite.min() > 0 and finite.max() > 8 * finite.min():
             axes.set_xscale("log")
         plain_ticks(axes, "x")
@@ -196,16 +196,14 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
         image = svg(drawn)
     caption, parts = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
     for entry in sets:
-        good = entry.error[np.isfinite(entry.error)]
+        good = entry.finite
         better, lost = int(np.sum(good < entry.chosen_error)), len(entry.error) - len(good)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
         sentence = f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
         parts.append(sentence + (f", {lost} diverged and are not drawn." if lost else "."))
     caption += "".join(parts) + " This is one noise sample: a lucky set can come closer."
     alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; " + "; ".join(
-        f"random from {e.pool_label} median {percent(float(np.median(e.error[np.isfinite(e.error)])))}"
-        for e in sets
-        if np.isfinite(e.error).any()
+        f"random from {e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)
     )
     return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, image)
 

@@ -14,7 +14,7 @@ from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
 from strainsight.report.view.viewed import View, untitled
 from strainsight.report.view.viewing import screenshot
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, placement_of, stress_of, warnings_in
+from strainsight.stages.pages.bench_run import placement_of, run_of, stress_of
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.surface import field_shape
 from strainsight.workflow.output import Dataset, Output
@@ -88,18 +88,12 @@ def _caption(view: View) -> str:
 
 def bench_run(context: Context[BenchConfig]) -> BenchRun:
     """The page's content."""
-    up = context.upstream
-    estimate = estimate_of(up["estimate"]) if "estimate" in up else None
-    motion = motion_of(up["simulate"]) if "simulate" in up else None
-    placement = placement_of(up["place"]) if "place" in up else None
+    up, field = context.upstream, context.config.field
     return BenchRun(
-        name=context.config.name,
-        motion=motion,
-        estimate=estimate,
-        placement=placement,
-        stress=stress_of(up["field"], context.config.field) if "field" in up and context.config.field else None,
-        numbers={stage: artefact.summary for stage, artefact in up.items()},
-        warnings=warnings_in(up),
+        context.config.name,
+        **run_of(up),
+        placement=placement_of(up["place"]) if "place" in up else None,
+        stress=stress_of(up["field"], field) if "field" in up and field else None,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -97,10 +98,15 @@ def placement_of(artefact: Artefact) -> BenchPlacement:
     return BenchPlacement(own, trend_of(artefact), metrics_of(artefact), rules, labels)
 
 
-def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
-    """What the stages warned of, each once."""
-    words = [text for artefact in artefacts.values() for text in artefact.warnings]
-    return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(words))
+def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
+    """What any page shows of a run, as far as it went."""
+    texts = dict.fromkeys(text for artefact in up.values() for text in artefact.warnings)
+    return {
+        "motion": motion_of(up["simulate"]) if "simulate" in up else None,
+        "estimate": estimate_of(up["estimate"]) if "estimate" in up else None,
+        "numbers": {stage: artefact.summary for stage, artefact in up.items()},
+        "warnings": tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in texts),
+    }
 
 
 def _input(own: BenchEstimated, name: str) -> BenchUnknown:

@@ -42,7 +42,7 @@ from strainsight.report.suite.data import (
 )
 from strainsight.report.suite.statements import measured, side, target
 from strainsight.report.suite.summary import Result, results_of
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, warnings_in
+from strainsight.stages.pages.bench_run import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
 from strainsight.workflow.artefact import Artefact
@@ -79,21 +79,14 @@ def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
 
 
 def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What the page shows of any run."""
-    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
-        "page": f"../{entry.name}/report.html" if PAGE in up else None,
-        "numbers": {stage: artefact.summary for stage, artefact in up.items()},
-    }
+    """What the page shows of any run beside its artefacts."""
+    page = f"../{entry.name}/report.html" if PAGE in up else None
+    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
 
 
 def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
-    return BenchRun(
-        **_stated(entry, up),
-        motion=motion_of(up["simulate"]) if "simulate" in up else None,
-        estimate=estimate_of(up["estimate"]) if "estimate" in up else None,
-        seeds=read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {},
-        warnings=warnings_in(up),
-    )
+    seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
+    return BenchRun(**_stated(entry, up), **run_of(up), seeds=seeds)
 
 
 def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
@@ -102,6 +95,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     validate, place = up.get("validate"), up.get("place")
     return PlacementRun(
         **_stated(entry, up),
+        numbers={stage: artefact.summary for stage, artefact in up.items()},
         unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
