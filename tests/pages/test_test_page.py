@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from strainsight.report.tested.field import views_of
 from strainsight.report.tested.figures import figures_of_test
-from strainsight.report.tested.page import page_of_test
+from strainsight.report.tested.page import page_of_test, views_of
 from strainsight.report.view.viewing import screenshots
 
 from ..report.tested.findings import CASES

@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from strainsight.report.arrays import History
+from strainsight.estimation.decision import Claim
+from strainsight.records.estimated import Posterior
+from strainsight.report.arrays import History, Reading
+from strainsight.report.picture.layout import Gauge, Layout, Load
 from strainsight.report.placement.data import (
     Case,
-    Claim,
-    Consistency,
+    Check,
     Criteria,
-    Gauge,
-    GaugeSignal,
-    Layout,
-    Load,
     Metric,
-    NoiseRow,
+    Noise,
     PlacementReport,
-    Posterior,
     RandomSets,
     Repeats,
     Trend,
@@ -31,7 +28,7 @@ from strainsight.report.suite.data import PlacementRun, Suite
 
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
-HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "consistent")
+HELD = Claim(1, 0.000523 / 0.000814, ONE, "consistent", "test")
 BUDGET = {
     "tip": {"noise": 0.52, "process noise": 0.25, "start": 0.0, "gain": 0.23},
     "E": {"noise": 0.06, "process noise": 0.14, "start": 1e-9, "gain": 0.8},
@@ -118,10 +115,15 @@ def mixed():
         for label in labels:
             peak, unit = size.get(label[:2], (9e-5, "strain"))
             small = np.full(1001, 0.01 * peak)
-            signals.append(GaugeSignal(label, time, peak * wave + small, peak * wave, peak * wave, small, unit))
+            gauge = int(label[1]) - 1
+            signals.append(Reading(label, unit, time, peak * wave + small, peak * wave, small, gauge, peak * wave))
         return report(**{"layout": mixed_layout(), "gauge_signals": tuple(signals)} | changes)
 
     return make
+
+
+def posterior(value, density, prior):
+    return Posterior(value=value, density=density, prior=prior, left=0.1, peak=np.empty(0), share=np.empty(0))
 
 
 @pytest.fixture
@@ -138,14 +140,15 @@ def report(**changes):
     load = 1e4 * np.sin(2 * np.pi * 20 * time)
     strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
     spread, narrow, wide = np.linspace(-0.004, 0.004, 401), norm(-4e-4, 8e-4), norm(-0.1, 0.1)
-    load_claims = tuple(Claim(kind, 1, ratio, ONE, "consistent") for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
+    load_claims = tuple(Claim(1, ratio, ONE, "consistent", kind) for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
         unknowns=(
             Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04, load_claims),
             Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
-                    claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD)),
+                    claims=(Claim(20, 6.64, TWENTY, "overconfident", "repeats"), HELD),
+                    repeats=Repeats(np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), False)),
         ),
         layout=layout(),
         trend=Trend(count, trace, {"tip": 0.7 * trace, "E": 0.3 * trace}, 2.62, METRICS[0], 2.6187, 2.62 / 2.6187 - 1),
@@ -153,9 +156,11 @@ def report(**changes):
             History("tip", "N", time, load, 0.95 * load, np.full(1001, 1.6e3), load + 100.0, np.full(1001, 400.0)),
             History("E", "Pa", time, np.full(1001, 2.1e11), mean, np.full(1001, 1.7e8)),
         ),
-        posteriors=(Posterior("E", "Pa", 2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread), 2.1e11),),
+        posteriors={"E": posterior(2.1e11 * np.exp(spread), narrow.pdf(spread), wide.pdf(spread))},
         gauge_signals=tuple(
-            GaugeSignal(f"G{i}", time, strain + draw.normal(size=1001) * 1e-6, strain, strain, np.full(1001, 1.5e-7))
+            Reading(
+                f"G{i}", "strain", time, strain + draw.normal(size=1001) * 1e-6, strain, np.full(1001, 1.5e-7), i - 1, strain
+            )
             for i in range(1, 5)
         ),
         random_sets=(
@@ -163,12 +168,11 @@ def report(**changes):
             RandomSets("E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523),
             RandomSets("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
         ),
-        noise=(
-            NoiseRow(0.001, 0.1, {"tip": 0.05, "E": 6.1e-5}, {"tip": 0.06, "E": 9.1e-5}),
-            NoiseRow(0.01, 1.0, {"tip": 0.177, "E": 0.000523}, {"tip": 0.159, "E": 0.000814}),
-            NoiseRow(0.05, 5.0, {"tip": 0.4, "E": 0.0031}, {"tip": 0.41, "E": 0.0042}),
+        noise=Noise(
+            np.array([0.001, 0.01, 0.05]),
+            {"tip": np.array([0.05, 0.177, 0.4]), "E": np.array([6.1e-5, 0.000523, 0.0031])},
+            {"tip": np.array([0.06, 0.159, 0.41]), "E": np.array([9.1e-5, 0.000814, 0.0042])},
         ),
-        repeats=(Repeats("E", np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), "not identified"),),
         frequencies=(40.12, 58.9, 247.3),
         metrics=METRICS,
         criteria=(
@@ -190,7 +194,10 @@ def report(**changes):
         advice=("2 gauges more would lower σ by 7 %.", "G1 and G3 are redundant: either can replace the other."),
         observability={"condition (scaled)": 91.0, "condition (raw)": 3.1e23},
         truth_description="60 modes with static terms, damping 1.5 times the filter's",
-        consistency=Consistency(1.04, (0.9, 1.1), "consistent", 1.31, (0.96, 1.04), "overconfident"),
+        consistency=(
+            Check("NEES of the run; band of one instant", 1.04, (0.9, 1.1), "consistent"),
+            Check("NIS of the gauges", 1.31, (0.96, 1.04), "overconfident"),
+        ),
         warnings=("G1 and G2 are 200 mm apart.",),
         not_tested=("Temperature.",),
         facts={"mesh": "3 214 nodes"},
@@ -218,22 +225,22 @@ def suite_report(**changes):
     """The runs of the small placement report: E alone; tip and E, not identified; the same, overconfident; observed."""
     full = report()
     load, modulus = full.unknowns
-    agree = Claim("repeats", 20, 0.875, TWENTY, "consistent")
-    agreed = (Repeats("E", np.full(20, 0.0007), np.full(20, 0.0008), "identified"),)
-    pairs = (("G1", "G3", 0.12), ("G2", "G1", 0.2), ("G3", "G1", 0.12), ("G4", "G2", 0.23))
+    agree = Claim(20, 0.875, TWENTY, "consistent", "repeats")
+    agreed = Repeats(np.full(20, 0.0007), np.full(20, 0.0008), True)
     done = PlacementRun(
-        "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report", unknowns=(replace(modulus, claims=(HELD, agree)),),
-        gauges=4, pool=30, trend=full.trend, layout=full.layout, expected_std={"E": 0.000787}, histories=full.histories[1:],
-        repeats=agreed, cases=full.cases, frequencies=full.frequencies, truth_description=full.truth_description, pairs=pairs,
+        "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report",
+        unknowns=(replace(modulus, claims=(HELD, agree), repeats=agreed),),
+        pool=30, trend=full.trend, layout=full.layout, histories=full.histories[1:],
+        cases=full.cases, frequencies=full.frequencies, truth_description=full.truth_description,
     )  # fmt: skip
     joint = replace(
         done, name="beam-tip-E", label="tip + E, 20 Hz", note="A softer beam under a smaller load strains alike.",
-        page=None, unknowns=full.unknowns, histories=full.histories, repeats=full.repeats, warnings=full.warnings,
+        page=None, unknowns=full.unknowns, histories=full.histories, warnings=full.warnings,
         trend=replace(full.trend, value=2 * full.trend.value[0] * full.trend.value**2, final=13.0, gap=0.03),
     )  # fmt: skip
     wrong = replace(
-        joint, name="beam-wrong", label="tip + E, slow", repeats=(), note="",
-        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),))),
+        joint, name="beam-wrong", label="tip + E, slow", note="",
+        unknowns=(load, replace(modulus, error=0.02, claims=(replace(HELD, ratio=24.6, verdict="overconfident"),), repeats=None)),
         cases=tuple(replace(case, condition=1.5 * case.condition) for case in full.cases),
     )  # fmt: skip
     guess = Unknown("E", "Pa", "parameter", 1.89e11)

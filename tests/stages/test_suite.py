@@ -13,8 +13,8 @@ from strainsight.config.suite_runs import runs_of
 from strainsight.report.placement.data import Repeats, Unknown
 from strainsight.report.suite.data import PlacementRun, Suite
 from strainsight.stages import suite as suite_stage
+from strainsight.stages.pages.suite import numbers_of, suite_tables
 from strainsight.stages.pages.suite_entries import suite_config
-from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
 from strainsight.stages.suite import SUITE
 from strainsight.workflow.plan import Job
 from strainsight.workflow.runner import run
@@ -66,8 +66,10 @@ def test_the_numbers_are_those_of_the_runs(suite, artefacts):
 
 def test_the_page_and_the_table_say_the_same_of_a_diverged_repeat():
     run = PlacementRun(
-        "a", "a", reached="validate", unknowns=(Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001),),
-        repeats=(Repeats("E", np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), "identified"),),
+        "a", "a", reached="validate", unknowns=(
+            Unknown("E", "Pa", "parameter", 2e11, 2.1e11, 2.1e11, 0.001, 0.001,
+                    repeats=Repeats(np.array([0.001, np.nan, -0.002]), np.full(3, 0.001), True)),
+        ),
     )  # fmt: skip
     report = Suite("s", "s", (run,))
     unknowns = numbers_of(report).unknowns

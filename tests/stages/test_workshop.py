@@ -21,8 +21,7 @@ from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError
 from strainsight.records.mesh import mesh_from
-from strainsight.stages.pages.sheets import sheet_files, sheets_of
-from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
+from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
 from strainsight.workflow.stage import Context
 
 from ..edges.beam import TIP, bricks

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import mesh_of
+from strainsight.cases.structure.mesh_tables import ASSUMES
 from strainsight.cases.structure.withheld import beyond_ranges, widen
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
@@ -19,7 +20,6 @@ from strainsight.errors import UserError
 from strainsight.records.record import read
 from strainsight.records.validated import Validated
 from strainsight.stages.import_mesh import looked_at
-from strainsight.stages.pages.assumed import ASSUMES
 from strainsight.workflow.artefact import Artefact
 from strainsight_cli.example import write
 from strainsight_cli.main import app

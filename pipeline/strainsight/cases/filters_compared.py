@@ -6,11 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from strainsight.estimation.decision import ALLOWED, DIVERGED, OVERCONFIDENT, word_of
-from strainsight.records.estimated import Compared
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict
+from strainsight.records.estimated import BANK, Compared
 from strainsight.workflow.output import Scalar, Table
 
-BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
 COMPARED = "filters compared; in brackets: the error that the bank expects over the claimed σ"
 WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
 """Titles of the table."""
@@ -19,11 +18,6 @@ WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without toleran
 def _posterior(own: Compared) -> bool:
     """Whether the bank has one, with which the others are compared."""
     return all(np.isfinite(own.estimate[name][own.filter.index(BANK)]) for name in own.estimate)
-
-
-def comparison_verdict(ratio: float) -> str:
-    """consistent, overconfident, too cautious or diverged."""
-    return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
 def disagreements_in_words(own: Compared | None) -> list[str]:

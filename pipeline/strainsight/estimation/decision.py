@@ -171,6 +171,11 @@ def expected_ratio(mean: float, std: float, posterior_mean: float, posterior_std
         return float(np.hypot(posterior_std, posterior_mean - mean) / np.float64(std))
 
 
+def comparison_verdict(ratio: float) -> str:
+    """On an `expected_ratio`: consistent, overconfident, too cautious or diverged."""
+    return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
+
+
 def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float | None = None) -> np.ndarray:
     """Where the starts disagree by more than one draw may be off: (max − min over the starts) > factor · (mean σ).
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from strainsight.records.record import dataset, group, record
@@ -28,6 +30,15 @@ class BearingCurve:
 
     displacement: np.ndarray = dataset("<unit>", "/displacement", "one displacement of the inner ring, the others zero")
     load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load that holds it there {FIVE}")
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """A bearing along one displacement, number `along` of the five."""
+
+    bearing: str
+    along: int
+    curve: BearingCurve
 
 
 @record

@@ -60,6 +60,17 @@ class BenchPlaced(PlacedLayout):
     candidates: BenchCandidates = group()
     layouts: dict[str, BenchLayout] = group(what="<what>")
 
+    @property
+    def placed(self) -> BenchLayout:
+        """The layout that was placed."""
+        return self.layouts[PLACED]
+
+    @property
+    def random_std(self) -> np.ndarray:
+        """`std` of every layout that was drawn (r, inputs)."""
+        drawn = [layout.std for name, layout in self.layouts.items() if name != PLACED]
+        return np.array(drawn).reshape(-1, len(self.inputs))
+
     def layout(self, which: str) -> BenchLayout:
         """For a sensor with `layout: which`. "random": the first of those drawn, which is no worse a draw than another."""
-        return self.layouts[PLACED if which == PLACED else "random-1"]
+        return self.placed if which == PLACED else self.layouts["random-1"]

@@ -90,6 +90,10 @@ class VirtualStrain:
     direction: np.ndarray = dataset("1", "grid × 3", "along what")
 
 
+BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
+"""Filters that are compared."""
+
+
 @record
 class Compared:
     """The filters of a structure or a bench on the same samples, tolerances left out."""

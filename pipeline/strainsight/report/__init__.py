@@ -1,1 +1,1 @@
-"""Arrays in, figures and a page out: reads no artefact, knows no kernel."""
+"""Records and arrays in, figures and a page out: decides nothing, and of the kernels knows only the words of verdicts."""

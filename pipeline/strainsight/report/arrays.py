@@ -1,4 +1,4 @@
-"""Arrays of pages, and the history of an unknown in time."""
+"""Signals that pages show: an unknown and a channel in time, their largest size and RMS."""
 
 from __future__ import annotations
 
@@ -23,3 +23,45 @@ class History:
     std: FloatArray
     smoothed: FloatArray | None = None
     smoothed_std: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured without an estimated offset, NaN where
+    a sample is missing; estimated, or predicted by the other channels of one that was held out, and its std (T,) [unit].
+
+    gauge: which mark of the picture it belongs to, from 0; truth (T,) [unit] without noise, where it is known; noise_std
+    [unit] of a sample as stated; offset: the estimated one and its σ [unit], None where none was unknown.
+    """
+
+    label: str
+    unit: str
+    time: FloatArray
+    measured: FloatArray
+    estimated: FloatArray
+    std: FloatArray
+    gauge: int = 0
+    truth: FloatArray | None = None
+    noise_std: float = float("nan")
+    offset: tuple[float, float] | None = None
+
+    @property
+    def residual(self) -> FloatArray:
+        """Measured less estimated (T,) [unit]."""
+        return self.measured - self.estimated
+
+    @property
+    def missing(self) -> int:
+        """Number of samples without a value."""
+        return int(np.count_nonzero(np.isnan(self.measured)))
+
+
+def largest(*signals: FloatArray) -> float:
+    """Largest size of all that is finite, 0 where nothing is."""
+    return max((float(np.max(np.abs(own[np.isfinite(own)]), initial=0.0)) for own in signals), default=0.0)
+
+
+def rms(values: FloatArray) -> float:
+    """Root mean square of what is finite, NaN where nothing is."""
+    finite = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(finite**2))) if len(finite) else float("nan")

@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.cases.structure.contact import contact_warnings
 from strainsight.cases.structure.early import check_files
 from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.cases.structure.mesh_tables import assumed_table, faces_table, found_tables
 from strainsight.cases.structure.references import READS, beyond_range, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
@@ -24,8 +25,6 @@ from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.imported import Imported
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
-from strainsight.stages.pages.assumed import assumed_table
-from strainsight.stages.pages.found import faces_table, found_tables
 from strainsight.workflow.output import Output, warnings_in
 from strainsight.workflow.stage import Context, Stage
 

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import StrainsightError
-from strainsight.report.picture.scene import render
+from strainsight.report.picture.scene import drawn_or_why, render
 from strainsight.report.placement.figures import placement_figures
 from strainsight.report.placement.page import placement_page
 from strainsight.report.space.model import Shape
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
-from strainsight.stages.pages.sheets import sheet_files, sheets_of
-from strainsight.stages.pages.workshop import exported, workshop_files, workshop_of_run
+from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.stages.view.strain import strain_shapes, strains_of
 from strainsight.workflow.output import Dataset, Output, Scalar, warnings_table
@@ -26,32 +22,23 @@ def run(context: Context[PlacementConfig]) -> Output:
     shop = workshop_of_run(context, mesh)
     report, sheets = placement_report(context, mesh, shop), sheet_files(sheets_of(context, shop, mesh))
     context.progress("picture", 0.1)
-    scene, problem = None, ""
-    try:
-        scene = render(report.layout)
-    except StrainsightError as error:
-        problem = f"{error.what}: {error.remedy}"
+    scene, problem = drawn_or_why(lambda: render(report.layout))
     modes = placement_view(context.config, "modes", context.upstream, None)
     strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
     shapes = (*strains, *(Shape(panel.title, panel.shift) for panel in modes.panels))
     context.progress("figures", 0.5)
     page = placement_page(report, placement_figures(report), scene, problem, shapes, tuple(sheets.values())).encode()
+    trend, noise = report.trend, report.noise
+    assert noise is not None
     datasets = {
-        "/trend/count": Dataset(report.trend.count, "1", "gauges left"),
-        "/trend/metric": Dataset(
-            report.trend.value, "1", f"{report.trend.metric.symbol} with that many gauges", ("/trend/count",)
-        ),
-        "/noise/level": Dataset(
-            np.array([row.level for row in report.noise]), "1", "gauge noise over the strongest candidate's RMS"
-        ),
+        "/trend/count": Dataset(trend.count, "1", "gauges left"),
+        "/trend/metric": Dataset(trend.value, "1", f"{trend.metric.symbol} with that many gauges", ("/trend/count",)),
+        "/noise/level": Dataset(noise.level, "1", "gauge noise over the strongest candidate's RMS"),
     }
-    for unknown in report.unknowns:
-        for key in ("error", "std"):
-            datasets[f"/noise/{key}/{unknown.name}"] = Dataset(
-                np.array([getattr(row, key)[unknown.name] for row in report.noise]),
-                "1",
-                f"{key} of {unknown.name} at that noise",
-                ("/noise/level",),
+    for key, values in (("error", noise.error), ("std", noise.std)):
+        for name in values:
+            datasets[f"/noise/{key}/{name}"] = Dataset(
+                values[name], "1", f"{key} of {name} at that noise", ("/noise/level",)
             )
     said = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
     summary: dict[str, Scalar] = {"picture": scene is not None, "warnings": len(report.warnings)}

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-from strainsight.errors import StrainsightError
 from strainsight.estimation.decision import FAULTS
 from strainsight.records.record import written
-from strainsight.report.picture.scene import look, render_all
+from strainsight.report.picture.scene import drawn_or_why, look, render_all
 from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import counts, is_estimated, without_benefit
-from strainsight.stages.pages.suite import suite_of
-from strainsight.stages.pages.suite_numbers import numbers_of, suite_tables
+from strainsight.report.suite.summary import counts, is_estimated, without_benefit
+from strainsight.stages.pages.suite import numbers_of, suite_of, suite_tables
 from strainsight.workflow.output import Output
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context, Stage
@@ -64,11 +62,9 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
     different = {looks[name]: layout for name, layout in layouts.items()}
     if not different:
         return {}, ""
-    try:
-        pictures = dict(zip(different, render_all(list(different.values())), strict=True))
-    except StrainsightError as error:
-        return {}, f"{error.what}: {error.remedy}"
-    return {name: pictures[own] for name, own in looks.items()}, ""
+    drawn, problem = drawn_or_why(lambda: render_all(list(different.values())))
+    pictures = dict(zip(different, drawn or (), strict=False))
+    return {name: pictures[own] for name, own in looks.items() if own in pictures}, problem
 
 
 SUITE = Stage(

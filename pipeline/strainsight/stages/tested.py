@@ -3,14 +3,14 @@ the test are not needed for them."""
 
 from __future__ import annotations
 
+from functools import partial
+
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import StrainsightError
+from strainsight.report.picture.scene import drawn_or_why
 from strainsight.report.placement.page import TEST_PAGE
 from strainsight.report.tested.campaign import campaign_figures, page_of_campaign
-from strainsight.report.tested.data import Findings
-from strainsight.report.tested.field import views_of
 from strainsight.report.tested.figures import figures_of_test
-from strainsight.report.tested.page import page_of_test
+from strainsight.report.tested.page import page_of_test, views_of
 from strainsight.report.view.viewing import screenshots
 from strainsight.stages.pages.tested import pages_of
 from strainsight.workflow.output import Output, warnings_table
@@ -28,13 +28,14 @@ def run(context: Context[PlacementConfig]) -> Output:
         context.progress(
             f"pictures of {report.record}" if report.record else "pictures", (i + 0.1) / len(found.records)
         )
-        pictures, problem = _pictures(report)
+        views = views_of(report)
+        pictures, problem = drawn_or_why(partial(screenshots, views)) if views else (None, "")
         context.progress("figures", (i + 0.5) / len(found.records))
         drawings = figures_of_test(report)
         name = f"test-{report.record}.html" if report.record else TEST_PAGE
-        files[name] = page_of_test(report, drawings, tuple(pictures), problem).encode()
+        files[name] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
         warnings |= dict.fromkeys(report.warnings)
-        pictured, drawn = pictured + len(pictures), drawn + len(drawings)
+        pictured, drawn = pictured + len(pictures or ()), drawn + len(drawings)
     if (campaign := found.campaign) is not None:
         over = campaign_figures(campaign)
         files = {TEST_PAGE: page_of_campaign(campaign, over).encode()} | files
@@ -48,15 +49,6 @@ def run(context: Context[PlacementConfig]) -> Output:
         tables=warnings_table(tuple(warnings)),
         files=files,
     )
-
-
-def _pictures(report: Findings) -> tuple[list[bytes], str]:
-    """PNG of the surface, or why there are none."""
-    views = views_of(report)
-    try:
-        return (screenshots(views) if views else []), ""
-    except StrainsightError as error:
-        return [], f"{error.what}: {error.remedy}"
 
 
 TEST = Stage(

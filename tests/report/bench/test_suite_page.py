@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,15 +20,15 @@ from strainsight.report.bench.data import (
     BenchStress,
     BenchUnknown,
 )
+from strainsight.report.bench.figures import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.page import bench_figures, bench_page
-from strainsight.report.bench.sensors import components_figure, mismatch, sensor_figure
 from strainsight.report.bench.tables import placement_table
 from strainsight.report.placement.data import Metric, Trend
 from strainsight.report.suite.data import Statement, Study, Suite
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import counts
 from strainsight.report.suite.statements import measured, statements_table
+from strainsight.report.suite.summary import counts
 
 from ...models import compute_once
 from ..outline import names_of_regions, whole, words
@@ -49,9 +50,9 @@ def sensor(name="relative", off=0.0, used=True):
 def run(label="a", error=0.01, **more):
     numbers = {"error.F$z": error, "std.F$z": 0.02, "nis": 0.9, "expected_nis": 0.8, "method": "iterated"} | more
     estimate = BenchEstimate(
-        TIME, (load(error),), (sensor(off=error),), (), np.ones(len(TIME) - 1), np.full(len(TIME), 1e-16), numbers
+        TIME, (load(error),), (sensor(off=error),), {}, np.ones(len(TIME) - 1), np.full(len(TIME), 1e-16)
     )
-    return BenchRun(label, label, study="s", reached="estimate", estimate=estimate)
+    return BenchRun(label, label, study="s", reached="estimate", numbers={"estimate": numbers}, estimate=estimate)
 
 
 def suite(runs, claims=(), over=None, numbers=()):
@@ -134,7 +135,7 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
     own = suite(runs, (claim(1.0, above=2.0),))
     pages = [
         suite_page(own, compute_once(suite_figures, own), {}),
-        bench_page(runs[1], compute_once(bench_figures, runs[1]), {"k": "<v>"}.items()),
+        bench_page(runs[1], compute_once(bench_figures, runs[1]), {"k": "<v>"}),
     ]
     for page in pages:
         assert len(names_of_regions(whole(page))) > 2
@@ -143,20 +144,23 @@ def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
 
 
 def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reported():
-    placement = BenchPlacement(
-        np.eye(3), np.eye(3), {"F": 1e3}, {"F": np.array([2e3, np.inf])}, {}, {"F": "N"},
-        Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace")), np.array([1.5, 2.0, np.inf]),
-        {"F": np.array([1e3, 2e3, np.inf])},
-    )  # fmt: skip
-    cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement))
+    without = np.array([[1e3], [2e3], [np.inf]])
+    best = SimpleNamespace(position=np.eye(3), direction=np.eye(3), std=np.array([1e3]), without=without)
+    placed = SimpleNamespace(
+        inputs=("F",), units=("N",), placed=best, random_std=np.array([[2e3], [np.inf]]), loss=np.array([1.5, 2.0, np.inf])
+    )
+    trend = Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace"))
+    placement = BenchPlacement(placed, trend, labels=("G1", "G2", "G3"))
+    cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement, {}))
     assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]
 
 
 
 def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
-    motion, largest = BenchMotion(TIME, {}, (), (), {"band": 0.39642}), np.where(TIME == 1.0, 58.68e6, 1e7)
-    hubs = BenchRun("hubs", "hubs", motion=motion, stress=BenchStress("hub", TIME, largest, 6338, 40e6))
-    page = bench_page(hubs, compute_once(bench_figures, hubs), ())
+    motion, largest = BenchMotion(TIME, {}, (), {}), np.where(TIME == 1.0, 58.68e6, 1e7)
+    stress, numbers = BenchStress("hub", TIME, largest, 6338, 40e6), {"simulate": {"band": 0.39642}}
+    hubs = BenchRun("hubs", "hubs", numbers=numbers, motion=motion, stress=stress)
+    page = bench_page(hubs, compute_once(bench_figures, hubs), {})
     assert "✕ stress beyond the allowable – hubs" in page
     answer = page[page.index('class="answer"') :]
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)

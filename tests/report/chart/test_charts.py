@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import Drawing, figure, kept, styled, svg, visible_instants
-from strainsight.report.chart.files import INDEX, figure_files, write_figures
+from strainsight.report.chart.files import INDEX, figure_csv, figure_files, write_figures
 from strainsight.report.chart.panels import dots
 from strainsight.report.placement.figures import placement_figures
 
@@ -83,7 +82,7 @@ def test_lines_bands_dots_and_bars_come_out_as_they_went_in(panels):
 
 
 def test_every_figure_of_a_report_has_its_three_files_with_units(full):
-    report = full(histories=(), gauge_signals=(), posteriors=(), random_sets=())
+    report = full(histories=(), gauge_signals=(), posteriors={}, random_sets=())
     with kept() as drawn:
         drawings = placement_figures(report)
         files = figure_files(drawings, drawn)

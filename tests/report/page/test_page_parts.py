@@ -10,8 +10,8 @@ from hashlib import sha256
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import document, own, policy
 from strainsight.report.page.markup import count, data, measure, pairs, share, table
+from strainsight.report.page.sections import document, policy, text_of
 from strainsight.report.text import (
     number,
     percent,
@@ -50,7 +50,7 @@ def test_what_is_plain_text_comes_out_escaped():
 def test_scripts_write_no_markup_and_call_nothing_in_from_a_network(name):
     markup = ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "</")
     for word in (*markup, "eval(", "new Function", "fetch(", "http"):
-        assert word not in own(name), word
+        assert word not in text_of(name), word
 
 
 @pytest.mark.parametrize("value", [0.1 + 0.2, 1e-300, -4.0, 2.1e11, math.inf, -math.inf])

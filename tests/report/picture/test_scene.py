@@ -12,9 +12,9 @@ from PIL import Image
 from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.picture import scene
 from strainsight.report.picture.geometry import seen_from, triangles, views
+from strainsight.report.picture.layout import Layout, Load
 from strainsight.report.picture.markers import arrow, free_end
 from strainsight.report.picture.picture import LINES, spread_labels
-from strainsight.report.placement.data import Layout, Load
 
 from ..conftest import layout, mixed_layout
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.report.datum import Frame
-from strainsight.report.placement.gauge_table import gauge_table
-from strainsight.report.placement.tables import cases_table, criteria_table
+from strainsight.report.placement.gauge_table import cases_table, criteria_table, gauge_table
 
 
 def rows(report):
@@ -78,7 +77,7 @@ def head(text):
 
 def test_ours_comes_first_with_its_bound_and_the_others_by_their_metric(full):
     report = full()
-    text = criteria_table(report)
+    text = criteria_table(report.trend, report.metrics, report.criteria, report.units)
     rows = cells(text)
     assert [row[0] for row in rows] == [
         "|chosen set| (elimination, exchange)", "certified lower bound", "log-determinant", "effective independence",

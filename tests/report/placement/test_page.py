@@ -10,11 +10,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import own
-from strainsight.report.placement.data import Benefit
+from strainsight.estimation.decision import Benefit
+from strainsight.report.page.sections import SPACE_SCRIPTS, text_of
 from strainsight.report.placement.figures import elbow, placement_figures
 from strainsight.report.placement.page import placement_page
-from strainsight.report.space.section import script
 
 from ...models import compute_once
 from ...shared import slowly
@@ -45,7 +44,7 @@ def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(full, mix
     outline = whole(page(full()))
     assert "warnings" in outline.targets
     assert [attributes["src"][:22] for tag, attributes in outline.seen if tag == "img"] == ["data:image/png;base64,"]
-    assert own_scripts(outline) == [own("page/tables.js"), script()]
+    assert own_scripts(outline) == [text_of("page/tables.js"), "\n".join(map(text_of, SPACE_SCRIPTS))]
 
 
 def test_the_exact_numbers_stand_on_the_first_screen(full):
@@ -111,14 +110,14 @@ def test_what_does_not_hold_leads_the_page_and_its_headline(full):
     assert said.index("overconfident") < said.index("tell tip to within")
     assert "<h1>✕ E overconfident and not identified – Cantilever: load and stiffness</h1>" in text
     load, modulus = full().unknowns
-    good = page(full(repeats=(), unknowns=(load, replace(modulus, claims=modulus.claims[1:]))))
+    good = page(full(unknowns=(load, replace(modulus, claims=modulus.claims[1:], repeats=None))))
     assert "<h1>Cantilever: load and stiffness</h1>" in good
     assert "✕" not in first_screen(good)
     assert "tell tip to within" in words(good)
 
 
 def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
-    load, modulus = full(repeats=()).unknowns
+    load, modulus = full().unknowns
     none, some, shown = (Benefit(count, 10, word) for count, word in ((6, "none"), (3, "not shown"), (0, "shown")))
 
     def said(one, other):
@@ -163,14 +162,13 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
 
     broken = replace(
         report,
-        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost) for unknown in report.unknowns),
+        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost, repeats=None) for unknown in report.unknowns),
         histories=tuple(gone(entry, "mean", "std", "smoothed", "smoothed_std") for entry in report.histories),
         gauge_signals=tuple(gone(entry, "measured", "estimated", "std") for entry in report.gauge_signals[:1]),
         criteria=tuple(replace(entry, values=(lost,) * 3, std={"E": lost}) for entry in report.criteria),
         cases=tuple(replace(case, condition=lost, raw=lost) for case in report.cases),
         trend=replace(gone(report.trend, "value"), blocks={}, final=lost, lower_bound=lost, gap=lost),
         random_sets=(),
-        repeats=(),
     )
     Outline(page(broken, drawn=True))
 

@@ -10,9 +10,8 @@ import pytest
 from lxml import etree
 
 from strainsight.report.datum import Frame
-from strainsight.report.sheets.data import Projection, Sheet, paper_axes
-from strainsight.report.sheets.section import sheets_section
-from strainsight.report.sheets.sheet import sheet_svg
+from strainsight.report.sheets.sheet import sheet_svg, sheets_section
+from strainsight.report.sheets.views import Projection, Sheet, paper_axes
 
 SIZE = np.array([400.0, 150.0, 10.0])
 TURN = 30.0

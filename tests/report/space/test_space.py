@@ -12,8 +12,8 @@ import pyvista as pv
 from strainsight.report.picture.layout import Gauge, Layout, Load
 from strainsight.report.space.model import Shape, contour_of, space, surface, vertex_shift
 from strainsight.report.space.section import space_section
-from strainsight.report.view.parts import _colours
 from strainsight.report.view.viewed import FACETS, Panel, View
+from strainsight.report.view.viewer import _colours
 
 from ...shared import slowly
 

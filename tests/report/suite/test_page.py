@@ -10,9 +10,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from strainsight.report.page.document import own
+from strainsight.report.page.sections import text_of
 from strainsight.report.suite.cases import groups_of, series_of
-from strainsight.report.suite.comparisons import comparisons_answer
 from strainsight.report.suite.data import (
     CONTRADICTED,
     HOLDS,
@@ -27,7 +26,8 @@ from strainsight.report.suite.data import (
 )
 from strainsight.report.suite.figures import suite_figures
 from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.results import counts, results_of
+from strainsight.report.suite.statements import comparisons_answer
+from strainsight.report.suite.summary import counts, results_of
 
 from ...models import compute_once
 from ...shared import slowly
@@ -74,7 +74,7 @@ def test_placements_have_studies_and_statements_too(suite):
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
     outline = whole(page(suite(), drawings=usual()))
     assert {"run-1", "run-2", "run-3", "run-4"} <= outline.targets
-    assert own_scripts(outline)[0] == own("page/tables.js")
+    assert own_scripts(outline)[0] == text_of("page/tables.js")
 
 
 def test_what_does_not_hold_leads_the_page_and_its_headline(suite):
@@ -127,10 +127,12 @@ def test_numbers_that_are_none_are_survived(suite, lost):
     trace = np.full_like(first.trend.value, lost)
     broken = replace(
         first,
-        unknowns=tuple(replace(unknown, error=lost, std=lost) for unknown in first.unknowns),
+        unknowns=tuple(
+            replace(unknown, error=lost, std=lost, repeats=replace(unknown.repeats, error=np.full(20, lost)))
+            for unknown in first.unknowns
+        ),
         trend=replace(first.trend, value=trace, final=lost),
         cases=tuple(replace(case, condition=lost) for case in first.cases),
-        repeats=tuple(replace(entry, error=np.full(20, lost)) for entry in first.repeats),
     )
     late = np.where(np.arange(len(trace)) < 20, second.trend.value, lost)
     broken_end = replace(
@@ -219,18 +221,21 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
 
 
+def repeated(run, error):
+    """The run with other errors of its repeats."""
+    return replace(run, unknowns=tuple(replace(own, repeats=replace(own.repeats, error=error)) for own in run.unknowns))
+
+
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
-    lost = replace(run.repeats[0], error=np.full(20, np.nan))
-    (result,) = results_of(replace(run, repeats=(lost,)))
+    (result,) = results_of(repeated(run, np.full(20, np.nan)))
     assert np.isnan(result.rms)
     assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
     run = suite().runs[0]
-    lost = replace(run.repeats[0], error=np.append(np.full(19, 0.0007), np.inf))
-    (result,) = results_of(replace(run, repeats=(lost,)))
+    (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
     assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
     assert result.verdicts == ("diverged",)
 

@@ -6,23 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.report.arrays import History
-from strainsight.report.chart.posterior import Posterior
-from strainsight.report.page.filters import OtherFilter
-from strainsight.report.tested.data import (
-    File,
-    FileChannel,
-    Findings,
-    HoldOut,
-    Map,
-    Moment,
-    Reading,
-    Spectrum,
-    Unknown,
-    peak_of,
-)
+from strainsight.records.estimated import Compared, Source
+from strainsight.report.arrays import History, Reading
+from strainsight.report.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
 
-from ..conftest import layout, mixed_layout
+from ..conftest import layout, mixed_layout, posterior
 
 STEP, SAMPLES = 1e-3, 4000
 NOISE = 0.7e-6
@@ -40,7 +28,8 @@ def reading(label="G1", gauge=0, unit="strain", size=5e-5, **changes):
     rng = np.random.default_rng(gauge + 1)
     true, noise = size * load()[1:] / 2e3, NOISE * size / 5e-5
     std = np.full(SAMPLES, 0.4 * noise)
-    own = Reading(label, gauge, unit, TIME, true + noise * rng.standard_normal(SAMPLES), true, std, noise)
+    measured = true + noise * rng.standard_normal(SAMPLES)
+    own = Reading(label, unit, TIME, measured, true, std, gauge, noise_std=noise)
     return replace(own, **changes)
 
 
@@ -59,17 +48,21 @@ def spectrum(name, unit="strain", level=2 * NOISE**2 * STEP):
     return Spectrum(name, unit, f, 1e-15 * (1 + np.sin(f) ** 2), level)
 
 
-def channels(*names):
-    return tuple(FileChannel(name, name, "um/m", "less 3 um/m; sign turned") for name in names)
-
-
 def file_of(*names):
-    return File("run <7>.csv", "ab" * 32, 123_456, "csv", "2025-03-14", 1000.0, 0.0, 4.0, SAMPLES, channels(*names))
+    """Of channels of one calibration: less 3 µm/m, and the sign turned."""
+    many, nothing = len(names), np.full(len(names), np.nan)
+    source = Source(
+        file="run <7>.csv", sha256="ab" * 32, bytes=123_456, format="csv", date="2025-03-14", channel=names, measures=names,
+        unit=("um/m",) * many, bridge=("",) * many, gauge_factor=nothing, poisson_ratio=nothing, sign=-np.ones(many),
+        scale=np.ones(many), offset=np.full(many, 3.0), drift=np.zeros(many), zero=np.full((many, 2), np.nan),
+        delay=np.zeros(many),
+    )  # fmt: skip
+    return File(source, 1000.0, 0.0, 4.0, SAMPLES)
 
 
 def held(label="G1", gauge=0):
     own = reading(label, gauge)
-    return HoldOut(label, gauge, own.unit, own.time, own.measured, own.estimated, np.full(SAMPLES, own.noise_std))
+    return replace(own, std=np.full(SAMPLES, own.noise_std))
 
 
 def moment(points, faces):
@@ -103,8 +96,10 @@ def findings(**changes):
         residuals=tuple(spectrum(label) for label in labels),
         known=(history("tip", 3 * load(), np.nan),),
         load_spectra=(spectrum("side", "N", None),),
-        posteriors=(Posterior("E", "Pa", value, np.exp(-(((value - 2.1e11) / 1e9) ** 2)), 0 * value + 0.1),),
-        filters=(OtherFilter("E", "Pa", "bank", 2.1e11, 0.006, 1.0),),
+        posteriors={"E": posterior(value, np.exp(-(((value - 2.1e11) / 1e9) ** 2)), 0 * value + 0.1)},
+        filters=Compared(
+            filter=("bank",), estimate={"E": np.array([2.1e11])}, std={"E": np.array([0.006 * 2.1e11])}, ratio={"E": np.ones(1)}
+        ),
         budget={"E": {"noise": 0.4, "gain": 0.6}},
         moment=moment(own.points, own.faces),
         facts={"import": "40 elements"},
@@ -120,8 +115,8 @@ def several_loads():
         histories=tuple(history(name, load(), 60.0) for name in names),
         resultants=(history("node 2", np.abs(load()), 60.0),),
         load_spectra=tuple(spectrum(name, "N", None) for name in names),
-        posteriors=(),
-        filters=(),
+        posteriors={},
+        filters=None,
         budget={},
         known=(),
     )
@@ -147,8 +142,8 @@ def withheld():
         consistent=False,
         readings=tuple(replace(reading, std=nothing) for reading in own.readings),
         histories=(history("side", load(), np.nan), replace(E, std=none, smoothed_std=none)),
-        posteriors=(),
-        filters=(),
+        posteriors={},
+        filters=None,
         budget={},
         known=(),
         moment=replace(bare, maps=tuple(replace(own_map, std=None) for own_map in bare.maps)),
@@ -195,8 +190,8 @@ def held_out():
 
 def bare():
     """No surface, no notes, nothing besides the unknown."""
-    nothing = dict.fromkeys(("notes", "filters", "posteriors", "known", "residuals", "load_spectra"), ())
-    return findings(moment=None, budget={}, facts={}, provenance={}, **nothing)
+    nothing = dict.fromkeys(("notes", "known", "residuals", "load_spectra"), ())
+    return findings(moment=None, filters=None, posteriors={}, budget={}, facts={}, provenance={}, **nothing)
 
 
 CASES = {

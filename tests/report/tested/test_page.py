@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.report.chart.data import figure_csv
 from strainsight.report.chart.drawing import kept
+from strainsight.report.chart.files import figure_csv
 from strainsight.report.picture.geometry import at_points
-from strainsight.report.tested.figures import figures_of_test, load_figure, residual_figure
+from strainsight.report.tested.figures import figures_of_test, load_figure, reading_figure, residual_figure
 from strainsight.report.tested.page import page_of_test
-from strainsight.report.tested.readings import reading_figure
 
 from ...models import compute_once
 from ...shared import slowly
@@ -93,7 +92,7 @@ def test_held_out_channels_have_a_table_a_cross_plot_and_an_overlay():
     text = page("held out")
     error, share, sigma, inside = shown(text[text.index('data-table="hold-out"') :], "G1")
     own = held_out().hold_out[0]
-    residual = own.measured - own.predicted
+    residual = own.residual
     assert error == pytest.approx(np.sqrt(np.mean(residual**2)))
     assert share == pytest.approx(np.sqrt(np.mean(residual**2) / np.mean(own.measured**2)))
     assert sigma == pytest.approx(np.sqrt(np.mean((residual / own.std) ** 2)))

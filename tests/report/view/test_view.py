@@ -13,8 +13,8 @@ from PIL import Image
 from strainsight.errors import StrainsightError, UserError
 from strainsight.report.chart.drawing import gauge_colour
 from strainsight.report.view import viewing
-from strainsight.report.view.parts import carried, plain
 from strainsight.report.view.viewed import FACETS, Panel, View, exaggerated
+from strainsight.report.view.viewer import carried, plain
 
 from ..conftest import layout
 from ..outline import HOSTILE

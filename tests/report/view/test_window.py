@@ -12,7 +12,7 @@ import time
 
 import pytest
 
-from strainsight.report.picture.offscreen import inherited
+from strainsight.report.picture.scene import inherited
 from strainsight.report.view.viewed import View
 
 pytestmark = [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,21 +14,12 @@ from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bearing import BearingCase, BearingCurve
+from strainsight.records.bearing import BearingCase, BearingCurve, Displaced
 from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")
 USUAL_REACH, USUAL_POINTS = 1e-4, 41
 """[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
-
-
-@dataclass(frozen=True)
-class Displaced:
-    """A bearing along one displacement, number `along` of the five."""
-
-    bearing: str
-    along: int
-    curve: BearingCurve
 
 
 def bearing_of(entry: StatedBearing) -> Bearing:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from strainsight.cases.filters_compared import BANK, EXTENDED, SIGMA_POINT
 from strainsight.cases.structure.problem import Problem, exactly_damped
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import filter_bank
@@ -15,7 +14,7 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.records.estimated import Compared
+from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 
 def compared(

@@ -1,4 +1,4 @@
-"""What the page of a bench begins with: what was found, up to which frequency, and how near the stress is to the allowable."""
+"""What the page of a bench begins with: what does not hold, what was found, and how near the stress is to the allowable."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def bench_answer(run: BenchRun) -> str:
         text = run_answer(run)
     elif run.motion is not None:
         text = _moved(run.motion)
-    band = None if run.motion is None else run.motion.numbers.get("band")
+    band = run.numbers.get("simulate", {}).get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
         text += f" The time step follows loads up to {shown}."
@@ -91,8 +91,8 @@ def _moved(motion: BenchMotion) -> str:
     steps = len(motion.time) - 1
     length = float(motion.time[-1] - motion.time[0])
     text = f"{number(length)} s in {steps} steps"
-    if motion.bearings:
-        worst = max(motion.bearings, key=lambda bearing: float(np.max(bearing.pressure, initial=0.0)))
-        highest = measure(float(np.max(worst.pressure, initial=0.0)), "Pa")
-        text += f"; the highest contact pressure is {highest}, in {escape(worst.name)}"
+    highest = {name: float(np.max(ring.pressure, initial=0.0)) for name, ring in motion.bearings.items()}
+    if highest:
+        worst = max(highest, key=lambda name: highest[name])
+        text += f"; the highest contact pressure is {measure(highest[worst], 'Pa')}, in {escape(worst)}"
     return f"{text}."

@@ -1,4 +1,4 @@
-"""The page of a bearing alone: what holds the inner ring where, and what every ball carries."""
+"""The page of a bearing alone: what holds the inner ring where, and what every ball carries; the latter by an estimate, too."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from itertools import count
 
 import numpy as np
 
+from strainsight.records.bearing import BearingCase, Displaced
+from strainsight.records.bench_estimated import BallsThen, RingEstimate
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import BLUE, GREEN, ORANGE, VERMILION, Drawing, figure, styled, svg
-from strainsight.report.chart.panels import legend_above
-from strainsight.report.page.document import document
+from strainsight.report.chart.panels import band, legend_above, plain_axis, time_axis
 from strainsight.report.page.markup import figure as card
 from strainsight.report.page.markup import figures, measure, table
-from strainsight.report.text import number
+from strainsight.report.page.sections import document, section
+from strainsight.report.text import number, quantity
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
@@ -24,55 +26,43 @@ DISPLACEMENT_UNITS = ("m", "m", "m", "rad", "rad")
 ROUNDING = 1e-9
 """Share of the largest load below which a component is drawn as zero."""
 LOAD_UNITS = ("N", "N", "N", "N m", "N m")
+INNER = 2
+"""The first contacts, of the two diagonals; the outer ones carry the same, but for what turning adds."""
+BELIEF = "Bands are ±2σ; but for parameters that are sought, the bearing is taken to be as the config states it."
 CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACEMENTS))
 """Of the table of a load case, on the page and in the terminal."""
 
 
 @dataclass(frozen=True)
-class BearingCase:
-    """A bearing in equilibrium. bearing, case: names; load (5,) [N, N m], displacement (5,) [m, rad], stiffness (5, 5);
-    station (z,) [rad]; force (z, 4) [N], angle (z, 4) [rad] and pressure (z, 4) [Pa] of every contact of every ball."""
+class Loaded:
+    """A bearing in equilibrium under a load case, both by name."""
 
     bearing: str
     case: str
-    load: FloatArray
-    displacement: FloatArray
-    stiffness: FloatArray
-    station: FloatArray
-    force: FloatArray
-    angle: FloatArray
-    pressure: FloatArray
+    state: BearingCase
+
+    @property
+    def title(self) -> str:
+        """Of tables about it."""
+        return f"{self.bearing} under {self.case}"
 
 
-@dataclass(frozen=True)
-class BearingCurve:
-    """Load (p, 5) [N, N m] over one displacement (p,) [m or rad], number `along` of the five, the others held at zero."""
-
-    bearing: str
-    along: int
-    displacement: FloatArray
-    load: FloatArray
-
-
-def bearing_page(
-    name: str, facts: Mapping[str, str], cases: Sequence[BearingCase], curves: Sequence[BearingCurve]
-) -> str:
+def bearing_page(name: str, facts: Mapping[str, str], cases: Sequence[Loaded], curves: Sequence[Displaced]) -> str:
     """The page as HTML text; facts: what the bearings are, by name."""
     drawings = [curve_figure(curve) for curve in curves]
     polar = [drawn for case in cases for drawn in ball_figures(case)]
     sections = [
-        "<h2>Bearings</h2>"
-        '<div class="card">'
-        + table("bearings", ("bearing", "what it is"), [[escape(key), escape(text)] for key, text in facts.items()])
-        + "</div>",
+        section(
+            "Bearings",
+            table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()]),
+        ),
         _cases(cases),
         figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
         figures(map(card, drawings, count(len(polar))), "<h2>Load over displacement</h2>"),
     ]
-    worst = max(cases, key=lambda case: float(case.pressure.max()), default=None)
+    worst = max(cases, key=lambda case: float(case.state.pressure.max()), default=None)
     answer = escape(
-        f"The highest contact pressure is {number(float(worst.pressure.max()) / 1e6, 4)} MPa, in {worst.bearing} under "
-        f"{worst.case}."
+        f"The highest contact pressure is {number(float(worst.state.pressure.max()) / 1e6, 4)} MPa, in {worst.title}."
         if worst is not None
         else f"{len(curves)} load-displacement curves."
     )
@@ -82,20 +72,20 @@ def bearing_page(
     return document("bearing", name, name, answer, sections, footer)
 
 
-def ball_figures(case: BearingCase) -> list[Drawing]:
+def ball_figures(case: Loaded) -> list[Drawing]:
     """Contact force, contact angle and pressure around the bearing, thesis figures 1.4 and 1.5."""
-    loaded = np.where(case.force > 0, 1.0, np.nan)
+    loaded = np.where(case.state.force > 0, 1.0, np.nan)
     shown = (
-        ("force", "contact force", case.force / 1e3, "kN"),
-        ("angle", "contact angle", np.rad2deg(case.angle) * loaded, "°"),
-        ("pressure", "contact pressure", case.pressure / 1e6, "MPa"),
+        ("force", "contact force", case.state.force / 1e3, "kN"),
+        ("angle", "contact angle", np.rad2deg(case.state.contact_angle) * loaded, "°"),
+        ("pressure", "contact pressure", case.state.pressure / 1e6, "MPa"),
     )
     return [_polar(case, *entry) for entry in shown]
 
 
-def _polar(case: BearingCase, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
-    order = np.argsort(case.station)
-    around = np.append(case.station[order], case.station[order][0] + 2 * np.pi)
+def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
+    order = np.argsort(case.state.station)
+    around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
     with styled():
         drawn, axes = figure(4.6)
         place = axes.get_subplotspec()
@@ -113,31 +103,31 @@ def _polar(case: BearingCase, key: str, what: str, values: FloatArray, unit: str
             drawn.legend(handles, labels, loc="outside lower center", ncols=2)
         image = svg(drawn)
     largest = np.nanmax(np.append(values, 0.0))
-    z = len(case.station)
+    z = len(case.state.station)
     caption = (
-        f"{what.capitalize()} of the {z} balls of {case.bearing} under {case.case}, over the station of the ball: 0° is the y "
+        f"{what.capitalize()} of the {z} balls of {case.title}, over the station of the ball: 0° is the y "
         f"axis, 90° the z axis. Largest: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
     return Drawing(f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, image)
 
 
-def curve_figure(curve: BearingCurve) -> Drawing:
+def curve_figure(curve: Displaced) -> Drawing:
     """Load along and across one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
-    load = np.where(np.abs(curve.load) > ROUNDING * np.abs(curve.load).max(), curve.load, 0.0)
+    load = np.where(np.abs(curve.curve.load) > ROUNDING * np.abs(curve.curve.load).max(), curve.curve.load, 0.0)
     with styled():
         drawn, forces, moments = figure(4.6, (1.0, 1.0))
         for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
             for i in which:
-                axes.plot(1e3 * curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
+                axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
             axes.set_ylabel(what)
             legend_above(axes)
         moments.locator_params(axis="x", nbins=5)
         moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
         image = svg(drawn)
-    largest = float(np.abs(curve.load[:, a]).max())
+    largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
         f"Load on the inner ring of {curve.bearing} that holds it at a displacement {name}, the other four zero. "
@@ -155,9 +145,9 @@ def cleared(values: FloatArray) -> FloatArray:
     return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
 
 
-def case_rows(case: BearingCase) -> list[tuple[str, list[tuple[float, str, int]]]]:
+def case_rows(case: Loaded) -> list[tuple[str, list[tuple[float, str, int]]]]:
     """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
-    load, q, stiffness = cleared(case.load), cleared(case.displacement), cleared(case.stiffness)
+    load, q, stiffness = cleared(case.state.load), cleared(case.state.displacement), cleared(case.state.stiffness)
     return [
         (
             DISPLACEMENTS[i],
@@ -171,12 +161,66 @@ def case_rows(case: BearingCase) -> list[tuple[str, list[tuple[float, str, int]]
     ]
 
 
-def _cases(cases: Sequence[BearingCase]) -> str:
+def _cases(cases: Sequence[Loaded]) -> str:
     text = ""
     for case in cases:
         rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
-        title = f"{case.bearing} under {case.case}"
         caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-        words = table(title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
-        text += f'<h2>{escape(title)}</h2><div class="card">{words}</div>'
+        words = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+        text += section(escape(case.title), words)
     return text
+
+
+def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
+    """Of an estimate: force of every ball at the instant of the highest pressure, and the highest pressure in time, ±2σ."""
+    return _around(name, ring.worst), _in_time(name, ring)
+
+
+def _around(name: str, then: BallsThen) -> Drawing:
+    order = np.argsort(then.station)
+    station = np.rad2deg(then.station[order])
+    force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
+    with styled():
+        drawn, axes = figure(2.6)
+        for contact in range(INNER):
+            axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
+            band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
+        axes.set_ylabel("force [kN]")
+        axes.set_xlabel("station of the ball [°]")
+        axes.set_ylim(bottom=0)
+        plain_axis(axes)
+        legend_above(axes)
+        image = svg(drawn)
+    at = np.unravel_index(np.argmax(then.force), then.force.shape)
+    caption = (
+        f"Force on each of the {len(then.station)} balls of {name} by the estimate at {number(then.time, 4)} s, "
+        f"when the pressure is highest: at most {_known(then.force[at], then.force_std[at], 'N')}"
+    )
+    title = f"{name}: what the balls carry"
+    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", image)
+
+
+def _in_time(name: str, ring: RingEstimate) -> Drawing:
+    with styled():
+        drawn, axes = figure(2.4)
+        axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
+        band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
+        axes.set_ylabel("highest pressure [MPa]")
+        plain_axis(axes)
+        time_axis(axes)
+        image = svg(drawn)
+    at = int(np.argmax(ring.pressure))
+    caption = (
+        f"Highest contact pressure in {name} by the estimate, of all balls: at most "
+        f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
+    )
+    title = f"{name}: highest pressure by the estimate"
+    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", image)
+
+
+def _known(value: float, std: float, unit: str) -> str:
+    """A value with its 2σ and what that takes for granted; without them where σ is withheld."""
+    shown = quantity(float(value), unit, 4)
+    return (
+        f"{shown}; its σ is withheld." if np.isnan(std) else f"{shown} ± {quantity(2 * float(std), unit, 2)}. {BELIEF}"
+    )

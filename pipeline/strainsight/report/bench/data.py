@@ -6,16 +6,18 @@ Numbers are kept under the names that the stages give them in their summaries ("
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
 from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
-from strainsight.report.arrays import FloatArray, History
-from strainsight.report.page.run import Run, Scalar
+from strainsight.records.bench_estimated import RingEstimate
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.simulated import DriveMotion, RingMotion
+from strainsight.report.arrays import FloatArray, History, Reading
 from strainsight.report.placement.data import Criteria, Metric, Trend
-from strainsight.report.tested.data import HoldOut
+from strainsight.workflow.output import Scalar
 
 
 @dataclass(frozen=True)
@@ -52,78 +54,41 @@ class BenchSensor:
 
 
 @dataclass(frozen=True)
-class BearingEstimate:
-    """What a bearing carries by the estimate: highest pressure (k,) with its σ [Pa] at time (k,) [s]; at the instant `worst` of
-    the highest one force (z, 4) with its σ [N] of every contact of every ball at station (z,) [rad]."""
-
-    name: str
-    time: FloatArray
-    pressure: FloatArray
-    pressure_std: FloatArray
-    worst: float
-    station: FloatArray
-    force: FloatArray
-    force_std: FloatArray
-
-
-@dataclass(frozen=True)
 class BenchEstimate:
     """What a filter made of a bench: unknowns, sensors, bearings; nis (T,) over the number of channels; violation (T+1,) of the
-    constraints at time (T+1,) [s]; numbers: its summary; hold_out: channels as the others predict them."""
+    constraints at time (T+1,) [s]; hold_out: channels as the others predict them."""
 
     time: FloatArray
     unknowns: tuple[BenchUnknown, ...]
     sensors: tuple[BenchSensor, ...]
-    bearings: tuple[BearingEstimate, ...]
+    bearings: Mapping[str, RingEstimate]
     nis: FloatArray
     violation: FloatArray
-    numbers: Mapping[str, Scalar]
-    hold_out: tuple[HoldOut, ...] = ()
-
-
-@dataclass(frozen=True)
-class BearingMotion:
-    """A bearing in time: displacement (T, 5) [m, rad], load (T, 5) [N, N m], highest pressure (T,) [Pa]."""
-
-    name: str
-    displacement: FloatArray
-    load: FloatArray
-    pressure: FloatArray
-
-
-@dataclass(frozen=True)
-class DriveMotion:
-    """A driven joint in time: position (T,) [rad or m], and force (T,) [N m or N] by which it does work; whether it turns."""
-
-    name: str
-    turns: bool
-    position: FloatArray
-    force: FloatArray
+    hold_out: tuple[Reading, ...] = ()
 
 
 @dataclass(frozen=True)
 class BenchMotion:
-    """A bench in time (T,) [s]: inputs, name → (unit, history (T,)); sensors; bearings; drives; numbers: summary of simulate."""
+    """A bench in time (T,) [s]: inputs, name → (unit, history (T,)); sensors; bearings; drives, name → (whether it turns, its
+    motion)."""
 
     time: FloatArray
     inputs: Mapping[str, tuple[str, FloatArray]]
     sensors: tuple[BenchSensor, ...]
-    bearings: tuple[BearingMotion, ...]
-    numbers: Mapping[str, Scalar]
-    drives: tuple[DriveMotion, ...] = ()
+    bearings: Mapping[str, RingMotion]
+    drives: Mapping[str, tuple[bool, DriveMotion]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class BenchStress:
     """Von Mises stress on the surface of a body: largest (T,) [Pa] at time (T,) [s]; element in which it is largest of all;
-    allowable [Pa], None where none is stated; estimated: of the estimated motion, else of the simulated one."""
+    allowable [Pa], None where none is stated."""
 
     body: str
     time: FloatArray
     largest: FloatArray
     element: int
     allowable: float | None = None
-    estimated: bool = False
 
     @property
     def share(self) -> float | None:
@@ -133,24 +98,49 @@ class BenchStress:
 
 @dataclass(frozen=True)
 class BenchPlacement:
-    """Gauges that were placed: position and direction (g, 3), expected: input → its expected σ [unit] with the layout, and
-    random: input → the same with every random layout (r,), inf where it is lost; numbers: the summary of place; units: input →
-    N or N m; trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; loss (g,): the metric
-    when each gauge fails, without: input → σ (g,) [unit] without each; advice: sentences; labels (g,)."""
+    """Gauges that were placed: trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; labels
+    (g,) of the gauges."""
 
-    position: FloatArray
-    direction: FloatArray
-    expected: Mapping[str, float]
-    random: Mapping[str, FloatArray]
-    numbers: Mapping[str, Scalar]
-    units: Mapping[str, str]
+    placed: BenchPlaced
     trend: Trend
-    loss: FloatArray
-    without: Mapping[str, FloatArray]
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
-    advice: tuple[str, ...] = ()
     labels: tuple[str, ...] = ()
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of every unknown, by name."""
+        units = zip(self.placed.inputs, self.placed.units, strict=True)
+        return {name: unit.replace("N m", "N·m") for name, unit in units}
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run: name of its config; label, note, study and group as in the suite; at: the value of the key that its study
+    varies; reached: its last stage; page: relative link to its own page or None; numbers: stage → its summary; seeds:
+    numbers of its estimates that there are once a seed, each (seeds,); warnings: sentences."""
+
+    name: str
+    label: str = ""
+    note: str = ""
+    study: str = ""
+    group: str = ""
+    at: float | None = None
+    reached: str = ""
+    page: str | None = None
+    numbers: Mapping[str, Mapping[str, Scalar]] = field(default_factory=dict)
+    seeds: Mapping[str, np.ndarray] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> Mapping[str, Scalar]:
+        """The numbers of its estimates, none where nothing was estimated."""
+        return self.numbers.get("validate", {})
+
+    def number(self, name: str) -> float | None:
+        """A number of its estimates; None where there is none of that name, true as 1."""
+        value = self.summary.get(name)
+        return None if value is None or isinstance(value, str) else float(value)
 
 
 @dataclass(frozen=True)
@@ -165,7 +155,7 @@ class BenchRun(Run):
     @property
     def summary(self) -> Mapping[str, Scalar]:
         """The numbers of the estimate, none where there is none."""
-        return {} if self.estimate is None else self.estimate.numbers
+        return self.numbers.get("estimate", {})
 
     @property
     def unknowns(self) -> tuple[BenchUnknown, ...]:

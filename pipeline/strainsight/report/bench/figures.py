@@ -1,4 +1,4 @@
-"""Figures of what a bench's filter made of its sensors: an unknown or a sensor, of one run or of several in one figure.
+"""Figures of what a bench's filter made of its unknowns and sensors, of one run or of several in one figure.
 
 Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
 """
@@ -6,13 +6,12 @@ Thesis figures 2.2 to 2.8, 3.2 to 3.9 and 4.1 to 4.6.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray, History
-from strainsight.report.bench.data import BenchUnknown
+from strainsight.report.arrays import FloatArray, History, largest
+from strainsight.report.bench.data import BenchEstimate, BenchSensor, BenchUnknown
 from strainsight.report.chart.drawing import (
     BLUE,
     GREEN,
@@ -25,8 +24,16 @@ from strainsight.report.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.report.chart.panels import drawable, legend_above, legend_of_lines, log_ticks, plain_axis, time_axis
-from strainsight.report.text import number, prefix, reading_unit, short
+from strainsight.report.chart.panels import (
+    dots,
+    drawable,
+    legend_above,
+    legend_of_lines,
+    log_ticks,
+    plain_axis,
+    time_axis,
+)
+from strainsight.report.text import number, prefix, ratio, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,63 +48,48 @@ SAME = 0.02
 """Share of the largest value within which two true histories are drawn as one: one may be sampled more coarsely."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """One run in a figure of several: its label and what is drawn of it."""
-
-    label: str
-    history: History
-
-
-def unknown_figure(key: str, title: str, kind: str, lines: Sequence[Line]) -> Drawing:
+def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, History]]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
-    A single line has the band of ±2 claimed standard deviations and the claimed σ beside its error, unless σ is withheld, and
-    what it is once it is smoothed.
+    lines: label of the run and what is drawn of it. A single line has the band of ±2 claimed standard deviations and the claimed
+    σ beside its error, unless σ is withheld, and what it is once it is smoothed.
     """
-    factor, unit = shown_unit([line.history for line in lines])
-    labels = [line_label(line.label, len(lines)) for line in lines]
-    known = [(place, line.history) for place, line in enumerate(lines) if line.history.truth is not None]
-    claimed = len(lines) == 1 and bool(np.isfinite(lines[0].history.std).any())
+    (_, first), alone = lines[0], len(lines) == 1
+    factor, unit = shown_unit([history for _, history in lines])
+    labels = [line_label(label, len(lines)) for label, _ in lines]
+    known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
+    claimed = alone and bool(np.isfinite(first.std).any())
     with styled():
         drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
         _truths(axes, [history for _, history in known], factor)
-        for place, line in enumerate(lines):
-            own, style = line.history, line_style(place)
+        for place, (label, (_, own)) in enumerate(zip(labels, lines, strict=True)):
             index = visible_instants(np.column_stack([drawable(own.mean), drawable(own.std)]), 240)
+            time = own.time[index]
             if claimed:
-                low, high = ((own.mean + sign * 2 * own.std)[index] / factor for sign in (-1, 1))
-                axes.fill_between(
-                    own.time[index], drawable(low), drawable(high), color=BLUE, alpha=0.2, lw=0, label="±2σ"
-                )
-            axes.plot(
-                own.time[index], drawable(own.mean)[index] / factor, **style, label=line_label(line.label, len(lines))
-            )
-        smoothed = lines[0].history.smoothed if len(lines) == 1 else None
+                low, high = (drawable((own.mean + sign * 2 * own.std)[index] / factor) for sign in (-1, 1))
+                axes.fill_between(time, low, high, color=BLUE, alpha=0.2, lw=0, label="±2σ")
+            axes.plot(time, drawable(own.mean)[index] / factor, **line_style(place), label=label)
+        smoothed = first.smoothed if alone else None
         if smoothed is not None:
             index = visible_instants(drawable(smoothed)[:, None], 240)
-            axes.plot(
-                lines[0].history.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed"
-            )
-        if len(lines) == 1 and kind == "input":
-            _bulk(axes, lines[0].history, factor)
+            axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
+        if alone and kind == "input":
+            _bulk(axes, first, factor)
         plain_axis(axes)
-        axes.set_ylabel(f"{short(lines[0].history.name, 24)} [{short(unit)}]")
+        axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
         for below in more:
-            _errors(below, known, alone=len(lines) == 1)
+            _errors(below, known, alone=alone)
         time_axis((axes, *more)[-1])
         legend_of_lines(axes, labels)
         image = svg(drawn)
-    name = lines[0].history.name
-    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + (
-        " beside the truth (dashed)" if known else ""
-    )
+    name = first.name
+    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + " beside the truth (dashed)" * bool(known)
     caption += ", with ±2 claimed standard deviations" if claimed else ""
     caption += "" if smoothed is None else ", and smoothed (green)"
     if known:
         caption += "; below, the size of the error over the largest true value"
         caption += ", and the claimed σ (dotted)" if claimed else ""
-    text = "; ".join(f"{line.label or name}: {_ending(line.history)}" for line in lines)
+    text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
     return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", image)
 
 
@@ -109,18 +101,18 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         labels = [line_label(label, len(lines)) for label, _ in lines]
         drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
         text = []
-        for place, (label, unknown) in enumerate(lines):
+        for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
             there, history, style = unknown.there, unknown.history, line_style(place)
             assert there is not None
-            large = np.abs(there) > LARGE * peak([there])
+            large = np.abs(there) > LARGE * largest(there)
             large[0] = False  # there stands the first guess
             quotient = np.full(len(there), np.nan)
             quotient[large] = history.mean[large] / there[large]
             index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
-            axes.plot(history.time[index], history.mean[index] / factor, **style, label=line_label(label, len(lines)))
+            axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
             below.plot(history.time[index], drawable(quotient)[index], **style)
             if (known := quotient[np.isfinite(quotient)]).size:
-                text.append(f"{label or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
+                text.append(f"{run or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
         axes.set_ylabel(f"{short(own.name, 24)} [{short(unit)}]")
         plain_axis(axes)
         plain_axis(below)
@@ -169,7 +161,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
 def shown_unit(histories: Sequence[History]) -> tuple[float, str]:
     """Factor and unit in which the largest of the histories reads well."""
     unit = histories[0].unit.replace("N m", "N·m")
-    size = peak([h.mean if h.truth is None else h.truth for h in histories])
+    size = largest(*(h.mean if h.truth is None else h.truth for h in histories))
     return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
 
 
@@ -189,19 +181,13 @@ def legend_height(labels: Sequence[str]) -> float:
     return 0.17 * len(labels) if max(map(len, labels), default=0) > 20 else 0.0
 
 
-def peak(values: Sequence[FloatArray]) -> float:
-    """The largest size of all that is finite in them; 0 where nothing is."""
-    sizes = [np.max(np.abs(v[np.isfinite(v)]), initial=0.0) for v in values]
-    return float(max(sizes, default=0.0))
-
-
 def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
     """Every different true history once, the finest sampling of it."""
     shown: list[tuple[FloatArray, FloatArray]] = []
     for history in sorted(histories, key=lambda history: -len(history.time)):
         time, truth = history.time, history.truth
         assert truth is not None
-        if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * peak([u])) for t, u in shown):
+        if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
         index = visible_instants(truth[:, None], 240)
         stroke: dict[str, Any] = {"color": INK, "lw": 1, "ls": (0, (4, 2)), "zorder": 3}
@@ -212,7 +198,7 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
 def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool) -> None:
     for place, own in histories:
         assert own.truth is not None
-        scale = peak([own.truth]) or 1.0
+        scale = largest(own.truth) or 1.0
         style = line_style(place)
         shown = [(own.mean, {**style, "lw": 1.1 if alone else style["lw"]})]
         if alone and own.smoothed is not None:
@@ -245,5 +231,138 @@ def _bulk(axes: Axes, history: History, factor: float) -> None:
 def _ending(history: History) -> str:
     if history.truth is None:
         return f"ends at {number(float(history.mean[-1]), 4)} {history.unit}"
-    scale = peak([history.truth]) or 1.0
+    scale = largest(history.truth) or 1.0
     return f"error {number(abs(float(history.mean[-1] - history.truth[-1])) / scale, 2)} of the largest true value at the end"
+
+
+PANELS = 8
+"""Most components of a sensor in one figure."""
+NONE = 1e-20
+"""A violation of constraints below this, a millionth of rounding, is none: no logarithmic axis reaches down to it."""
+SILENT = 1e-12
+"""Share of the largest component of a simulated sensor, below which one is none: a scale of its own would show noise."""
+
+
+def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[str, BenchSensor]]) -> Drawing:
+    """One component of a sensor as measured and as the estimates say it; below, the difference."""
+    first = lines[0][1]
+    columns = [(label, sensor, drawable(sensor.measured[:, component])) for label, sensor in lines]
+    factor, unit = sensor_unit(largest(*(values for *_, values in columns)), first.units[component])
+    with styled():
+        labels = [line_label(label, len(lines)) for label, _ in lines]
+        drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
+        shown: list[FloatArray] = []
+        for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
+            index = visible_instants(values[:, None], 240)
+            if not any(np.array_equal(values, other, equal_nan=True) for other in shown):
+                dots(axes, sensor.time[index], values[index] / factor, "" if shown else "measured")
+                shown.append(values)
+            if sensor.expected is None:
+                continue
+            expected, style = drawable(sensor.expected[:, component]), line_style(place)
+            axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
+            difference = (values - expected) / factor
+            index = visible_instants(difference[:, None], 240)
+            below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})
+        plain_axis(axes)
+        axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
+        below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
+        time_axis(below)
+        legend_of_lines(axes, labels)
+        image = svg(drawn)
+    what = f"{first.name}, {first.components[component]}"
+    given = "" if first.used else "; the filter was not given it"
+    caption = f"{what}: measured, and as the estimate says it should read; below, the difference{given}."
+    parts = [
+        f"{label or first.name} {ratio(mismatch(sensor, component))}"
+        for label, sensor in lines
+        if sensor.expected is not None
+    ]
+    alt = f"Line chart of {what} measured and estimated; RMS of the difference over that of the reading: {', '.join(parts)}."
+    return Drawing(key, title, caption, alt, image)
+
+
+def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
+    """All components of one sensor, the largest eight where there are more, measured and estimated, one over the other."""
+    size = np.nanmax(np.abs(drawable(sensor.measured)), axis=0, initial=0.0)
+    kept = sorted(np.argsort(-size, kind="stable")[:PANELS].tolist())
+    with styled():
+        drawn, *panels = figure(1.0 + 0.95 * len(kept), (1.0,) * len(kept))
+        for axes, i in zip(panels, kept, strict=True):
+            measured = drawable(sensor.measured[:, i])
+            if sensor.expected is None and size[i] <= SILENT * size.max():
+                measured = np.zeros_like(measured)
+            factor, unit = sensor_unit(largest(measured), sensor.units[i])
+            index = visible_instants(measured[:, None], 240)
+            if sensor.expected is None:
+                axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
+            else:
+                dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
+                expected = drawable(sensor.expected[:, i])[index] / factor
+                axes.plot(sensor.time[index], expected, color=BLUE, label="estimated" if i == kept[0] else None)
+            plain_axis(axes)
+            axes.locator_params(axis="y", nbins=3)
+            axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
+        time_axis(panels[-1])
+        if sensor.expected is not None:
+            legend_above(panels[0])
+        image = svg(drawn)
+    many = "" if len(kept) == len(sensor.components) else f" (the largest {len(kept)} of {len(sensor.components)})"
+    caption = f"Components of {sensor.name}{many} in time"
+    if sensor.expected is not None:
+        text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in kept)
+        caption += f"; RMS of measured − estimated over RMS of measured: {text}"
+    if not sensor.used:
+        caption += "; the filter was not given it"
+    return Drawing(key, title, f"{caption}.", f"Line charts of {len(kept)} components of {sensor.name} in time.", image)
+
+
+def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawing:
+    """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
+    where it is known."""
+    with styled():
+        drawn, axes, below = figure(4.2, (1.4, 1.0))
+        index = visible_instants(estimate.nis[:, None], 240)
+        dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
+        mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
+        axes.axhline(mean, color=BLUE, label="mean")
+        if expected is not None:
+            axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
+        axes.set_ylabel("NIS / channels [–]")
+        axes.set_ylim(bottom=0)
+        plain_axis(axes)
+        index = visible_instants(estimate.violation[:, None], 240)
+        violation = drawable(estimate.violation[index])
+        if (violation > NONE).any():
+            violation = np.where(violation > NONE, violation, np.nan)
+            below.set_yscale("log")
+        dots(below, estimate.time[index], violation, "")
+        log_ticks(below)
+        below.set_ylabel("constraints\nviolated by")
+        time_axis(below)
+        legend_above(axes)
+        image = svg(drawn)
+    worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
+    caption = (
+        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}"
+        + (f", expected {number(expected, 3)}" if expected is not None else "")
+        + f". Below, how far the constraints are violated after every correction: at most {worst}."
+    )
+    return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, image)
+
+
+def mismatch(sensor: BenchSensor, component: int) -> float:
+    """RMS of measured − estimated over RMS of measured; NaN where nothing was measured."""
+    if sensor.expected is None:
+        return float("nan")
+    off = sensor.measured[:, component] - sensor.expected[:, component]
+    size = float(np.sqrt(np.mean(sensor.measured[:, component] ** 2)))
+    return float(np.sqrt(np.mean(off**2))) / size if size > 0 else float("nan")
+
+
+def sensor_unit(size: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which readings of this size are shown: angles as displacements are."""
+    if unit == "rad":
+        factor, shown = reading_unit(size, "m")
+        return factor, f"{shown.removesuffix('m')}rad"
+    return reading_unit(size, unit)

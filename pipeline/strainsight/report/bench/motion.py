@@ -6,8 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.simulated import DriveMotion, RingMotion
 from strainsight.report.arrays import FloatArray
-from strainsight.report.bench.data import BearingMotion, BenchMotion, BenchPlacement, BenchStress, DriveMotion
+from strainsight.report.bench.data import BenchMotion, BenchStress
 from strainsight.report.bench.figures import line_style
 from strainsight.report.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.report.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
@@ -29,48 +31,45 @@ def loads_figure(motion: BenchMotion) -> Drawing:
     return _stacked("loads", "Loads", motion.time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
 
 
-def bearing_figures(motion: BenchMotion, bearing: BearingMotion) -> list[Drawing]:
+def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawing]:
     """Displacements and tilts of the inner ring; loads and highest contact pressure."""
     moved = _stacked(
-        f"bearing-{bearing.name}-displacement",
-        f"{bearing.name}: displacement of the inner ring",
-        motion.time,
+        f"bearing-{name}-displacement",
+        f"{name}: displacement of the inner ring",
+        time,
         (
-            ("displacement [µm]", 1e6 * bearing.displacement[:, :3], ("x", "y", "z")),
-            ("tilt [µrad]", 1e6 * bearing.displacement[:, 3:], ("y", "z")),
+            ("displacement [µm]", 1e6 * ring.displacement[:, :3], ("x", "y", "z")),
+            ("tilt [µrad]", 1e6 * ring.displacement[:, 3:], ("y", "z")),
         ),
-        f"Displacement of the inner ring of {bearing.name} in the axes of the outer one; x is the axis.",
+        f"Displacement of the inner ring of {name} in the axes of the outer one; x is the axis.",
     )
     pressed = _stacked(
-        f"bearing-{bearing.name}-load",
-        f"{bearing.name}: load on the inner ring",
-        motion.time,
+        f"bearing-{name}-load",
+        f"{name}: load on the inner ring",
+        time,
         (
-            ("force [kN]", bearing.load[:, :3] / 1e3, ("x", "y", "z")),
-            ("moment [kN·m]", bearing.load[:, 3:] / 1e3, ("y", "z")),
-            ("pressure [MPa]", bearing.pressure[:, None] / 1e6, ("highest",)),
+            ("force [kN]", ring.load[:, :3] / 1e3, ("x", "y", "z")),
+            ("moment [kN·m]", ring.load[:, 3:] / 1e3, ("y", "z")),
+            ("pressure [MPa]", ring.pressure[:, None] / 1e6, ("highest",)),
         ),
-        f"Load on the inner ring of {bearing.name} and the highest contact pressure of all balls, at most "
-        f"{number(float(np.max(bearing.pressure, initial=0.0)) / 1e6, 4)} MPa.",
+        f"Load on the inner ring of {name} and the highest contact pressure of all balls, at most "
+        f"{number(float(np.max(ring.pressure, initial=0.0)) / 1e6, 4)} MPa.",
     )
     return [moved, pressed]
 
 
-def drive_figure(motion: BenchMotion, drive: DriveMotion) -> Drawing:
-    """Where a driven joint is, and the force or torque that it takes."""
+def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -> Drawing:
+    """Where a driven joint is, and the force or torque that it takes; turns: whether its motion is an angle."""
     largest = float(np.max(np.abs(drive.force), initial=0.0))
-    factor, unit = prefix(largest, "N·m" if drive.turns else "N")
-    place = ("angle [°]", np.rad2deg(drive.position)) if drive.turns else ("position [m]", drive.position)
-    what = "torque" if drive.turns else "force"
+    factor, unit = prefix(largest, "N·m" if turns else "N")
+    place = ("angle [°]", np.rad2deg(drive.position)) if turns else ("position [m]", drive.position)
+    what = "torque" if turns else "force"
     return _stacked(
-        f"drive-{drive.name}",
-        f"{drive.name}: motion and {what} of the drive",
-        motion.time,
-        (
-            (place[0], place[1][:, None], (drive.name,)),
-            (f"{what} [{unit}]", drive.force[:, None] / factor, (what,)),
-        ),
-        f"Motion that {drive.name} follows, and the {what} that it takes, at most {number(largest / factor, 3)} {unit}.",
+        f"drive-{name}",
+        f"{name}: motion and {what} of the drive",
+        time,
+        ((place[0], place[1][:, None], (name,)), (f"{what} [{unit}]", drive.force[:, None] / factor, (what,))),
+        f"Motion that {name} follows, and the {what} that it takes, at most {number(largest / factor, 3)} {unit}.",
     )
 
 
@@ -100,13 +99,15 @@ def stress_in_words(stress: BenchStress) -> str:
     return f"{text}, {percent(stress.share)} of the allowable {quantity(stress.allowable, 'Pa')}"
 
 
-def random_figure(placement: BenchPlacement) -> Drawing:
+def random_figure(placed: BenchPlaced) -> Drawing:
     """Expected standard deviation of every load with the layout and with random ones, over the layout's."""
-    names = [name for name, std in placement.expected.items() if std > 0]
+    expected = placed.placed.std
+    known = np.flatnonzero(expected > 0)
+    names = [placed.inputs[i] for i in known]
     with styled():
         drawn, axes = figure(1.3 + 0.4 * len(names))
-        for y, name in enumerate(names):
-            others = np.asarray(placement.random.get(name, ()), dtype=float) / placement.expected[name]
+        for y, i in enumerate(known):
+            others = placed.random_std[:, i] / expected[i]
             others = others[np.isfinite(others)]
             axes.plot(
                 others, np.full(len(others), y), "|", color=MUTED, ms=10, mew=1.4, label=None if y else "random layouts"

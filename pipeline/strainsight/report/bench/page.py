@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 
 from strainsight.report.bench.answer import bench_answer, too_high
-from strainsight.report.bench.balls import balls_figures
-from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.bench.figures import Line, ratio_figure, runs_figure, unknown_figure
+from strainsight.report.bench.bearing_page import balls_figures
+from strainsight.report.bench.data import BenchRun, BenchUnknown
+from strainsight.report.bench.figures import (
+    components_figure,
+    consistency_figure,
+    ratio_figure,
+    runs_figure,
+    unknown_figure,
+)
 from strainsight.report.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
-from strainsight.report.bench.sensors import components_figure, consistency_figure
 from strainsight.report.bench.tables import mismatch_table, placement_table, runs_table
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.document import document
-from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, picture, plain, table
+from strainsight.report.page.markup import bullets, figure, figures, measure, picture, plain, table
+from strainsight.report.page.sections import advice_card, document, panel, rests_on, section
 from strainsight.report.placement.figures import trend_figure
-from strainsight.report.placement.tables import criteria_meaning, criteria_table
+from strainsight.report.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.report.placement.verdicts import headline
-from strainsight.report.space.section import STYLE, script
-from strainsight.report.tested.hold_out import held_out, hold_out_figures
+from strainsight.report.tested.figures import hold_out_figures, hold_out_section
 
-STYLES = ("bench/bench.css",)
+STYLE = "bench/bench.css"
 FOOTER = (
     "σ is one standard deviation. Errors and claimed σ of a bench are relative: of a load to its largest true value, of a "
     "parameter to its true value. Bearings are quasi-static after Hertz, their rings rigid but for the contacts."
@@ -33,7 +37,7 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
     found: dict[str, tuple[Drawing, ...]] = {}
     if (estimate := run.estimate) is not None:
         found["unknowns"] = tuple(
-            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [Line("", unknown.history)])
+            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [("", unknown.history)])
             for i, unknown in enumerate(estimate.unknowns)
         )
         found["unknowns"] += tuple(
@@ -41,24 +45,26 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
             for i, unknown in enumerate(estimate.unknowns)
             if unknown.there is not None
         )
-        found["unknowns"] += tuple(drawn for bearing in estimate.bearings for drawn in balls_figures(bearing))
+        found["unknowns"] += tuple(
+            drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)
+        )
         found["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
         found["sensors"] = tuple(
             components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
             for i, sensor in enumerate(estimate.sensors)
         )
-        found["sensors"] += (consistency_figure(estimate),)
+        found["sensors"] += (consistency_figure(estimate, run.number("expected_nis")),)
         found["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
     if (placement := run.placement) is not None:
         found["placement"] = (trend_figure(placement.trend),)
-        if any(len(values) for values in placement.random.values()):
-            found["placement"] += (random_figure(placement),)
+        if placement.placed.random_std.size:
+            found["placement"] += (random_figure(placement.placed),)
     if (motion := run.motion) is not None:
         drawings = [loads_figure(motion)] if motion.inputs else []
         drawings += [stress_figure(run.stress)] if run.stress is not None else []
-        drawings += [drive_figure(motion, drive) for drive in motion.drives]
-        for bearing in motion.bearings:
-            drawings += bearing_figures(motion, bearing)
+        drawings += [drive_figure(motion.time, name, *drive) for name, drive in motion.drives.items()]
+        for name, ring in motion.bearings.items():
+            drawings += bearing_figures(motion.time, name, ring)
         shown = {sensor.name for sensor in run.sensors}
         drawings += [
             components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
@@ -72,13 +78,12 @@ def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
 def bench_page(
     run: BenchRun,
     drawings: dict[str, tuple[Drawing, ...]],
-    provenance: Iterable[tuple[str, str]],
+    provenance: Mapping[str, str],
     pictures: Sequence[tuple[str, bytes]] = (),
     turned: str = "",
 ) -> str:
     """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
     turned: the section of `space_section`, or nothing."""
-    held = () if run.estimate is None else run.estimate.hold_out
     number_of = {entry.key: i for i, entry in enumerate(entry for entries in drawings.values() for entry in entries)}
 
     def each(key: str) -> list[str]:
@@ -94,23 +99,18 @@ def bench_page(
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
         sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
-        sensors = mismatch_table(run)
-        sections.append(f'<h2>Does it explain the sensors?</h2><div class="card">{sensors}</div>{cards("sensors")}')
-        sections.append(held_out(held, each("hold-out")))
+        sections.append(f"{section('Does it explain the sensors?', mismatch_table(run))}{cards('sensors')}")
+        sections.append(hold_out_section(run.estimate.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
-        sections.append(f"<h2>Where the gauges go</h2>{_placed(run.placement)}{cards('placement')}")
+        sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{cards('placement')}")
     if run.motion is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
-    numbers = table("numbers", (), _facts(run))
-    sections.append(
-        f'<h2>What it rests on</h2><div class="panels"><section class="card"><h3>Numbers</h3>{numbers}</section>'
-        f'<section class="card"><h3>Provenance</h3>{pairs("provenance", provenance)}</section></div>'
-    )
+    sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
     return document(
         "bench",
         run.name,
@@ -118,19 +118,21 @@ def bench_page(
         bench_answer(run),
         sections,
         FOOTER,
-        (*STYLES, STYLE) if turned else STYLES,
-        (script(),) * bool(turned),
+        STYLE,
+        turned=bool(turned),
     )
 
 
-def _placed(placement: BenchPlacement) -> str:
+def _placed(run: BenchRun) -> str:
     """The layout, what to do with it, and the same by other rules."""
-    advice = (
-        f'<section class="card notes advice"><h3>What to do with this layout</h3>{bullets(placement.advice)}</section>'
-    )
-    rules = f'<div class="card">{criteria_meaning(placement)}{criteria_table(placement)}</div>'
-    shown = advice * bool(placement.advice) + rules * bool(placement.criteria)
-    return f'<div class="card">{placement_table(placement)}</div>{shown}'
+    placement = run.placement
+    assert placement is not None
+    text = f'<div class="card">{placement_table(placement, run.numbers.get("place", {}))}</div>'
+    text += advice_card(placement.placed.advice, "h3")
+    if not placement.criteria:
+        return text
+    rules = criteria_table(placement.trend, placement.metrics, placement.criteria, placement.units)
+    return f'{text}<div class="card">{criteria_meaning(placement.metrics)}{rules}</div>'
 
 
 def _picture(caption: str, png: bytes) -> str:
@@ -156,11 +158,10 @@ NAMES: Sequence[tuple[str, str, str]] = (
 
 def _facts(run: BenchRun) -> list[tuple[str, str]]:
     rows = []
-    if run.motion is not None:
-        for key, name, unit in NAMES:
-            value = run.motion.numbers.get(key)
-            if isinstance(value, int | float):
-                rows.append((name, measure(float(value), unit)))
+    for key, name, unit in NAMES:
+        value = run.numbers.get("simulate", {}).get(key)
+        if isinstance(value, int | float):
+            rows.append((name, measure(float(value), unit)))
     for key, name in (("method", "correction"), ("truth", "truth")):
         if isinstance(value := run.summary.get(key), str):
             rows.append((name, escape(value)))
@@ -171,10 +172,9 @@ def _facts(run: BenchRun) -> list[tuple[str, str]]:
     ):
         if (text := run.number(key)) is not None:
             rows.append((name, plain(text, 3)))
-    if run.placement is not None:
-        rows += [
-            (escape(f"placement: {key}"), plain(float(value), 4))
-            for key, value in run.placement.numbers.items()
-            if isinstance(value, int | float) and not isinstance(value, bool) and not key.startswith("std.")
-        ]
+    rows += [
+        (escape(f"placement: {key}"), plain(float(value), 4))
+        for key, value in run.numbers.get("place", {}).items()
+        if isinstance(value, int | float) and not isinstance(value, bool) and not key.startswith("std.")
+    ]
     return rows

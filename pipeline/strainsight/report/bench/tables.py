@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
+
+import numpy as np
 
 from strainsight.estimation.decision import FAULTS, UNTESTED, WEAK
 from strainsight.report import text
 from strainsight.report.bench.data import BenchPlacement, BenchRun, BenchUnknown
-from strainsight.report.page.markup import block, cell, data, grouped_table, measure, plain, table
-from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.page.markup import (
+    AXES,
+    axes,
+    block,
+    cell,
+    data,
+    decimals,
+    grouped_table,
+    measure,
+    plain,
+    table,
+    verdict_mark,
+)
 from strainsight.report.text import number
+from strainsight.workflow.output import Scalar
 
 Cell = Callable[[BenchRun, BenchUnknown], str]
 
@@ -58,10 +71,7 @@ def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
-    mark, style = ("✕", "bad") if word in (*FAULTS, WEAK) else ("✓", "good")
-    if word == UNTESTED:
-        return word
-    return f'<strong class="{style} whole">{mark} {word}</strong>'
+    return word if word == UNTESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
 
 
 COLUMNS: tuple[tuple[str, Cell], ...] = (
@@ -181,46 +191,35 @@ def mismatch_table(run: BenchRun) -> str:
     return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
-def placement_table(placement: BenchPlacement) -> str:
-    """The layout's expected standard deviations beside those of random layouts, and where the gauges go."""
+def placement_table(placement: BenchPlacement, numbers: Mapping[str, Scalar]) -> str:
+    """The layout's expected standard deviations beside those of random layouts, and where the gauges go; numbers: the summary of
+    place."""
+    placed, units = placement.placed, placement.units
+    best, random = placed.placed, placed.random_std
     rows = []
-    for name, std in placement.expected.items():
-        unit = _unit(placement, name)
-        drawn = [float(value) for value in placement.random.get(name, ()) if not math.isnan(value)]
+    for i, (name, unit) in enumerate(units.items()):
+        drawn = random[~np.isnan(random[:, i]), i].tolist()
         cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
-        rows.append([escape(name), measure(std, unit, 3), *cells])
+        rows.append([escape(name), measure(float(best.std[i]), unit, 3), *cells])
     head = ("load", "expected σ", "best random layout", "worst")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
-    places, symbol = decimals(placement.position), escape(placement.trend.metric.symbol)
+    places, symbol = decimals(best.position), escape(placement.trend.metric.symbol)
     gauges = [
         [
-            escape(placement.labels[i]) if placement.labels else f"G{i + 1}",
-            *axes(placement.position[i], places),
-            f'<span class="whole">{" ".join(axes(placement.direction[i], 3))}</span>',
-            plain(float(placement.loss[i]), 4),
-            *(measure(float(std[i]), _unit(placement, name), 3) for name, std in placement.without.items()),
+            escape(label),
+            *axes(best.position[i], places),
+            f'<span class="whole">{" ".join(axes(best.direction[i], 3))}</span>',
+            plain(float(placed.loss[i]), 4),
+            *(measure(float(std), unit, 3) for std, unit in zip(best.without[i], units.values(), strict=True)),
         ]
-        for i in range(len(placement.position))
+        for i, label in enumerate(placement.labels)
     ]
-    columns = [
-        "gauge",
-        *AXES,
-        "direction",
-        f"{symbol} if it fails",
-        *(f"σ({escape(n)}) without it" for n in placement.without),
-    ]
+    without = [f"σ({escape(name)}) without it" for name in units]
+    columns = ["gauge", *AXES, "direction", f"{symbol} if it fails", *without]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
-        every = placement.numbers.get("bounded")
-        caption += (
-            f" No other layout within the limits{f' of all {every} candidates' if every else ''} is lower by more than "
-        )
-        caption += f"{ratio(max(gap, 0.0))}."
-    if "proven" in placement.numbers:
-        proof = "Proven: none is better." if placement.numbers["proven"] else "The time was too short for a proof."
-        caption += f" {proof}"
+        of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""
+        caption += f" No other layout within the limits{of} is lower by more than {ratio(max(gap, 0.0))}."
+    if "proven" in numbers:
+        caption += " Proven: none is better." if numbers["proven"] else " The time was too short for a proof."
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
-
-
-def _unit(placement: BenchPlacement, name: str) -> str:
-    return placement.units.get(name, "").replace("N m", "N·m")

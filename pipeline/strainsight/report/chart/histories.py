@@ -1,13 +1,14 @@
-"""The figures of an unknown in time: its estimate with the band that is claimed for it, beside the truth where that is known."""
+"""The figures of an unknown: its estimate in time with the band that is claimed for it, and the posterior of a parameter."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from strainsight.records.estimated import Posterior
 from strainsight.report.arrays import History
-from strainsight.report.chart.drawing import BLUE, GREEN, INK, Drawing, figure, styled, svg, visible_instants
-from strainsight.report.chart.panels import drawable, focus_on, last_periods, legend_above, shown_unit, time_axis
-from strainsight.report.text import quantity, short
+from strainsight.report.chart.drawing import BLUE, GREEN, INK, ORANGE, Drawing, figure, styled, svg, visible_instants
+from strainsight.report.chart.panels import band, drawable, focus_on, last_periods, legend_above, shown_unit, time_axis
+from strainsight.report.text import prefix, quantity, short
 
 
 def estimate_figure(history: History, start: int = 0) -> Drawing:
@@ -42,23 +43,13 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     with styled():
         drawn, axes = figure()
         if np.isfinite(std).any():
-            axes.fill_between(
-                time[index], columns[1][index], columns[2][index], color=BLUE, alpha=0.2, lw=0, label="±2σ"
-            )
+            band(axes, time[index], mean[index], std[index], BLUE, 0.2, "±2σ")
         axes.plot(time[index], mean[index], color=BLUE, label="estimate")
         if smoothed is not None:
             claimed = history.smoothed_std is not None and np.isfinite(history.smoothed_std).any()
             if history.smoothed_std is not None and claimed:
-                wide = 2 * drawable(history.smoothed_std[window])[index] / factor
-                axes.fill_between(
-                    time[index], smoothed[index] - wide, smoothed[index] + wide, color=GREEN, alpha=0.25, lw=0
-                )
-            axes.plot(
-                time[index],
-                smoothed[index],
-                color=GREEN,
-                label="smoothed ±2σ" if claimed else "smoothed",
-            )
+                band(axes, time[index], smoothed[index], drawable(history.smoothed_std[window])[index] / factor, GREEN)
+            axes.plot(time[index], smoothed[index], color=GREEN, label="smoothed ±2σ" if claimed else "smoothed")
         if truth is not None:
             axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
         if focus:
@@ -75,3 +66,28 @@ def _history_alt(history: History) -> str:
     truth = "" if history.truth is None else f", truth {quantity(float(history.truth[-1]), history.unit)}"
     sigma = f" ± {quantity(float(history.std[-1]), history.unit, 2)}" if np.isfinite(history.std[-1]) else ""
     return f"Line chart of {history.name}: at the end {end}{sigma}{truth}."
+
+
+def posterior_figure(name: str, unit: str, own: Posterior, truth: float | None = None) -> Drawing:
+    """Density of a parameter before and after the measurements, and its true value where that is known."""
+    factor, shown = prefix(float(own.value.max()), unit)
+    value = own.value / factor
+    with styled():
+        drawn, axes = figure()
+        axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
+        axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
+        axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
+        if truth is not None:
+            axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
+        axes.set_xlabel(f"{name} [{shown}]")
+        axes.set_ylabel(f"density of ln {name} [–]")
+        axes.set_ylim(bottom=0)
+        legend_above(axes, columns=3)
+        image = svg(drawn)
+    top = quantity(float(own.value[np.argmax(own.density)]), unit)
+    caption = (
+        f"What is known of {name} after the measurements of the test, beside what was known before: the narrower of the two "
+        "curves, the more they say; one with several peaks allows several values."
+    )
+    alt = f"Density of {name} before and after the measurements, largest at {top}."
+    return Drawing(f"posterior-{name}", f"{name}: what the measurements leave", caption, alt, image)

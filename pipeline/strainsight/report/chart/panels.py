@@ -38,6 +38,13 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
     )
 
 
+def band(
+    axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str, alpha: float = 0.25, label: str = ""
+) -> None:
+    """mean ± 2σ over x."""
+    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=alpha, lw=0, label=label)
+
+
 def time_axis(axes: Axes) -> None:
     axes.locator_params(axis="x", nbins=6)
     axes.set_xlabel("time [s]")

@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 import base64
+import math
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
+import numpy as np
+
+from strainsight.report.arrays import FloatArray
 from strainsight.report.chart import drawing
 from strainsight.report.chart.drawing import Drawing
+from strainsight.report.datum import METRES, Frame
 from strainsight.report.text import number, percent, quantity
 
+AXES = METRES.heads
 LONGEST = 20
 """Letters of a word in a head that paper has room for: a name from a config may be longer."""
-THEME = {
-    drawing.BLUE: "var(--blue)",
-    drawing.VERMILION: "var(--vermilion)",
-    drawing.GREEN: "var(--green)",
-    drawing.ORANGE: "var(--orange)",
-    drawing.PURPLE: "var(--purple)",
-    drawing.SKY: "var(--sky)",
-    drawing.INK: "var(--ink)",
-    drawing.MUTED: "var(--muted)",
-    drawing.GRID: "var(--grid)",
-    "#ffffff": "var(--card)",
+THEME = {"#ffffff": "var(--card)"} | {
+    getattr(drawing, name.upper()): f"var(--{name})"
+    for name in ("blue", "vermilion", "green", "orange", "purple", "sky", "ink", "muted", "grid")
 }
 
 
@@ -54,6 +52,16 @@ def plain(value: float, digits: int = 4) -> str:
     return data(value, number(value, digits))
 
 
+def links(name: str, places: Iterable[int]) -> str:
+    """Links to what has these numbers on the page: `name-1`, `name-3`."""
+    return ", ".join(f'<a href="#{name}-{i}">{i}</a>' for i in places)
+
+
+def verdict_mark(verdict: str, good: bool, bad: str = "✕") -> str:
+    """A verdict in a table, with a tick where it is good, else with the sign for a bad one."""
+    return f'<strong class="{"good" if good else "bad"} whole">{"✓" if good else bad} {verdict}</strong>'
+
+
 def bullets(sentences: Iterable[str]) -> str:
     """An escaped bullet list."""
     return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
@@ -76,7 +84,7 @@ def table(
     right = frozenset(numeric)
 
     def line(cells: Sequence[str]) -> str:
-        rest = "".join(f"<td{_right(i, right)}>{cell}</td>" for i, cell in enumerate(cells) if i)
+        rest = "".join(cell(text, right=i in right) for i, text in enumerate(cells) if i)
         return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
 
     text = (
@@ -131,10 +139,6 @@ def _head(names: Sequence[str], right: frozenset[int]) -> str:
     return f"<thead><tr>{cells}</tr></thead>"
 
 
-def _right(column: int, numeric: frozenset[int]) -> str:
-    return ' class="n"' if column in numeric else ""
-
-
 def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
     """A table's HTML in a region of its own, which scrolls where it is wider than the page; tables.js knows it by its name
     and puts its buttons beside title and caption."""
@@ -149,6 +153,21 @@ def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
 def pairs(name: str, entries: Iterable[tuple[str, str]]) -> str:
     """A table of escaped names and values; name as of `table`."""
     return table(name, (), [(escape(key), f"<span>{escape(value)}</span>") for key, value in entries])
+
+
+def tile(name: str, value: str, rows: Sequence[tuple[str, str]] = (), after: str = "") -> str:
+    """A card with a number of the first screen: what it is of, its value, and what stands beside that value as far as it is
+    known; all as HTML."""
+    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
+    return (
+        f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
+        f"{f'<dl>{items}</dl>' if items else ''}{after}</div>"
+    )
+
+
+def mark(text: str, good: bool) -> str:
+    """What does hold, or does not, in a tile."""
+    return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {text}</p>'
 
 
 def badge(label: str, index: int, *, hollow: bool = False) -> str:
@@ -167,16 +186,33 @@ def figure(entry: Drawing, index: int) -> str:
     )
 
 
-def figures(cards: Iterable[str], heading: str = "") -> str:
-    """Cards side by side below a heading; nothing where there are none."""
+def chosen(drawings: Sequence[Drawing], *begins: str) -> list[str]:
+    """Cards of the figures whose keys begin so; a figure's number on the page is its place in `drawings`."""
+    return [figure(entry, i) for i, entry in enumerate(drawings) if entry.key.startswith(begins)]
+
+
+def figures(cards: Iterable[str], heading: str = "", grid: str = "figures") -> str:
+    """Cards side by side below a heading; nothing where there are none. grid: "figures", or "multiples", which are smaller."""
     shown = "".join(cards)
-    return f'{heading}<div class="figures">{shown}</div>' if shown else ""
+    return f'{heading}<div class="{grid}">{shown}</div>' if shown else ""
+
+
+def folded(cards: Sequence[str], grid: str, unfolded: int = 12) -> str:
+    """Cards as of `figures`; from number `unfolded` on they are shown on demand."""
+    more = figures(cards[unfolded:], f"<summary>{len(cards) - unfolded} more</summary>", grid)
+    return figures(cards[:unfolded], grid=grid) + (f"<details>{more}</details>" if more else "")
 
 
 def picture(png: bytes, alt: str, width: int, height: int) -> str:
     """A picture of the page itself, in pixels of the page."""
     source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
     return f'<img alt="{escape(alt)}" width="{width}" height="{height}" src="{source}">'
+
+
+def scene(png: bytes, alt: str, label: str, width: int = 1280, height: int = 840) -> str:
+    """A picture that scrolls where it is wider than the page; label: what it is of."""
+    shown = picture(png, alt, width, height)
+    return f'<div class="scene" tabindex="0" role="region" aria-label="{escape(label)}">{shown}</div>'
 
 
 def inline_svg(entry: Drawing, prefix: str) -> str:
@@ -196,3 +232,20 @@ def inline_svg(entry: Drawing, prefix: str) -> str:
     body = re.sub(r"#[0-9a-f]{6}\b(?=[;\"\s])", lambda match: THEME.get(match[0], match[0]), body)
     # Text without a colour of its own is black in SVG, and would vanish on a dark page.
     return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'
+
+
+def decimals(points: FloatArray, frame: Frame = METRES) -> int:
+    """Decimals that show a position in the frame's unit to about a ten-thousandth of the structure's size; points (n, 3) [m]."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) / frame.metres
+    return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
+
+
+def coordinates(position: FloatArray, places: int) -> str:
+    """Coordinates with that many decimals."""
+    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
+
+
+def axes(position: FloatArray, places: int, frame: Frame = METRES) -> list[str]:
+    """x, y and z of a position (3,) [m] as cells in the frame, with that many decimals."""
+    own = frame.place(position)
+    return [data(float(value), coordinates(own[i : i + 1], places)) for i, value in enumerate(own)]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from html import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import matplotlib
+from strainsight.report.text import number
 
 MAP, DIVERGING = "viridis", "coolwarm"
 """Of values of one sign, and of values about zero."""
@@ -86,3 +88,15 @@ def gradient(scale: Scale) -> str:
     """The colours from low to high, as a background of CSS."""
     listed = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in stops(scale))
     return f"linear-gradient(to right, {listed})"
+
+
+def scale_bar(scale: Scale) -> str:
+    """Colours from low to high with their values, in words for those who do not see them."""
+    low, middle, high = (number(value, 3) for value in (scale.low, (scale.low + scale.high) / 2, scale.high))
+    low, high = "≤\u00a0" * scale.below + low, "≥\u00a0" * scale.above + high
+    said = escape(f"{scale.quantity} from {low} to {high} {scale.unit}")
+    return (
+        f'<div class="scale" role="img" aria-label="{said}"><p>{escape(scale.quantity)} [{escape(scale.unit)}]</p>'
+        f'<i style="background:{gradient(scale)}"></i><p class="ends"><span>{low}</span><span>{middle}</span>'
+        f"<span>{high}</span></p></div>"
+    )

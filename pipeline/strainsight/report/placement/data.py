@@ -8,16 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
-from strainsight.estimation.decision import Benefit as Benefit
-from strainsight.estimation.decision import Claim as Claim
-from strainsight.report.arrays import FloatArray, History, IntArray
-from strainsight.report.chart.posterior import Posterior as Posterior
-from strainsight.report.page.filters import OtherFilter as OtherFilter
-from strainsight.report.picture.layout import Gauge as Gauge
-from strainsight.report.picture.layout import Layout as Layout
-from strainsight.report.picture.layout import Load as Load
+import numpy as np
+
+from strainsight.estimation.decision import Benefit, Claim
+from strainsight.records.estimated import Compared, Posterior
+from strainsight.records.placed import ByCase
+from strainsight.report.arrays import FloatArray, History, IntArray, Reading
+from strainsight.report.picture.layout import Layout
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """The estimation over other seeds and starts: error (n,), claimed_std (n,) relative, and whether the starts end together."""
+
+    error: FloatArray
+    claimed_std: FloatArray
+    identified: bool
 
 
 @dataclass(frozen=True)
@@ -39,6 +47,7 @@ class Unknown:
     benefit         whether random layouts of the same size estimate it as well
     withheld        whether σ is, as a parameter has left the range of the reduced model: std and smoothed_std are None
     worst_case      name of the load case of expected_std, empty where there are none
+    repeats         the same of other seeds and starts
 
     What was not computed is None: a placement without a validation still has a page.
     """
@@ -59,17 +68,12 @@ class Unknown:
     benefit: Benefit | None = None
     worst_case: str = ""
     withheld: bool = False
+    repeats: Repeats | None = None
 
-
-@dataclass(frozen=True)
-class LoadCase:
-    """A training that the layout is placed for: name; weight beside the others; metric of the layout in it alone; std: unknown's
-    name → expected σ relative to its amplitude there, NaN where it is silent."""
-
-    name: str
-    weight: float
-    metric: float
-    std: Mapping[str, float]
+    @property
+    def lost(self) -> bool:
+        """Whether its starts end apart."""
+        return self.repeats is not None and not self.repeats.identified
 
 
 @dataclass(frozen=True)
@@ -96,20 +100,6 @@ class Trend:
     metric: Metric
     lower_bound: float | None = None
     gap: float | None = None
-
-
-@dataclass(frozen=True)
-class GaugeSignal:
-    """One channel over time: label ("G1", or "G1 45°" of a rosette); time (T,) [s]; measured, truth (without noise),
-    estimated, std (T,) [unit]."""
-
-    label: str
-    time: FloatArray
-    measured: FloatArray
-    truth: FloatArray | None
-    estimated: FloatArray
-    std: FloatArray
-    unit: str = "strain"
 
 
 @dataclass(frozen=True)
@@ -158,52 +148,30 @@ class RandomSets:
     history: FloatArray | None
     chosen_error: float
 
-
-@dataclass(frozen=True)
-class NoiseRow:
-    """One noise level: level = noise std over the strongest candidate's RMS (0.01 is one per cent), factor times the
-    configured noise; error, std: unknown's name → relative."""
-
-    level: float
-    factor: float
-    error: Mapping[str, float]
-    std: Mapping[str, float]
+    @property
+    def finite(self) -> FloatArray:
+        """Errors of the sets whose filter did not diverge."""
+        return self.error[np.isfinite(self.error)]
 
 
 @dataclass(frozen=True)
-class Repeats:
-    """The estimation repeated over seeds and starts: error (n,), claimed_std (n,) relative, and the verdict on it."""
+class Noise:
+    """The estimation at other noise: level (k,), rising, = noise std over the strongest candidate's RMS (0.01 is one per cent);
+    error, std: unknown's name → (k,) relative."""
+
+    level: FloatArray
+    error: Mapping[str, FloatArray]
+    std: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Check:
+    """NEES or NIS over its dimension (1 is ideal), the band in which that of a consistent filter stays, and the verdict."""
 
     name: str
-    error: FloatArray
-    claimed_std: FloatArray
-    verdict: Literal["identified", "not identified"]
-
-
-@dataclass(frozen=True)
-class Consistency:
-    """NEES and NIS divided by their dimension (1 is ideal), each with the band a consistent filter stays in, and the verdict."""
-
-    nees: float | None = None
-    nees_band: tuple[float, float] | None = None
-    nees_verdict: str = ""
-    nis: float | None = None
-    nis_band: tuple[float, float] | None = None
-    nis_verdict: str = ""
-
-
-class Compared(Protocol):
-    """A layout beside those of other rules: its trend; criteria: layouts by every rule, ours first; metrics: every one, that of
-    the layout first; units: of every unknown."""
-
-    @property
-    def trend(self) -> Trend: ...
-    @property
-    def criteria(self) -> tuple[Criteria, ...]: ...
-    @property
-    def metrics(self) -> tuple[Metric, ...]: ...
-    @property
-    def units(self) -> Mapping[str, str]: ...
+    value: float
+    band: tuple[float, float]
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -213,10 +181,10 @@ class PlacementReport:
     name of the config, title for people; frequencies [Hz] of the model at the reference;
     metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
     distinguished; observability: name → number;
-    load_cases: what the layout is placed for together, empty where it is the loads as stated;
+    load_cases: what the layout is placed for together, None where it is the loads as stated;
     budget: unknown's name → source → share of the variance expected, empty where that is not known;
     advice: sentences, what to do with the layout (how many gauges are worth it, which are redundant, limits);
-    filters: parameters by the bank and the filters that were compared with it;
+    posteriors: parameter → what the measurements leave of it; filters: parameters by the bank and by others;
     truth_description: what the estimates were tested against; warnings and not_tested: sentences;
     test: what the test of this layout said, empty before one;
     facts: mesh, mass, pool sizes; seconds: stage → how long it took when it was computed [s];
@@ -229,22 +197,21 @@ class PlacementReport:
     layout: Layout
     trend: Trend
     histories: tuple[History, ...] = ()
-    posteriors: tuple[Posterior, ...] = ()
-    gauge_signals: tuple[GaugeSignal, ...] = ()
+    posteriors: Mapping[str, Posterior] = field(default_factory=dict)
+    gauge_signals: tuple[Reading, ...] = ()
     random_sets: tuple[RandomSets, ...] = ()
-    noise: tuple[NoiseRow, ...] = ()
-    repeats: tuple[Repeats, ...] = ()
+    noise: Noise | None = None
     frequencies: tuple[float, ...] = ()
     metrics: tuple[Metric, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     cases: tuple[Case, ...] = ()
-    load_cases: tuple[LoadCase, ...] = ()
+    load_cases: ByCase | None = None
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()
     observability: Mapping[str, float] = field(default_factory=dict)
     truth_description: str = ""
-    filters: tuple[OtherFilter, ...] = ()
-    consistency: Consistency = field(default_factory=Consistency)
+    filters: Compared | None = None
+    consistency: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     not_tested: tuple[str, ...] = ()
     test: str = ""

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.estimation.decision import LOST
-from strainsight.report.arrays import FloatArray, History, IntArray
+from strainsight.estimation.decision import LOST, Claim
+from strainsight.report.arrays import FloatArray, History, IntArray, Reading, largest
 from strainsight.report.chart.drawing import (
     BLUE,
     GREEN,
@@ -27,7 +27,7 @@ from strainsight.report.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.report.chart.histories import closing_figure, estimate_figure
+from strainsight.report.chart.histories import closing_figure, estimate_figure, posterior_figure
 from strainsight.report.chart.panels import (
     dots,
     drawable,
@@ -38,18 +38,7 @@ from strainsight.report.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.report.chart.posterior import posterior_figure
-from strainsight.report.picture.layout import Gauge
-from strainsight.report.placement.data import (
-    Claim,
-    GaugeSignal,
-    NoiseRow,
-    PlacementReport,
-    RandomSets,
-    Repeats,
-    Trend,
-    Unknown,
-)
+from strainsight.report.placement.data import Noise, PlacementReport, RandomSets, Repeats, Trend
 from strainsight.report.text import READINGS, number, percent, reading_unit, short
 
 
@@ -61,17 +50,19 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     for entry in report.histories:
         drawings.append(estimate_figure(entry))
         drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
-    drawings += [posterior_figure(own) for own in report.posteriors]
-    drawings += signal_figures(report.gauge_signals, report.layout.gauges)
+    truth, units = {unknown.name: unknown.truth for unknown in report.unknowns}, report.units
+    drawings += [posterior_figure(name, units[name], own, truth[name]) for name, own in report.posteriors.items()]
+    drawings += map(signal_figure, report.gauge_signals)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)
         drawings.append(random_errors_figure(sets))
         if name in history and any(entry.history is not None for entry in sets):
             drawings.append(random_histories_figure(sets, history[name]))
-    if report.noise:
-        drawings.append(noise_figure(report.noise, report.unknowns))
-    claims = {unknown.name: claim for unknown in report.unknowns for claim in unknown.claims if claim.of == "repeats"}
-    drawings += [repeats_figure(repeats, claims.get(repeats.name)) for repeats in report.repeats]
+    if report.noise is not None:
+        drawings.append(noise_figure(report.noise, list(report.units)))
+    drawings += [
+        repeats_figure(own.name, own.repeats, own.claims) for own in report.unknowns if own.repeats is not None
+    ]
     return tuple(drawings)
 
 
@@ -142,24 +133,10 @@ def trend_figure(trend: Trend) -> Drawing:
     return Drawing("trend", "What every gauge is worth", caption, alt, image)
 
 
-def signal_figures(signals: Sequence[GaugeSignal], gauges: Sequence[Gauge]) -> list[Drawing]:
-    """One figure a channel, in the colour of its gauge."""
-    labels = [gauge.label for gauge in gauges]
-    return [signal_figure(signal, gauge_colour(owner(signal.label, labels, i))) for i, signal in enumerate(signals)]
-
-
-def owner(label: str, gauges: Sequence[str], otherwise: int) -> int:
-    """Which gauge a channel belongs to: that of its label, or of the longest label that it begins with ("G1 45°")."""
-    if label in gauges:
-        return gauges.index(label)
-    begun = [name for name in gauges if label.startswith(f"{name} ")]
-    return gauges.index(max(begun, key=len)) if begun else otherwise
-
-
-def signal_figure(signal: GaugeSignal, colour: str) -> Drawing:
+def signal_figure(signal: Reading) -> Drawing:
     """Measured and estimated reading of one channel over the last periods, in µm/m, m/s² or millimetres."""
-    window = last_periods(signal.estimated)
-    factor, unit = reading_unit(_peak(signal.measured[window]), signal.unit)
+    window, colour = last_periods(signal.estimated), gauge_colour(signal.gauge)
+    factor, unit = reading_unit(largest(signal.measured[window]), signal.unit)
     what = READINGS.get(signal.unit, "reading")
     time = signal.time[window]
     whole = [drawable(values) / factor for values in (signal.measured, signal.estimated, signal.std)]
@@ -184,14 +161,9 @@ def signal_figure(signal: GaugeSignal, colour: str) -> Drawing:
         f"{what.capitalize()} at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
         f"(RMS {number(residual, 3)} {unit} over the run) and the ±2σ band of its estimate."
     )
-    peak = number(_peak(estimated), 3)
+    peak = number(largest(estimated), 3)
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
     return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, image)
-
-
-def _peak(values: np.ndarray) -> float:
-    """Largest size among what is finite, 0 where nothing is."""
-    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
 
 
 def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
@@ -200,7 +172,7 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
     with styled():
         drawn, axes = figure(1.5 + 0.6 * len(sets))
         for row, (entry, colour) in enumerate(zip(sets, (ORANGE, PURPLE), strict=False)):
-            error = 100 * entry.error[np.isfinite(entry.error)]
+            error = 100 * entry.finite
             # A fixed fan keeps equal errors apart without a random jitter.
             fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
             axes.plot(error, row + fan, "o", color=colour, ms=6, mec="white", mew=0.6, alpha=0.9)
@@ -209,7 +181,7 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
         axes.axvline(100 * chosen, color=BLUE, lw=2)
         axes.set_yticks(range(len(sets)), [f"random,\n{entry.pool_label}" for entry in sets])
         axes.set_ylim(len(sets) - 0.5, -0.9)
-        finite = np.concatenate([[100 * chosen], *[100 * entry.error[np.isfinite(entry.error)] for entry in sets]])
+        finite = np.concatenate([[100 * chosen], *[100 * entry.finite for entry in sets]])
         if finite.min() > 0 and finite.max() > 8 * finite.min():
             axes.set_xscale("log")
         plain_ticks(axes, "x")
@@ -223,16 +195,14 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
         image = svg(drawn)
     caption, parts = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
     for entry in sets:
-        good = entry.error[np.isfinite(entry.error)]
+        good = entry.finite
         better, lost = int(np.sum(good < entry.chosen_error)), len(entry.error) - len(good)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
         sentence = f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
         parts.append(sentence + (f", {lost} diverged and are not drawn." if lost else "."))
     caption += "".join(parts) + " This is one noise sample: a lucky set can come closer."
     alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; " + "; ".join(
-        f"random from {e.pool_label} median {percent(float(np.median(e.error[np.isfinite(e.error)])))}"
-        for e in sets
-        if np.isfinite(e.error).any()
+        f"random from {e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)
     )
     return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, image)
 
@@ -276,23 +246,17 @@ def random_histories_figure(sets: tuple[RandomSets, ...], chosen: History) -> Dr
     return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, image)
 
 
-def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> Drawing:
+def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     """Error and claimed standard deviation against the gauge noise, one colour an unknown."""
-    level = np.array([row.level for row in rows])
-    order = np.argsort(level)
-    names = [unknown.name for unknown in unknowns if any(unknown.name in row.error for row in rows)]
+    level = 100 * noise.level
     with styled():
         drawn, axes = figure()
-        for name, colour in zip(names, np.resize(SERIES, len(names)), strict=True):
-            error = np.array([row.error.get(name, np.nan) for row in rows])[order]
-            std = np.array([row.std.get(name, np.nan) for row in rows])[order]
-            axes.plot(100 * level[order], 100 * std, "-", color=str(colour), lw=1.4, label=f"claimed σ({short(name)})")
-            axes.plot(
-                100 * level[order], 100 * error, "o", color=str(colour), ms=7, label=f"real error of {short(name)}"
-            )
+        for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
+            axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
+            axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
         if np.all(level > 0):
             axes.set_xscale("log")
-            axes.set_xticks(100 * np.unique(level), [number(100 * value, 3) for value in np.unique(level)])
+            axes.set_xticks(np.unique(level), [number(value, 3) for value in np.unique(level)])
             axes.minorticks_off()
         if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
             axes.set_yscale("log")
@@ -303,14 +267,17 @@ def noise_figure(rows: tuple[NoiseRow, ...], unknowns: tuple[Unknown, ...]) -> D
         image = svg(drawn)
     caption = "Dots are what the filter got wrong, lines what it claims as one standard deviation."
     alt = "; ".join(
-        f"at {percent(row.level)} noise " + ", ".join(f"{name} {percent(value)}" for name, value in row.error.items())
-        for row in rows
+        f"at {percent(level)} noise "
+        + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
+        for i, level in enumerate(noise.level)
     )
     return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", image)
 
 
-def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
-    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claim: on all."""
+def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Drawing:
+    """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claims: on the unknown."""
+    claim = next((own for own in claims if own.of == "repeats"), None)
+    verdict = "identified" if repeats.identified else LOST
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     place = np.arange(1, len(error) + 1)
@@ -326,16 +293,16 @@ def repeats_figure(repeats: Repeats, claim: Claim | None) -> Drawing:
             plain_ticks(axes, "y")
         axes.xaxis.get_major_locator().set_params(integer=True)
         axes.set_xlabel("run, smallest error first [–]")
-        axes.set_ylabel(f"relative error of {short(repeats.name)} [%]")
+        axes.set_ylabel(f"relative error of {short(name)} [%]")
         legend_above(axes)
         image = svg(drawn)
     caption = (
         f"{len(error)} runs with other noise and other starting values, the truth the same. "
-        f"{_agreement(repeats.verdict, claim)}"
+        f"{_agreement(verdict, claim)}"
     )
-    ending = f"{claim.verdict}, {repeats.verdict}" if claim is not None else repeats.verdict
-    alt = f"Chart of {len(error)} repeated runs for {repeats.name}, {ending}."
-    return Drawing(f"repeats-{repeats.name}", f"{repeats.name}: other seeds, other starts", caption, alt, image)
+    ending = f"{claim.verdict}, {verdict}" if claim is not None else verdict
+    alt = f"Chart of {len(error)} repeated runs for {name}, {ending}."
+    return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, image)
 
 
 def _agreement(verdict: str, claim: Claim | None) -> str:

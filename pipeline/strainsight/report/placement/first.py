@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
 from html import escape
 
 from strainsight.estimation.decision import LOST, WITHHELD
-from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
-from strainsight.report.page.positions import axes, decimals
-from strainsight.report.picture.card import pictured
+from strainsight.report.chart.drawing import VERMILION
+from strainsight.report.page import markup
+from strainsight.report.page.markup import (
+    axes,
+    badge,
+    bullets,
+    coordinates,
+    count,
+    decimals,
+    mark,
+    measure,
+    plain,
+    share,
+    table,
+    tile,
+)
+from strainsight.report.picture import picture
+from strainsight.report.picture.layout import Gauge, Layout
+from strainsight.report.picture.markers import shape
 from strainsight.report.placement.data import Case, PlacementReport, Unknown
-from strainsight.report.placement.gauge_table import SINGLE, names_without
+from strainsight.report.placement.gauge_table import SINGLE, expected_with_all, names_without
 from strainsight.report.placement.verdicts import HARDLY, denominator, faults, leading, not_shown
 from strainsight.report.text import listed
 
@@ -22,11 +38,10 @@ def answer(report: PlacementReport) -> str:
     bonded = sum(gauge.bonded for gauge in report.layout.gauges)
     word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
     many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
-    lost = lost_of(report)
-    sound = [unknown for unknown in report.unknowns if not faults(unknown, unknown.name in lost)]
+    sound = [unknown for unknown in report.unknowns if not faults(unknown)]
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
     parts = [f"{escape(own.name)} to within ±{share(_sigma(own))} {denominator(own)}" for own in known]
-    text = leading(report.unknowns, lost)
+    text = leading(report.unknowns)
     text += f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     tell = "tells" if gauges == 1 else "tell"
     if parts:
@@ -44,30 +59,24 @@ def answer(report: PlacementReport) -> str:
 
 def _worst_cases(report: PlacementReport) -> str:
     """In which load case every unknown is known least; empty without load cases."""
-    if not report.load_cases:
+    if report.load_cases is None:
         return ""
     parts = [
         f"{escape(own.name)} ±{share(own.expected_std)} in {escape(own.worst_case)}"
         for own in report.unknowns
         if own.worst_case
     ]
-    many = len(report.load_cases)
+    many = len(report.load_cases.name)
     return (
         f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {listed(parts)}, of the amplitude there."
     )
 
 
-def lost_of(report: PlacementReport) -> frozenset[str]:
-    """The unknowns whose starts end apart."""
-    return frozenset(repeats.name for repeats in report.repeats if repeats.verdict == LOST)
-
-
 def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
     """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
     and what to mind. Every number in it is a `data` element."""
-    lost = lost_of(report)
-    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown, unknown.name in lost))
-    tiles = "".join(_tile(unknown, unknown.name in lost) for unknown in order) + _bound_tile(report)
+    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
+    tiles = "".join(_tile(unknown) for unknown in order) + _bound_tile(report)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
         f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
@@ -85,7 +94,7 @@ def _name_of_sigma(unknown: Unknown) -> str:
     return "expected σ" if unknown.std is None else "claimed σ"
 
 
-def _tile(unknown: Unknown, lost: bool) -> str:
+def _tile(unknown: Unknown) -> str:
     """One unknown: its estimate and band, whether the claim held, and what they are beside."""
     kind = "load" if unknown.kind == "input" else "parameter"
     sigma = _sigma(unknown)
@@ -108,30 +117,17 @@ def _tile(unknown: Unknown, lost: bool) -> str:
         rows.append(("expected σ", share(unknown.expected_std)))
     if unknown.worst_case:
         rows.append(("expected in load case", escape(unknown.worst_case)))
-    return _card(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown, lost))
+    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
 
 
-def _card(name: str, value: str, rows: Sequence[tuple[str, str]], after: str = "") -> str:
-    """A tile: what it is of, its value, and what stands beside that value as far as it is known."""
-    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
-    return (
-        f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
-        f"{f'<dl>{items}</dl>' if items else ''}{after}</div>"
-    )
-
-
-def _mark(unknown: Unknown, lost: bool) -> str:
+def _mark(unknown: Unknown) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
-    if lost:
-        return f'<p class="mark bad">✕ {LOST}: {HARDLY}</p>'
-    if unknown.withheld:
-        return f'<p class="mark bad">✕ {WITHHELD}</p>'
+    if unknown.lost or unknown.withheld:
+        return mark(f"{LOST}: {HARDLY}" if unknown.lost else WITHHELD, False)
     if not unknown.claims:
         return ""
     claim = unknown.claims[0]
-    good = not claim.overconfident
-    said = claim.words(plain, limit=False)
-    return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {said}</p>'
+    return mark(claim.words(plain, limit=False), not claim.overconfident)
 
 
 def _bound_tile(report: PlacementReport) -> str:
@@ -149,7 +145,7 @@ def _bound_tile(report: PlacementReport) -> str:
     value = "not certified"
     if trend.gap is not None:
         value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
-    return _card("distance from the best possible set", value, rows)
+    return tile("distance from the best possible set", value, rows)
 
 
 def _without(report: PlacementReport) -> str:
@@ -165,15 +161,14 @@ def _without(report: PlacementReport) -> str:
         ]
         for index, gauge in enumerate(gauges)
     ]
-    sigma = {unknown.name: unknown.expected_std for unknown in report.unknowns}
-    foot = ["with all", *(share(sigma[name]) for name in names), "", "", ""]
+    expected = expected_with_all(report, names)
     text = table(
         "with and without",
         ["gauge", *(f"expected σ({escape(name)})" for name in names), *frame.heads],
         rows,
         title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
         numeric=range(1, 4 + len(names)),
-        foot=foot if any(sigma[name] is not None for name in names) else (),
+        foot=["with all", *expected, "", "", ""] if expected else (),
     )
     lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
     more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""
@@ -221,3 +216,52 @@ def _observable(report: PlacementReport) -> str:
         items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
     items += not_shown(report.unknowns)
     return "".join(f"<li>{item}</li>" for item in items)
+
+
+OUTLINES = {
+    "bar": "polygon(0 30%,100% 30%,100% 70%,0 70%)",
+    "star": "polygon(38% 0,62% 0,62% 38%,100% 38%,100% 62%,62% 62%,62% 100%,38% 100%,38% 62%,0 62%,0 38%,38% 38%)",
+    "cone": "polygon(0 0,100% 0,50% 100%)",
+}
+"""The shapes of `markers.shape` that are no square, in small."""
+
+
+def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
+    """Where the gauges go, as a picture with its key; scene: PNG bytes, or None with the sentence on why ("": no card)."""
+    if scene is None:
+        shown = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
+    else:
+        frame = layout.frame
+        places = decimals(layout.points, frame)
+        where = "; ".join(
+            f"{gauge.label} at {coordinates(frame.place(gauge.position), places)} {frame.unit}"
+            for gauge in layout.gauges
+        )
+        alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
+        key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
+        key.append((picture.POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
+        if layout.loads:
+            loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
+            key.append((VERMILION, "", f"load {', '.join(loads)}"))
+        if len(layout.fixed):
+            key.append((picture.CLAMP, "", "clamped nodes"))
+        if len(layout.loose):
+            key.append((picture.LINES, "", "nodes outside the solids"))
+        items = "".join(_key(*entry) for entry in key)
+        shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{items}</ul>'
+    return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
+
+
+def _kinds(gauges: tuple[Gauge, ...]) -> list[tuple[str, str]]:
+    """Which marks stand for sensors, and how many of each kind, as HTML: only what occurs."""
+    found = Counter(gauge.kind for gauge in gauges)
+    marks = [(shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}") for kind, many in found.items()]
+    bonded = sum(gauge.bonded for gauge in gauges)
+    return marks + [("hollow", f"{count(bonded)} of them bonded already")] * bool(bonded)
+
+
+def _key(colour: str, name: str, text: str) -> str:
+    """One entry of the picture's key: a small shape in its colour, and its words as HTML."""
+    outline = f";clip-path:{OUTLINES[name]}" if name in OUTLINES else ""
+    style = f"background:{colour}{outline}" if name != "hollow" else f"background:#ffffff;border:2px solid {colour}"
+    return f'<li><i class="{name}" style="{style}"></i>{text}</li>'

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from html import escape
 
-from strainsight.estimation.decision import CONSISTENT
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.budget import budget_section
-from strainsight.report.page.document import document
-from strainsight.report.page.filters import filters_section
-from strainsight.report.page.markup import bullets, figure, figures, measure, pairs, plain, share, table
+from strainsight.report.page.markup import chosen, figures, folded, measure, plain, share, table
+from strainsight.report.page.sections import (
+    advice_card,
+    budget_section,
+    document,
+    filters_section,
+    held_mark,
+    panel,
+    rests_on,
+    section,
+    warnings_section,
+)
 from strainsight.report.placement.data import PlacementReport
-from strainsight.report.placement.first import answer, first_screen, lost_of
-from strainsight.report.placement.gauge_table import gauge_table
-from strainsight.report.placement.tables import cases_table, criteria_meaning, criteria_table, load_cases_table
+from strainsight.report.placement.first import answer, first_screen
+from strainsight.report.placement.gauge_table import (
+    cases_table,
+    criteria_meaning,
+    criteria_table,
+    gauge_table,
+    load_cases_table,
+)
 from strainsight.report.placement.verdicts import faults, headline
-from strainsight.report.sheets.section import sheets_section
+from strainsight.report.sheets.sheet import sheets_section
 from strainsight.report.space.model import Shape
-from strainsight.report.space.section import STYLE, script, space_section
+from strainsight.report.space.section import space_section
 from strainsight.report.text import unbroken
 
 FOOTER = (
@@ -26,6 +37,8 @@ FOOTER = (
     "(to its amplitude where it is zero throughout), after the first tenth of the run. Claimed σ: what the filter states; "
     "smoothed: what the smoother states; expected: what placement foresaw for the filter; steady-state: what ranks layouts."
 )
+
+RANDOM = '<h2>Beside random sets</h2><p class="lead">The same estimation with as many gauges drawn at random.</p>'
 
 TEST_PAGE = "test.html"
 """Page of the test, in the same folder."""
@@ -48,24 +61,23 @@ def placement_page(
         first_screen(report, scene, scene_problem),
         _test(report),
         space_section([("", report.layout)], shapes),
-        _advice(report),
-        _load_cases(report),
-        _gauges(report),
+        advice_card(report.advice),
+        section("Load cases", load_cases_table(report), "load-cases"),
+        section("Gauge by gauge", gauge_table(report)),
         sheets_section(sheets),
         budget_section(report.budget),
         _trend(report, drawings),
         _estimates(report, drawings),
-        _random(drawings),
-        _noise(report, drawings),
-        filters_section(report.filters),
+        figures(chosen(drawings, "random-"), RANDOM),
+        figures([*chosen(drawings, "noise", "repeats-"), *_noise(report)], "<h2>How sure one can be</h2>"),
+        filters_section(report.filters, report.units),
         _observability(report),
-        _facts(report),
-        _assumes(report),
-        _warnings(report),
+        rests_on(report.facts, report.provenance, panel("Where the time went", _time(report))),
+        section("What this model assumes", _assumes(report), "assumes"),
+        warnings_section(report.warnings),
     )
-    lost = lost_of(report)
-    title = headline((own.name, faults(own, own.name in lost)) for own in report.unknowns) + report.title
-    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, (STYLE,), (script(),))
+    title = headline((own.name, faults(own)) for own in report.unknowns) + report.title
+    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
 
 
 def _test(report: PlacementReport) -> str:
@@ -78,45 +90,21 @@ def _test(report: PlacementReport) -> str:
     )
 
 
-def _advice(report: PlacementReport) -> str:
-    if not report.advice:
-        return ""
-    return f'<section class="card notes advice"><h2>What to do with this layout</h2>{bullets(report.advice)}</section>'
-
-
-def _load_cases(report: PlacementReport) -> str:
-    if not report.load_cases:
-        return ""
-    return f'<h2 id="load-cases">Load cases</h2><div class="card">{load_cases_table(report)}</div>'
-
-
-def _gauges(report: PlacementReport) -> str:
-    return f'<h2>Gauge by gauge</h2><div class="card">{gauge_table(report)}</div>'
-
-
-def _warnings(report: PlacementReport) -> str:
-    if not report.warnings:
-        return ""
-    return f'<h2 id="warnings">Warnings</h2><div class="card warnings">{bullets(report.warnings)}</div>'
-
-
-def _chosen(drawings: tuple[Drawing, ...], wanted: Callable[[str], bool], unfolded: int | None = None) -> str:
-    """Cards of the wanted figures; from number `unfolded` on they are shown on demand."""
-    cards = [figure(entry, i) for i, entry in enumerate(drawings) if wanted(entry.key)]
-    shown, folded = cards[:unfolded], cards[len(cards[:unfolded]) :]
-    return figures(shown) + (
-        f"<details>{figures(folded, f'<summary>{len(folded)} more</summary>')}</details>" if folded else ""
-    )
+def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
+    cards = "".join(chosen(drawings, "trend"))
+    if report.criteria:
+        cards += f'<div class="card">{criteria_meaning(report.metrics)}</div>'
+    rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
+    return f'<h2>How good the set is</h2><div class="figures">{cards}</div><div class="card below">{rules}</div>'
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    shown = _chosen(drawings, lambda key: key.startswith(("estimate-", "closing-", "posterior-")))
-    signals = _chosen(drawings, lambda key: key.startswith("signal-"), unfolded=12)
+    shown = figures(chosen(drawings, "estimate-", "closing-", "posterior-"))
+    signals = folded(chosen(drawings, "signal-"), "figures")
     if not shown and not signals:
         return ""
-    lead = (
-        f'<p class="lead">Truth: {unbroken(escape(report.truth_description))}.</p>' if report.truth_description else ""
-    )
+    truth = report.truth_description
+    lead = f'<p class="lead">Truth: {unbroken(escape(truth))}.</p>' if truth else ""
     text = f"<h2>What they tell</h2>{lead}{shown}"
     if signals:
         strains = all(signal.unit == "strain" for signal in report.gauge_signals)
@@ -125,35 +113,16 @@ def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     return text
 
 
-def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    cards = "".join(figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "trend")
-    if report.criteria:
-        cards += f'<div class="card">{criteria_meaning(report)}</div>'
-    below = f'<div class="card below">{criteria_table(report)}</div>'
-    return f'<h2>How good the set is</h2><div class="figures">{cards}</div>{below}'
-
-
-def _random(drawings: tuple[Drawing, ...]) -> str:
-    lead = '<p class="lead">The same estimation with as many gauges drawn at random.</p>'
-    cards = [figure(entry, i) for i, entry in enumerate(drawings) if entry.key.startswith("random-")]
-    return figures(cards, f"<h2>Beside random sets</h2>{lead}")
-
-
-def _noise(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    cards = [
-        figure(entry, i) for i, entry in enumerate(drawings) if entry.key == "noise" or entry.key.startswith("repeats-")
-    ]
-    if report.noise:
-        names = [unknown.name for unknown in report.unknowns]
-        head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error of", "claimed σ of")]
-        rows = [
-            [share(row.level), *(share(source.get(name)) for name in names for source in (row.error, row.std))]
-            for row in report.noise
-        ]
-        caption = "Noise as a share of the strongest candidate's RMS reading; real error beside claimed σ."
-        text = table("noise", head, rows, caption=caption, numeric=range(1, len(head)))
-        cards.append(f'<div class="card">{text}</div>')
-    return figures(cards, "<h2>How sure one can be</h2>")
+def _noise(report: PlacementReport) -> list[str]:
+    """A card with errors and claimed σ by gauge noise."""
+    if (noise := report.noise) is None:
+        return []
+    names = list(report.units)
+    head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error of", "claimed σ of")]
+    columns = [noise.level, *(values[name] for name in names for values in (noise.error, noise.std))]
+    rows = [list(map(share, row)) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    caption = "Noise as a share of the strongest candidate's RMS reading; real error beside claimed σ."
+    return [f'<div class="card">{table("noise", head, rows, caption=caption, numeric=range(1, len(head)))}</div>']
 
 
 def _observability(report: PlacementReport) -> str:
@@ -165,19 +134,14 @@ def _observability(report: PlacementReport) -> str:
             "the larger its condition number, the harder the estimate."
         )
         cards.append(table("observability", ("observability", "number"), rows, caption=caption, numeric=(1,)))
-    check = report.consistency
     rows = [
         [
-            name,
-            plain(value, 3),
-            "–" if band is None else f"{plain(band[0], 2)} to {plain(band[1], 3)}",
-            f"{'✓' if verdict == CONSISTENT else '✕'} {verdict}" * bool(verdict),
+            escape(check.name),
+            plain(check.value, 3),
+            f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
+            held_mark(check.verdict),
         ]
-        for name, value, band, verdict in (
-            ("NEES of the run; band of one instant", check.nees, check.nees_band, check.nees_verdict),
-            ("NIS of the gauges", check.nis, check.nis_band, check.nis_verdict),
-        )
-        if value is not None
+        for check in report.consistency
     ]
     if rows:
         caption = "Squared errors over claimed variances, per dimension; 1 is ideal."
@@ -194,25 +158,10 @@ def _observability(report: PlacementReport) -> str:
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
 
 
-def _facts(report: PlacementReport) -> str:
-    cards = ""
-    if report.facts:
-        text = pairs("model and run", report.facts.items())
-        cards += f'<section class="card"><h3>Model and run</h3>{text}</section>'
-    cards += _time(report)
-    if report.provenance:
-        text = pairs("provenance", report.provenance.items())
-        cards += f'<section class="card"><h3>Provenance</h3>{text}</section>'
-    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
-
-
 def _assumes(report: PlacementReport) -> str:
     """The fate of every card, connections, rigid-body check, mass by part, and what differs from the program of the deck."""
-    if not report.assumes:
-        return ""
     rows = [[escape(cell) for cell in row] for row in report.assumes]
-    text = table("assumptions", ("what", "how many", "detail"), rows, numeric=(1,))
-    return f'<h2 id="assumes">What this model assumes</h2><div class="card">{text}</div>'
+    return table("assumptions", ("what", "how many", "detail"), rows, numeric=(1,)) if rows else ""
 
 
 def _time(report: PlacementReport) -> str:
@@ -226,5 +175,4 @@ def _time(report: PlacementReport) -> str:
     ]
     foot = ("all stages", measure(whole, "s", 3), "")
     caption = "When each was computed last; one that was reused from another run took its time there."
-    text = table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)
-    return f'<section class="card"><h3>Where the time went</h3>{text}</section>'
+    return table("time", ("stage", "time", "share"), rows, caption=caption, numeric=(1, 2), foot=foot)

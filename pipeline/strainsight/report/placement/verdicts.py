@@ -13,13 +13,12 @@ from strainsight.report.placement.data import Unknown
 HARDLY = "the measurements hardly narrow it"
 
 
-def faults(unknown: Unknown, lost: bool, diverged: bool = False) -> tuple[str, ...]:
-    """What is wrong with the estimate of an unknown, empty where nothing is; lost: whether its starts end apart; diverged:
-    whether a repeat did."""
+def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:
+    """What is wrong with the estimate of an unknown, empty where nothing is; diverged: whether a repeat did."""
     found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
     found += [WITHHELD] * unknown.withheld
     found += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].overconfident)
-    return (*found, *[LOST] * lost)
+    return (*found, *[LOST] * unknown.lost)
 
 
 def why(fault: str, unknown: Unknown) -> str:
@@ -35,11 +34,11 @@ def headline(found: Iterable[tuple[str, Sequence[str]]]) -> str:
     return f"✕ {', '.join(parts)} – " if parts else ""
 
 
-def leading(unknowns: Sequence[Unknown], lost: frozenset[str]) -> str:
+def leading(unknowns: Sequence[Unknown]) -> str:
     """What a page begins with, as HTML: what does not hold, and unknowns for which the placement gains nothing."""
     text = ""
     for unknown in unknowns:
-        wrong = faults(unknown, unknown.name in lost)
+        wrong = faults(unknown)
         off = f"; it is {share(unknown.error)} off" * (OVERCONFIDENT in wrong)
         text += accused(unknown.name, [why(fault, unknown) for fault in wrong], off)
     return text + no_benefit(unknowns)

@@ -1,18 +1,19 @@
-"""The drawing sheet of a gauge: A4, for the workshop, without a date."""
+"""The drawing sheet of a gauge: A4, for the workshop, without a date; and the sheets on a page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from strainsight.report.arrays import FloatArray
-from strainsight.report.sheets.data import Projection, Sheet
-from strainsight.report.sheets.paper import HEIGHT, THICK, WIDTH, Paper
+from strainsight.report.sheets.paper import HEIGHT, SIZE, THICK, WIDTH, Paper
 from strainsight.report.sheets.views import (
     MINUS,
     Placed,
+    Projection,
+    Sheet,
     datum,
     degrees,
     detail,
@@ -23,6 +24,7 @@ from strainsight.report.sheets.views import (
     size,
     to_edges,
 )
+from strainsight.report.text import short
 
 EDGE, COLUMN = 8.0, 196.0
 """[mm] from the paper's border to the frame; where the right column begins."""
@@ -131,8 +133,8 @@ def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
     said = (
         f"lengths in {sheet.frame.unit}; angles counter-clockwise, from outside",
         f"{scales}, printed at 100 % on A4",
-        f"deck {_short(sheet.deck)}",
-        f"run {_short(sheet.run)}, layout {sheet.layout}",
+        f"deck {short(sheet.deck, 32)}",
+        f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
     for i, words in enumerate(said):
         paper.text((COLUMN + 3, top + 13 + 4.4 * i), words, size=2.7)
@@ -181,9 +183,29 @@ def _numbers(values: FloatArray) -> str:
     return " ".join(f"{round(float(v), 4) + 0.0:g}" for v in values).replace("-", MINUS)
 
 
-def _short(text: str) -> str:
-    return text if len(text) <= 32 else f"{text[:31]}…"
-
-
 def _box(left: float, top: float, right: float, bottom: float) -> list[tuple[float, float]]:
     return [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+
+
+LARGEST = 2_000_000
+"""[bytes] of all sheets on a page: what goes beyond is in the files alone."""
+
+
+def sheets_section(sheets: Sequence[bytes]) -> str:
+    """HTML of the sheets, folded; "" where there are none."""
+    shown, room = [], LARGEST
+    for sheet in sheets:
+        room -= len(sheet)
+        if room < 0:
+            break
+        # As wide as the page has room: millimetres are those of the file, which is to be printed.
+        text = sheet.decode()
+        shown.append(f'<figure class="card">{text.replace(SIZE, "", 1)}</figure>')
+    if not sheets:
+        return ""
+    rest = f" {len(sheets) - len(shown)} more are in the files alone." * (len(shown) < len(sheets))
+    return (
+        f"<details><summary>{len(sheets)} drawing sheet{'s' * (len(sheets) > 1)} for the workshop</summary>"
+        f'<p class="note">To print them, at 100 % on A4: the files sheet-….svg beside this page.{rest}</p>'
+        f"{''.join(shown)}</details>"
+    )

@@ -15,18 +15,12 @@ import numpy as np
 from strainsight.report.arrays import FloatArray
 from strainsight.report.chart.drawing import gauge_colour, ink_on
 from strainsight.report.datum import Frame
-from strainsight.report.page.document import own
-from strainsight.report.page.markup import measure
-from strainsight.report.page.positions import coordinates, decimals
-from strainsight.report.page.scale import scale_bar
-from strainsight.report.picture.colours import stops
+from strainsight.report.page.markup import coordinates, decimals, measure
+from strainsight.report.picture.colours import scale_bar, stops
 from strainsight.report.picture.layout import Gauge, Layout
 from strainsight.report.space.model import Contour, Shape, Space, space, vertex_shift
 from strainsight.report.text import number, percent
 
-STYLE = "space/space.css"
-SCRIPTS = ("space/draw.js", "space/view.js")
-"""Files of the page that go with the section; the scripts run as one (`script`)."""
 AXES = (
     '<svg id="space-axes" viewBox="-44 -44 88 88" aria-hidden="true">'
     + "".join(f'<g><line/><text dy=".35em">{name}</text></g>' for name in "xyz")
@@ -50,16 +44,8 @@ TRUE_SIZE = (
 )
 
 
-def script() -> str:
-    """What runs the section, as one text."""
-    return "\n".join(map(own, SCRIPTS))
-
-
 def space_section(
-    layouts: Sequence[tuple[str, Layout]],
-    shapes: Sequence[Shape] = (),
-    name: str = "",
-    first: int = -1,
+    layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "", first: int = -1
 ) -> str:
     """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
 

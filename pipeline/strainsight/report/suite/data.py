@@ -11,10 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from strainsight.report.arrays import History
-from strainsight.report.bench.data import BenchRun
-from strainsight.report.page.run import Run
+from strainsight.report.bench.data import BenchRun, Run
 from strainsight.report.picture.layout import Layout
-from strainsight.report.placement.data import Case, Metric, Repeats, Trend, Unknown
+from strainsight.report.placement.data import Case, Metric, Trend, Unknown
 
 SEEDS_ASIDE = 0.1
 """Share of seeds in which a statement may not hold."""
@@ -31,24 +30,23 @@ HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
 class PlacementRun(Run):
     """A placement.
 
-    unknowns: what was to be estimated, with numbers where it was validated; gauges kept of the pool's: None before `place`,
-    as are trend and layout; expected_std: unknown's name → relative σ from placement; histories, repeats, cases,
-    frequencies [Hz] and truth_description as in `PlacementReport`; pairs: every gauge with its nearest other one,
-    (label, label, distance [m]).
+    unknowns: what was to be estimated, with numbers where it was validated; pool: how many gauges there were to choose from, None
+    before `place`, as are trend and layout; histories, cases, frequencies [Hz] and truth_description as in `PlacementReport`.
     """
 
     unknowns: tuple[Unknown, ...] = ()
-    gauges: int | None = None
     pool: int | None = None
     trend: Trend | None = None
     layout: Layout | None = None
-    expected_std: Mapping[str, float] = field(default_factory=dict)
     histories: tuple[History, ...] = ()
-    repeats: tuple[Repeats, ...] = ()
     cases: tuple[Case, ...] = ()
     frequencies: tuple[float, ...] = ()
     truth_description: str = ""
-    pairs: tuple[tuple[str, str, float], ...] = ()
+
+    @property
+    def gauges(self) -> int | None:
+        """How many gauges its layout has."""
+        return None if self.layout is None else len(self.layout.gauges)
 
 
 SuiteRun = PlacementRun | BenchRun

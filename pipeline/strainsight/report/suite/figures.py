@@ -18,8 +18,8 @@ from strainsight.report.chart.panels import legend_above, plain_ticks
 from strainsight.report.placement.data import Trend
 from strainsight.report.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
 from strainsight.report.suite.data import PlacementRun, Suite, metric_name, metric_words, metrics_of
-from strainsight.report.suite.results import Result, results_of
 from strainsight.report.suite.studies import study_figures
+from strainsight.report.suite.summary import Result, results_of
 from strainsight.report.text import SUPERSCRIPTS, number, percent, short
 
 if TYPE_CHECKING:
@@ -34,9 +34,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
     drawings = []
     if series := series_of(report):
         drawings.append(pbh_figure(series))
-    if rows := [
-        (index, run, result) for index, run in report.placements for result in results_of(run) if _drawn(result)
-    ]:
+    if rows := [(index, result) for index, run in report.placements for result in results_of(run) if _drawn(result)]:
         drawings.append(errors_figure(rows))
     trends = [(i, run, run.trend) for i, run in report.placements if run.trend is not None]
     if lines := [(i, run, trend) for i, run, trend in trends if _start(trend) is not None]:
@@ -97,19 +95,19 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     return Drawing("pbh", "Condition of every set of unknowns", caption, alt, image)
 
 
-def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
+def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
     with styled():
         drawn, axes = figure(1.0 + 0.3 * len(rows))
-        smallest = min(max(result.error or 0.0, 1e-6) for _, _, result in rows)
-        smallest = min([smallest, *[result.std for _, _, result in rows if _reach(result) and result.std]])
+        smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
+        smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
         low = 100 * smallest / 3
         axes.set_xscale("log")
-        for y, (_, run, result) in enumerate(rows):
+        for y, (_, result) in enumerate(rows):
             assert result.error is not None
             if reach := _reach(result):
                 axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
-            for repeats in (entry for entry in run.repeats if entry.name == result.unknown.name):
+            if (repeats := result.unknown.repeats) is not None:
                 off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
                 axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
             axes.plot(
@@ -117,7 +115,7 @@ def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
                 color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
             )  # fmt: skip
         _error_key(axes)
-        axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, _, result in rows])
+        axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.set_xlim(left=low)
         axes.grid(visible=False, axis="y")
@@ -131,7 +129,7 @@ def errors_figure(rows: list[tuple[int, PlacementRun, Result]]) -> Drawing:
         "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
         "or not identified."
     )
-    text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, _, result in rows)
+    text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
     return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", image)
 
 

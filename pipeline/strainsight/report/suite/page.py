@@ -10,30 +10,32 @@ import numpy as np
 from strainsight.report.bench.answer import run_answer
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import FOOTER as BENCHES
-from strainsight.report.bench.page import STYLES
+from strainsight.report.bench.page import STYLE
 from strainsight.report.bench.tables import MEANINGS
 from strainsight.report.bench.tables import runs_table as benches_table
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.page.document import document
 from strainsight.report.page.markup import (
+    AXES,
+    axes,
     badge,
     block,
     bullets,
     cell,
+    decimals,
     figure,
     figures,
     grouped_table,
     measure,
     pairs,
-    picture,
     plain,
+    scene,
     table,
 )
-from strainsight.report.page.positions import AXES, axes, decimals
+from strainsight.report.page.sections import document
 from strainsight.report.picture.layout import Layout
 from strainsight.report.placement.page import FOOTER as PLACEMENTS
-from strainsight.report.space.section import STYLE, script, space_section
-from strainsight.report.suite import comparisons, statements, summary
+from strainsight.report.space.section import space_section
+from strainsight.report.suite import statements, summary
 from strainsight.report.suite.cases import numbered, observability_section
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.report.text import number, unbroken
@@ -48,10 +50,10 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
-    tables = (comparisons.comparisons_table(suite), statements.statements_table(suite))
+    tables = (statements.comparisons_table(suite), statements.statements_table(suite))
     first = "".join(tables) + (summary.runs_table(suite) if suite.placements else "")
     turned = suite_space(suite)
-    answers = [comparisons.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
+    answers = [statements.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,
@@ -63,7 +65,6 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
         _facts(suite),
     )
     footer = " ".join([PLACEMENTS] * bool(suite.placements) + [BENCHES] * bool(suite.benches))
-    styles = (*STYLES, STYLE) if turned else STYLES
     return document(
         "suite",
         suite.name,
@@ -71,8 +72,8 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
         " ".join(filter(None, answers)),
         sections,
         footer,
-        styles,
-        (script(),) * bool(turned),
+        STYLE,
+        turned=bool(turned),
     )
 
 
@@ -173,7 +174,7 @@ def _modes(run: PlacementRun) -> str:
 
 
 def _of_bench(run: BenchRun) -> list[str]:
-    numbers = run.motion.numbers if run.motion is not None else {}
+    numbers = run.numbers.get("simulate", {})
     cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
     method = run.summary.get("method")
     shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
@@ -226,17 +227,29 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
         f"; nearest to each other: {near}." if near else "."
     )
     nearest = f"Nearest to each other: {near}." if near else ""
-    label = f"picture of the gauges of {numbered(tuple(numbers))}"
-    return (
-        f'<figure class="card"><h3>{title}</h3><div class="scene" tabindex="0" role="region" aria-label="{label}">'
-        f"{picture(png, alt, 1280, 840)}</div><figcaption>{escape(nearest)}</figcaption></figure>"
-    )
+    shown = scene(png, alt, f"picture of the gauges of {numbered(tuple(numbers))}")
+    return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
+
+
+def _nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
+    """Every gauge with its nearest other one and the distance between them [m]."""
+    found = []
+    for gauge in layout.gauges:
+        others = [
+            (float(np.linalg.norm(gauge.position - other.position)), other.label)
+            for other in layout.gauges
+            if other is not gauge
+        ]
+        if others:
+            distance, label = min(others)
+            found.append((gauge.label, label, distance))
+    return tuple(found)
 
 
 def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
     """Every pair of nearest gauges once, the closest first."""
     found: dict[frozenset[str], tuple[str, str, float]] = {}
-    for one, other, size in run.pairs:
+    for one, other, size in _nearest(run.layout) if run.layout is not None else ():
         found.setdefault(frozenset((one, other)), (one, other, size))
     return sorted(found.values(), key=lambda pair: pair[2])
 
@@ -244,7 +257,7 @@ def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
 def _gauge_rows(index: int, run: PlacementRun) -> str:
     assert run.layout is not None
     places = decimals(run.layout.points)
-    nearest = {one: (other, size) for one, other, size in run.pairs}
+    nearest = {one: (other, size) for one, other, size in _nearest(run.layout)}
     rows = []
     for i, gauge in enumerate(run.layout.gauges):
         other, size = nearest.get(gauge.label, ("", None))

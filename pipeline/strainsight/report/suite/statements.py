@@ -1,4 +1,4 @@
-"""Statements of a suite with the numbers that they stand or fall with: the first thing its page says."""
+"""Statements of a suite, and what a source says beside what comes out here, with the numbers that they stand or fall with."""
 
 from __future__ import annotations
 
@@ -8,16 +8,29 @@ from html import escape
 
 import numpy as np
 
-from strainsight.report.page.markup import count, plain, sheet
-from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, UNDECIDED, Statement, Suite, unexplained
-from strainsight.report.suite.results import is_estimated
+from strainsight.report.page.markup import count, links, plain, sheet, verdict_mark
+from strainsight.report.suite.data import (
+    CONFIRMED,
+    CONTRADICTED,
+    HOLDS,
+    OURS_ONLY,
+    THEIRS_ONLY,
+    UNDECIDED,
+    UNMEASURED,
+    Comparison,
+    Statement,
+    Suite,
+    unexplained,
+)
+from strainsight.report.suite.summary import is_estimated
 from strainsight.report.text import number
 
-MARKS = {
-    CONFIRMED: '<strong class="good whole">✓ confirmed</strong>',
-    CONTRADICTED: '<strong class="bad whole">✕ contradicted</strong>',
-    UNDECIDED: '<strong class="bad whole">– no number</strong>',
-}
+VERDICTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
+"""On a comparison."""
+GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
+STATED = ("statement", "measured", "target", "verdict")
+COMPARED = ("source", "it says", "printed", "as printed, here", "ours", "verdict")
+"""Heads of both tables."""
 FEW = 3
 """Most numbers of a claim that are shown one by one."""
 
@@ -29,25 +42,49 @@ def answer(suite: Suite) -> str:
     if not suite.statements:
         return f"<strong>{runs}</strong>."
     parts = []
-    for verdict in (CONFIRMED, CONTRADICTED, UNDECIDED):
-        places = [i for i, statement in enumerate(suite.statements, start=1) if statement.verdict == verdict]
-        if places:
-            links = ", ".join(f'<a href="#claim-{i}">{i}</a>' for i in places)
-            listed = f" (statement{'s' * (len(places) > 1)} {links})" if verdict != CONFIRMED else ""
-            word = f"<strong>{verdict}</strong>" if verdict != CONFIRMED else verdict
-            parts.append(f"{count(len(places))} {word}{listed}")
+    for verdict, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
+        listed = f" (statement{'s' * (len(places) > 1)} {links('claim', places)})" if verdict != CONFIRMED else ""
+        word = f"<strong>{verdict}</strong>" if verdict != CONFIRMED else verdict
+        parts.append(f"{count(len(places))} {word}{listed}")
     all_of = len(suite.statements)
     return f"<strong>{count(all_of)} statement{'s' * (all_of != 1)}</strong>: {', '.join(parts)}; from {runs}."
 
 
+def comparisons_answer(suite: Suite) -> str:
+    """How many comparisons came to which verdict."""
+    parts = []
+    for verdict, places in _by_verdict(suite.comparisons, VERDICTS):
+        word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
+        listed = f" ({links('comparison', places)})" if verdict != HOLDS else ""
+        parts.append(f"{count(len(places))} {word}{listed}")
+    rows = len(suite.comparisons)
+    return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
+
+
+def _by_verdict(rows: Sequence[Statement | Comparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Verdicts that occur, in this order, with the numbers of their rows from 1."""
+    found = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
+    return [(verdict, places) for verdict, places in found if places]
+
+
 def statements_table(suite: Suite) -> str:
     """A row a statement: what was measured where, within which bounds it would hold, and whether it does."""
-    if not suite.statements:
+    rows = [_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1)]
+    return _table("statements", "claims", STATED, rows, "Statements")
+
+
+def comparisons_table(suite: Suite) -> str:
+    """A row a comparison, in the order of the source: what it says, and what comes out under its settings and under ours."""
+    rows = [_comparison_row(suite, i, row) for i, row in enumerate(suite.comparisons, start=1)]
+    return _table("comparisons", "claims comparisons", COMPARED, rows, "Said and measured")
+
+
+def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], title: str) -> str:
+    if not rows:
         return ""
-    head = "".join(f'<th scope="col">{name}</th>' for name in ("statement", "measured", "target", "verdict"))
-    rows = "".join(_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1))
-    text = f'<table class="claims"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    return sheet("statements", text, "<h2>Statements</h2>")
+    head = "".join(f'<th scope="col">{text}</th>' for text in heads)
+    text = f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    return sheet(name, text, f"<h2>{title}</h2>")
 
 
 def reason(verdict: str, why: str) -> str:
@@ -117,22 +154,40 @@ def _share(values: Sequence[float], q: float) -> float:
     return float(np.quantile(finite, q)) if len(finite) else float("nan")
 
 
+def side(own: Statement | None, shown: Shown = number) -> str:
+    """What one side of a comparison measures, and the bounds that it is held against."""
+    return "–" if own is None else f"{measured(own, shown)} ({target(own, shown)})"
+
+
+def _few(texts: Sequence[str], between: str = ", ") -> str:
+    """The first few, and how many more there are."""
+    more = f" and {count(len(texts) - FEW)} more" if len(texts) > FEW else ""
+    return between.join(texts[:FEW]) + more
+
+
+def _runs(suite: Suite, own: Statement) -> str:
+    """Links to the runs that a statement is measured in."""
+    places = dict.fromkeys(place for place, _, _ in own.found)
+    return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
+
+
+def _mark(verdict: str) -> str:
+    if verdict == UNMEASURED:
+        return f"– {verdict}"
+    return verdict_mark(verdict, verdict in GOOD, "✕" if verdict == CONTRADICTED else "–")
+
+
 def _row(suite: Suite, index: int, statement: Statement) -> str:
-    names = list(dict.fromkeys(name for _, name, _ in statement.found))
-    listed = escape(", ".join(names[:FEW])) + (f" and {count(len(names) - FEW)} more" if len(names) > FEW else "")
-    places = list(dict.fromkeys(place for place, _, _ in statement.found))
-    links = ", ".join(f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places[:FEW])
-    links += f" and {count(len(places) - FEW)} more" if len(places) > FEW else ""
+    names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.found)))
     compared = f" over {escape(statement.compared)}" if statement.compared else ""
     wrong = ""
     if statement.verdict != CONFIRMED and len(statement.found) > 1:
-        bad = [(key, values) for key, values in statement.seeds.items() if statement.holds_over(values) is not True]
-        worst = "; ".join(
+        bad = [
             f"{escape(suite.runs[i].label)}: {escape(name)} {_failed(statement, values)}"
-            for (i, name), values in bad[:FEW]
-        )
-        more = f" and {count(len(bad) - FEW)} more" if len(bad) > FEW else ""
-        wrong = f"<br><small>not in {worst}{more}</small>"
+            for (i, name), values in statement.seeds.items()
+            if statement.holds_over(values) is not True
+        ]
+        wrong = f"<br><small>not in {_few(bad, '; ')}</small>"
     wrong += reason(statement.verdict, statement.why)
     seeds = most(statement)
     compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
@@ -140,9 +195,9 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
     return (
         f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'
         f'<td data-label="measured">{measured(safe, plain)}<br>'
-        f"<small>{listed}{compared} in {links}</small></td>"
+        f"<small>{names}{compared} in {_runs(suite, statement)}</small></td>"
         f'<td data-label="target">{target(safe, plain)}</td>'
-        f"<td>{MARKS[statement.verdict]}{wrong}</td></tr>"
+        f"<td>{_mark(statement.verdict)}{wrong}</td></tr>"
     )
 
 
@@ -151,3 +206,21 @@ def _failed(statement: Statement, values: Sequence[float]) -> str:
     if len(values) == 1:
         return plain(values[0])
     return f"holds in {sum(statement.holds(value) is True for value in values)} of {len(values)} seeds"
+
+
+def _comparison_row(suite: Suite, index: int, row: Comparison) -> str:
+    cells = "".join(
+        f'<td data-label="{label}">{_side(suite, own)}</td>'
+        for label, own in zip(COMPARED[3:5], (row.as_printed, row.ours), strict=True)
+    )
+    return (
+        f'<tr id="comparison-{index}"><td data-label="{COMPARED[0]}">{index}. {escape(row.source)}</td>'
+        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARED[2]}">{escape(row.printed) or "–"}</td>'
+        f"{cells}<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
+    )
+
+
+def _side(suite: Suite, own: Statement | None) -> str:
+    if own is None:
+        return "–"
+    return f"{side(replace(own, unit=escape(own.unit)), plain)}<br><small>{_runs(suite, own)}</small>"

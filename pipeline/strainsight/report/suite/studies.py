@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.report.arrays import FloatArray, IntArray
 from strainsight.report.bench.data import BenchRun, BenchSensor
-from strainsight.report.bench.figures import Line, line_style, ratio_figure, unknown_figure
-from strainsight.report.bench.sensors import sensor_figure
+from strainsight.report.bench.figures import line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.report.chart.drawing import Drawing, figure, styled, svg
 from strainsight.report.chart.panels import legend_above, log_ticks
 from strainsight.report.suite.data import Study, Suite, SuiteRun
@@ -56,7 +55,7 @@ def _pair(key: str, about: str, runs: Sequence[BenchRun]) -> list[Drawing]:
     kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     for i, (name, kind) in enumerate(kinds.items()):
         own = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
-        lines = [Line(label, unknown.history) for label, unknown in own]
+        lines = [(label, unknown.history) for label, unknown in own]
         drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, lines))
         elsewhere = [(label, unknown) for label, unknown in own if unknown.there is not None]
         if elsewhere:

@@ -1,17 +1,123 @@
-"""The first screen of a suite of placements: one sentence on all runs, one table with an answer a run."""
+"""What every run of a suite comes to, unknown by unknown, and the first screen: one sentence on all runs, one table."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 from urllib.parse import quote
 
-from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS
-from strainsight.report.page.markup import block, cell, count, grouped_table, plain, share
-from strainsight.report.placement.verdicts import no_benefit, why
+import numpy as np
+
+from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS, Claim
+from strainsight.report.arrays import rms
+from strainsight.report.bench.data import BenchRun
+from strainsight.report.page.markup import block, cell, count, grouped_table, links, plain, share, verdict_mark
+from strainsight.report.placement.data import Unknown
+from strainsight.report.placement.verdicts import faults, no_benefit, why
 from strainsight.report.suite.cases import numbered
 from strainsight.report.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.report.suite.results import Result, counts, is_estimated, results_of, without_benefit
+
+NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
+WORDS = (*FAULTS, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
+"""What a run may come to, what does not hold first."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One unknown of one run, all relative.
+
+    error, std: of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is there);
+    rms, worst: error over the repeats, which are filtered: RMS of those that ended, worst of all, ∞ where one was lost;
+    repeats: how many, lost: how many of them diverged; verdicts: what is wrong with it, empty where nothing is. None is
+    what was not computed.
+    """
+
+    unknown: Unknown
+    smoothed: bool
+    error: float | None
+    std: float | None
+    rms: float | None
+    worst: float | None
+    repeats: int
+    lost: int
+    verdicts: tuple[str, ...]
+
+    @property
+    def claim(self) -> Claim | None:
+        """The claim that decides."""
+        return next(iter(self.unknown.claims), None)
+
+    @property
+    def verdict(self) -> str:
+        """All of them in words; "" where it was not estimated."""
+        if self.error is None:
+            return ""
+        return ", ".join(self.verdicts) or (self.claim.verdict if self.claim else "no claim")
+
+    @property
+    def sigmas(self) -> float | None:
+        """The error in units of the σ that was claimed for it."""
+        return None if self.error is None or not self.std else self.error / self.std
+
+
+def results_of(run: PlacementRun) -> tuple[Result, ...]:
+    """Every unknown of the run, in its order."""
+    return tuple(map(_result, run.unknowns))
+
+
+def is_estimated(run: SuiteRun) -> bool:
+    if isinstance(run, BenchRun):
+        return run.estimate is not None
+    return any(unknown.error is not None for unknown in run.unknowns)
+
+
+def counts(report: Suite) -> dict[str, list[int]]:
+    """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
+    found: dict[str, list[int]] = {word: [] for word in WORDS}
+    for index, run in enumerate(report.runs, start=1):
+        for word in _words(run):
+            found[word].append(index)
+    return {word: places for word, places in found.items() if places}
+
+
+def without_benefit(report: Suite) -> list[int]:
+    """Numbers of the runs, from 1, in which random layouts estimate every unknown as well as the placed one."""
+    return [
+        index
+        for index, run in report.placements
+        if run.unknowns and all(own.benefit is not None and own.benefit.verdict == "none" for own in run.unknowns)
+    ]
+
+
+def _words(run: SuiteRun) -> tuple[str, ...]:
+    """What is wrong with a run, each once; else whether its σ hold."""
+    if not is_estimated(run):
+        return (NOT_ESTIMATED,)
+    if isinstance(run, BenchRun):
+        wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
+    else:
+        results = results_of(run)
+        wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
+        held = {result.claim.verdict for result in results if result.claim is not None}
+    return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
+
+
+def _result(unknown: Unknown) -> Result:
+    repeats = unknown.repeats
+    smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
+    error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
+    typical = worst = None
+    many = lost = 0
+    if repeats is not None and len(repeats.error):
+        size = np.abs(repeats.error)
+        many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
+        typical, worst = rms(size), math.inf if lost else float(np.max(size))
+    diverged = bool(lost) or (error is not None and not math.isfinite(error))
+    verdicts = faults(unknown, diverged)
+    return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)
+
 
 METRIC = "metric"
 COLUMNS = (
@@ -43,8 +149,7 @@ def headline(report: Suite) -> str:
 
 
 def _links(places: Sequence[int]) -> str:
-    links = ", ".join(f'<a href="#run-{index}">{index}</a>' for index in places)
-    return f"run{'s' * (len(places) > 1)} {links}"
+    return f"run{'s' * (len(places) > 1)} {links('run', places)}"
 
 
 def runs_table(report: Suite) -> str:
@@ -112,7 +217,8 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 
 def _absent(run: PlacementRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
-    expected = ", ".join(f"{escape(name)} ± {share(std)}" for name, std in run.expected_std.items())
+    known = [own for own in run.unknowns if own.expected_std is not None]
+    expected = ", ".join(f"{escape(own.name)} ± {share(own.expected_std)}" for own in known)
     text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
@@ -152,7 +258,7 @@ def _verdict(result: Result) -> str:
     for verdict in result.verdicts:
         over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
         over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
-        lines.append(f'<strong class="bad whole">✕ {verdict}</strong>{over}')
+        lines.append(f"{verdict_mark(verdict, False)}{over}")
     return "<br>".join(lines)
 
 

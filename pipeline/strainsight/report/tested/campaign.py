@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from html import escape
 
+from strainsight.records.estimated import CampaignRecord
 from strainsight.report.chart.drawing import Drawing
-from strainsight.report.chart.posterior import Posterior, posterior_figure
-from strainsight.report.page.document import document
-from strainsight.report.page.listing import Listing, damage_section
-from strainsight.report.page.markup import bullets, count, figure, figures, measure, pairs, plain, share, table
-from strainsight.report.tested.data import File, Unknown
+from strainsight.report.chart.histories import posterior_figure
+from strainsight.report.page.markup import bullets, count, figure, figures, measure, plain, share, table
+from strainsight.report.page.sections import damage_section, document, rests_on, section, warnings_section
+from strainsight.report.tested.data import Findings, Unknown
+from strainsight.report.tested.page import broken_digest
+from strainsight.workflow.output import Table
 
 FOOTER = (
     "σ is one standard deviation, as the filter claims it. Parameters are the same in all records, and so are the errors of "
@@ -22,38 +23,40 @@ FOOTER = (
 
 @dataclass(frozen=True)
 class RecordRow:
-    """A record: name, page (its file name), file; loads: each with RMS, σ and peak; inside: share of its innovations within 2σ;
-    verdict in words, fits: whether it is a good one."""
+    """A record: what its page shows, the file name of that page; inside: share of its innovations within 2σ; verdict in words."""
 
-    name: str
+    report: Findings
     page: str
-    file: File
-    loads: tuple[Unknown, ...]
     inside: float
     verdict: str
-    fits: bool
 
 
 @dataclass(frozen=True)
 class CampaignFindings:
-    """All that the page shows. parameters by all records; alone: parameter → its most likely value by each record alone;
-    damage of all of them, None where it was not asked for."""
+    """All that the page shows: records one by one, and what they share; damage of all of them, None where it was not asked
+    for. Name, unknown parameters, facts and provenance are those of any record."""
 
-    name: str
     title: str
     records: tuple[RecordRow, ...]
-    parameters: tuple[Unknown, ...]
-    alone: Mapping[str, tuple[float, ...]]
+    shared: CampaignRecord
     warnings: tuple[str, ...]
-    posteriors: tuple[Posterior, ...]
-    facts: Mapping[str, str]
-    provenance: Mapping[str, str]
-    damage: Listing | None = None
+    damage: Table | None = None
+
+    @property
+    def first(self) -> Findings:
+        """The first record."""
+        return self.records[0].report
+
+    @property
+    def parameters(self) -> tuple[Unknown, ...]:
+        """The unknown parameters, by all records."""
+        return tuple(own for own in self.first.unknowns if own.kind == "parameter")
 
 
 def campaign_figures(report: CampaignFindings) -> tuple[Drawing, ...]:
     """The density of every parameter by all records."""
-    return tuple(posterior_figure(own) for own in report.posteriors)
+    units = report.first.units
+    return tuple(posterior_figure(name, units[name], own) for name, own in report.shared.posterior.items())
 
 
 def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
@@ -62,43 +65,38 @@ def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) ->
         _records(report),
         _parameters(report, drawings),
         damage_section(report.damage),
-        _warnings(report),
+        warnings_section(report.warnings),
         _files(report),
-        _provenance(report),
+        rests_on(report.first.facts, report.first.provenance),
     ]
-    return document("test", report.name, report.title, _answer(report), sections, FOOTER)
+    return document("test", report.first.name, report.title, _answer(report), sections, FOOTER)
 
 
 def _answer(report: CampaignFindings) -> str:
     text = f'<strong class="bad">{escape(report.warnings[0])}</strong> ' if report.warnings else ""
     found = ", ".join(
-        f"{escape(own.name)} {measure(own.estimate, own.unit)} ({_sigma(own)})" for own in report.parameters
+        f"{escape(own.name)} {measure(own.estimate, own.unit)} "
+        + ("(σ withheld)" if own.std is None else f"(± {share(own.relative)})")
+        for own in report.parameters
     )
-    samples = sum(own.file.samples for own in report.records)
+    samples = sum(own.report.file.samples for own in report.records)
     said = f"<strong>{found}</strong>, from" if found else "From"
     return f"{text}{said} {count(samples)} samples in {count(len(report.records))} records."
 
 
-def _sigma(own: Unknown) -> str:
-    if own.std is None:
-        return "σ withheld"
-    return f"± {share(own.std / abs(own.estimate) if own.estimate else math.nan)}"
-
-
 def _records(report: CampaignFindings) -> str:
-    loads = report.records[0].loads
     head = ["record", "date", "duration"]
-    for own in loads:
-        head += [f"{own.name}, peak", "± σ there", f"{own.name}, RMS", "± σ"]
+    for own in report.first.loads:
+        head += [f"{escape(own.name)}, peak", "± σ there", f"{escape(own.name)}, RMS", "± σ"]
     head += ["innovations within 2σ", "verdict"]
     rows = []
     for record in report.records:
         row = [
-            f'<a href="{escape(record.page)}">{escape(record.name)}</a>',
-            escape(record.file.date) or "–",
-            measure(record.file.duration, "s"),
+            f'<a href="{escape(record.page)}">{escape(record.report.record)}</a>',
+            escape(record.report.file.source.date) or "–",
+            measure(record.report.file.duration, "s"),
         ]
-        for own in record.loads:
+        for own in record.report.loads:
             peak, at_peak = (None, None) if own.peak is None else (own.peak.largest[0], own.peak_std)
             row += [
                 measure(peak, own.unit),
@@ -106,7 +104,7 @@ def _records(report: CampaignFindings) -> str:
                 measure(own.estimate, own.unit),
                 _std(own.std, own.unit),
             ]
-        tone = "good" if record.fits else "bad"
+        tone = "good" if record.report.consistent else "bad"
         row += [share(record.inside), f'<span class="{tone}">{escape(record.verdict)}</span>']
         rows.append(row)
     text = table(
@@ -117,7 +115,7 @@ def _records(report: CampaignFindings) -> str:
         "and the stated noise hold.",
         numeric=range(2, len(head) - 1),
     )
-    return f'<h2 id="records">Record by record</h2><div class="card">{text}</div>'
+    return section("Record by record", text, "records")
 
 
 def _std(value: float | None, unit: str) -> str:
@@ -127,10 +125,10 @@ def _std(value: float | None, unit: str) -> str:
 def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
     if not report.parameters:
         return ""
-    names = [own.name for own in report.records]
+    names = [own.report.record for own in report.records]
     rows = []
     for own in report.parameters:
-        each = [measure(value, own.unit) for value in report.alone[own.name]]
+        each = [measure(value, own.unit) for value in report.shared.alone[own.name].tolist()]
         rows.append([escape(own.name), measure(own.estimate, own.unit), _std(own.std, own.unit), *each])
     text = table(
         "parameters",
@@ -142,34 +140,14 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
     doubts = [doubt for own in report.parameters for doubt in own.doubts]
     said = f'<div class="card warnings">{bullets(doubts)}</div>' if doubts else ""
     cards = figures(figure(own, i) for i, own in enumerate(drawings))
-    return f'<h2 id="parameters">Parameters, the same in all records</h2><div class="card">{text}</div>{said}{cards}'
-
-
-def _warnings(report: CampaignFindings) -> str:
-    if not report.warnings:
-        return ""
-    return f'<h2 id="warnings">Warnings</h2><div class="card warnings">{bullets(report.warnings)}</div>'
+    return f"{section('Parameters, the same in all records', text, 'parameters')}{said}{cards}"
 
 
 def _files(report: CampaignFindings) -> str:
-    rows = [
-        [
-            escape(own.name),
-            escape(own.file.name),
-            "<wbr>".join(own.file.sha256[i : i + 16] for i in range(0, len(own.file.sha256), 16)),
-            escape(own.file.format),
-            plain(own.file.rate),
-            count(own.file.samples),
-        ]
-        for own in report.records
-    ]
+    rows = []
+    for own in report.records:
+        file, source = own.report.file, own.report.file.source
+        cells = [escape(own.report.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
+        rows.append([*cells, plain(file.rate), count(file.samples)])
     text = table("files", ("record", "file", "SHA-256", "format", "rate [Hz]", "samples"), rows, numeric=(4, 5))
-    return f'<h2 id="file">The files of the test</h2><div class="card">{text}</div>'
-
-
-def _provenance(report: CampaignFindings) -> str:
-    cards = ""
-    for name, entries in (("Model and run", report.facts), ("Provenance", report.provenance)):
-        if entries:
-            cards += f'<section class="card"><h3>{name}</h3>{pairs(name.lower(), entries.items())}</section>'
-    return f'<h2>What it rests on</h2><div class="panels">{cards}</div>' if cards else ""
+    return section("The files of the test", text, "file")

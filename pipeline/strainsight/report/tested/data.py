@@ -12,11 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.report.arrays import FloatArray, History
-from strainsight.report.chart.posterior import Posterior
-from strainsight.report.page.filters import OtherFilter
-from strainsight.report.page.listing import Listing
+from strainsight.records.estimated import Compared, Posterior, Source
+from strainsight.report.arrays import FloatArray, History, Reading
 from strainsight.report.picture.layout import Layout
+from strainsight.workflow.output import Table
 
 
 @dataclass(frozen=True)
@@ -57,32 +56,10 @@ class Unknown:
     doubts: tuple[str, ...] = ()
     peak_std: float | None = None
 
-
-@dataclass(frozen=True)
-class Reading:
-    """A channel: label ("G1"); gauge: which mark of the picture it belongs to, from 0; time (T,) [s]; measured without the
-    estimated offset, NaN where a sample is missing, estimated and std (T,) [unit]; noise_std [unit] of a sample; offset: the
-    estimated one and its σ [unit], None where none was unknown."""
-
-    label: str
-    gauge: int
-    unit: str
-    time: FloatArray
-    measured: FloatArray
-    estimated: FloatArray
-    std: FloatArray
-    noise_std: float
-    offset: tuple[float, float] | None = None
-
     @property
-    def residual(self) -> FloatArray:
-        """Measured less estimated (T,) [unit]."""
-        return self.measured - self.estimated
-
-    @property
-    def missing(self) -> int:
-        """Samples that are not there."""
-        return int(np.count_nonzero(np.isnan(self.measured)))
+    def relative(self) -> float:
+        """σ over the size of the estimate, NaN where either is not known."""
+        return self.std / abs(self.estimate) if self.std is not None and self.estimate else np.nan
 
 
 @dataclass(frozen=True)
@@ -94,19 +71,6 @@ class Spectrum:
     frequency: FloatArray
     density: FloatArray
     level: float | None = None
-
-
-@dataclass(frozen=True)
-class HoldOut:
-    """A channel that the filter was not given: predicted and its std (T,) [unit] beside what it measured, NaN where missing."""
-
-    label: str
-    gauge: int
-    unit: str
-    time: FloatArray
-    measured: FloatArray
-    predicted: FloatArray
-    std: FloatArray
 
 
 @dataclass(frozen=True)
@@ -132,30 +96,14 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class FileChannel:
-    """A channel of the file: its name there, what it measures, its unit there, and what was done to it, in words."""
-
-    name: str
-    measures: str
-    unit: str
-    calibration: str
-
-
-@dataclass(frozen=True)
 class File:
-    """The file of the test: name, sha256, size in bytes, format; date as stated, or empty; rate [Hz], duration [s] and first
-    instant [s] of the samples; how many there are; its channels."""
+    """The file of the test as it was read: rate [Hz], first instant [s] and duration [s] of the samples; how many there are."""
 
-    name: str
-    sha256: str
-    bytes: int
-    format: str
-    date: str
+    source: Source
     rate: float
     start: float
     duration: float
     samples: int
-    channels: tuple[FileChannel, ...]
 
 
 @dataclass(frozen=True)
@@ -186,14 +134,24 @@ class Findings:
     resultants: tuple[History, ...] = ()
     known: tuple[History, ...] = ()
     load_spectra: tuple[Spectrum, ...] = ()
-    posteriors: tuple[Posterior, ...] = ()
-    filters: tuple[OtherFilter, ...] = ()
+    posteriors: Mapping[str, Posterior] = field(default_factory=dict)
+    filters: Compared | None = None
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    hold_out: tuple[HoldOut, ...] = ()
-    checked: Listing | None = None
-    damage: Listing | None = None
+    hold_out: tuple[Reading, ...] = ()
+    checked: Table | None = None
+    damage: Table | None = None
     moment: Moment | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     record: str = ""
     beside: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of every unknown, by name."""
+        return {unknown.name: unknown.unit for unknown in self.unknowns}
+
+    @property
+    def loads(self) -> tuple[Unknown, ...]:
+        """The unknown loads."""
+        return tuple(unknown for unknown in self.unknowns if unknown.kind == "load")

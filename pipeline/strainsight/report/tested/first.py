@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from html import escape
 
-from strainsight.report.arrays import History
-from strainsight.report.page.markup import badge, bullets, count, measure, plain, share, table
-from strainsight.report.tested.data import Findings, Peak, Reading, Unknown, peak_of
-from strainsight.report.tested.parts import Parts
-from strainsight.report.tested.readings import reading, rms
-from strainsight.report.text import listed, number
+from strainsight.report.arrays import FloatArray, History, Reading, rms
+from strainsight.report.page.markup import badge, bullets, count, mark, measure, plain, share, table, tile
+from strainsight.report.page.sections import section
+from strainsight.report.tested.data import Findings, Peak, Unknown, peak_of
+from strainsight.report.tested.figures import reading
+from strainsight.report.text import listed
 
 LOUD = 1.5
 """RMS of what is left over the stated noise from which it is marked."""
@@ -26,14 +26,14 @@ def answer(report: Findings) -> str:
     text += f"<strong>{parts}</strong>" if parts else "<strong>No unknown was estimated</strong>"
     return (
         f"{text}, from {count(samples)} samples of {count(channels)} channel{'s' * (channels != 1)} in "
-        f"{escape(report.file.name)}."
+        f"{escape(report.file.source.file)}."
     )
 
 
 def _found(own: Unknown) -> str:
     name = escape(own.name)
     if own.kind == "parameter":
-        sigma = "σ withheld" if own.std is None else f"±\u00a0{share(_relative(own))}"
+        sigma = "σ withheld" if own.std is None else f"±\u00a0{share(own.relative)}"
         return f"{name} {measure(own.estimate, own.unit)} ({sigma})"
     sigma = "σ withheld" if own.std is None else f"±\u00a0{measure(own.std, own.unit, 2)}"
     top = "" if own.peak is None else f", at most {_peak(own.peak, own.unit)}"
@@ -45,13 +45,8 @@ def _peak(peak: Peak, unit: str) -> str:
     return "–" if math.isnan(value) else f"{measure(value, unit)} at {measure(at, 's')}"
 
 
-def _relative(own: Unknown) -> float:
-    return own.std / abs(own.estimate) if own.std is not None and own.estimate else math.nan
-
-
-def first_screen(parts: Parts) -> str:
+def first_screen(report: Findings) -> str:
     """Every unknown, the verdict on the record, every channel, and what to mind. Every number in it is a `data` element."""
-    report = parts.report
     tiles = "".join(_tile(own) for own in report.unknowns) + _verdict(report)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
@@ -65,36 +60,29 @@ def _tile(own: Unknown) -> str:
     if load:
         value += ' <small class="whole">RMS</small>'
     elif own.std is not None:
-        value += f' <small class="whole">± {share(_relative(own))}</small>'
+        value += f' <small class="whole">± {share(own.relative)}</small>'
     rows = []
     if own.std is not None:
         rows.append(("± claimed σ", measure(own.std, own.unit, 3)))
         if load:
-            rows.append(("σ of its RMS", share(_relative(own))))
+            rows.append(("σ of its RMS", share(own.relative)))
     if own.peak is not None:
-        for words, value_, at in (
-            ("largest", own.peak.high, own.peak.high_at),
-            ("least", own.peak.low, own.peak.low_at),
-        ):
-            if not math.isnan(value_):
-                rows.append((words, f"{measure(value_, own.unit)} at {measure(at, 's')}"))
-    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows)
-    marks = ["σ is withheld"] if own.std is None else []
-    said = "".join(f'<p class="mark bad">✕ {escape(mark)}</p>' for mark in (*marks, *own.doubts))
-    return (
-        f'<div class="card tile"><h2 class="name">{escape(own.name)}, {own.kind}</h2><p class="value">{value}</p>'
-        f"{f'<dl>{items}</dl>' if items else ''}{said}</div>"
-    )
+        ends = (("largest", own.peak.high, own.peak.high_at), ("least", own.peak.low, own.peak.low_at))
+        rows += [
+            (words, f"{measure(size, own.unit)} at {measure(at, 's')}")
+            for words, size, at in ends
+            if not math.isnan(size)
+        ]
+    doubts = ["σ is withheld"] * (own.std is None) + list(own.doubts)
+    marks = "".join(mark(escape(text), False) for text in doubts)
+    return tile(f"{escape(own.name)}, {own.kind}", value, rows, marks)
 
 
 def _verdict(report: Findings) -> str:
     """Whether the record is what the model and the stated noise make one expect."""
     good = report.consistent
-    value, sign, tone = ("fits", "✓", "good") if good else ("does not fit", "✕", "bad")
-    return (
-        f'<div class="card tile"><h2 class="name">the record and what was stated</h2><p class="value">{value}</p>'
-        f'<p class="mark {tone}">{sign} {escape(_sentence(report.verdict))}</p></div>'
-    )
+    words = mark(escape(_sentence(report.verdict)), good)
+    return tile("the record and what was stated", "fits" if good else "does not fit", after=words)
 
 
 def _channels(report: Findings) -> str:
@@ -154,49 +142,33 @@ def _sentence(text: str) -> str:
     return f"{text}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
-def extremes_section(parts: Parts) -> str:
+def extremes_section(report: Findings) -> str:
     """The least and the largest of every load and channel, and when."""
-    report = parts.report
-    rows = [_row(own.name, "load", peak_of(own.time, own.mean), own.unit, own) for own in _loads(report)]
-    rows += [
-        _row(f"size of the sum at {own.name}", "loads", peak_of(own.time, own.mean), own.unit, own)
-        for own in report.resultants
-    ]
-    rows += [_row(own.name, "known load", peak_of(own.time, own.mean), own.unit, None) for own in report.known]
+    loads = {own.name for own in report.loads}
+    rows = [_row(own.name, "load", own, own.mean, own.std) for own in report.histories if own.name in loads]
+    rows += [_row(f"size of the sum at {own.name}", "loads", own, own.mean, own.std) for own in report.resultants]
+    rows += [_row(own.name, "known load", own, own.mean) for own in report.known]
     for own in report.readings:
-        for words, values, held in (("measured", own.measured, None), ("reconstructed", own.estimated, own)):
-            rows.append(_row(own.label, words, peak_of(own.time, values), own.unit, held))
+        rows.append(_row(own.label, "measured", own, own.measured))
+        rows.append(_row(own.label, "reconstructed", own, own.estimated, own.std))
     head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
-    text = table("extremes", head, rows, numeric=range(2, 7))
-    return f'<h2>Extremes</h2><div class="card">{text}</div>' if rows else ""
+    return section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
 
-def _loads(report: Findings) -> list[History]:
-    names = {own.name for own in report.unknowns if own.kind == "load"}
-    return [own for own in report.histories if own.name in names]
-
-
-def _row(name: str, what: str, peak: Peak, unit: str, claimed: History | Reading | None) -> list[str]:
-    """σ at the value of larger size."""
-    sigma = "–"
-    if claimed is not None and not math.isnan(peak.low):
-        at = peak.largest[1]
-        own = float(claimed.std[int(abs(claimed.time - at).argmin())])
-        sigma = "withheld" if math.isnan(own) else reading(own, unit, 2)
+def _row(
+    name: str, what: str, signal: History | Reading, values: FloatArray, std: FloatArray | None = None
+) -> list[str]:
+    """Of values of a signal the least and the largest, and σ at the one of larger size."""
+    peak, sigma = peak_of(signal.time, values), "–"
+    if std is not None and not math.isnan(peak.low):
+        at = float(std[int(abs(signal.time - peak.largest[1]).argmin())])
+        sigma = "withheld" if math.isnan(at) else reading(at, signal.unit, 2)
     cells = [escape(name), what]
     for value, when in ((peak.low, peak.low_at), (peak.high, peak.high_at)):
-        cells += [reading(value, unit, 4), "–" if math.isnan(when) else plain(when, 5)]
+        cells += [reading(value, signal.unit, 4), "–" if math.isnan(when) else plain(when, 5)]
     return [*cells, sigma]
 
 
 def title_of(name: str, report_unknowns: tuple[str, ...]) -> str:
     """As "beam: what the test says of side and E"."""
     return f"{name}: what the test says of {listed(report_unknowns)}" if report_unknowns else f"{name}: the test"
-
-
-def size_in_words(size: int) -> str:
-    """Bytes as people read them."""
-    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if size >= factor:
-            return f"{number(size / factor, 3)} {unit} ({number(size, 12)} bytes)"
-    return f"{number(size, 12)} bytes"

@@ -12,8 +12,7 @@ from dataclasses import replace
 from strainsight.errors import StrainsightError, UserError
 from strainsight.imports import FOLDER
 from strainsight.processes import inherited, python
-from strainsight.report.picture.offscreen import draw_apart, last_words
-from strainsight.report.picture.scene import thinned
+from strainsight.report.picture.scene import draw_apart, last_words, thinned
 from strainsight.report.view.viewed import NO_DISPLAY, View
 
 CHILD = "strainsight.report.view.viewer"

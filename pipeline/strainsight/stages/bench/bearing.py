@@ -14,8 +14,7 @@ from strainsight.report.bench.bearing_page import (
     CASE_HEAD,
     CONTACTS,
     DISPLACEMENT_UNITS,
-    BearingCase,
-    BearingCurve,
+    Loaded,
     bearing_page,
     case_rows,
 )
@@ -36,38 +35,21 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
         },
     )
     units = {str(i): DISPLACEMENT_UNITS[entry.along] for i, entry in enumerate(along)}
-    cases = [
-        BearingCase(
-            name,
-            case,
-            own.load,
-            own.displacement,
-            own.stiffness,
-            own.station,
-            own.force,
-            own.contact_angle,
-            own.pressure,
-        )
-        for name, found in under.items()
-        for case, own in found.items()
-    ]
-    curves = [BearingCurve(own.bearing, own.along, own.curve.displacement, own.curve.load) for own in along]
-    page = bearing_page(config.name, {name: _facts(b) for name, b in bearings.items()}, cases, curves).encode()
+    cases = [Loaded(name, case, own) for name, found in under.items() for case, own in found.items()]
+    page = bearing_page(config.name, {name: _facts(b) for name, b in bearings.items()}, cases, along).encode()
     summary: dict[str, Scalar] = {}
     for case in cases:
-        summary[f"pressure.{case.bearing}.{case.case}"] = float(case.pressure.max())
-        summary[f"loaded.{case.bearing}.{case.case}"] = int((case.force > 0).any(axis=1).sum())
-    worst = max(cases, key=lambda case: float(case.pressure.max()), default=None)
-    counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(curves), "curve"))
+        summary[f"pressure.{case.bearing}.{case.case}"] = float(case.state.pressure.max())
+        summary[f"loaded.{case.bearing}.{case.case}"] = int((case.state.force > 0).any(axis=1).sum())
+    worst = max(cases, key=lambda case: float(case.state.pressure.max()), default=None)
+    counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(along), "curve"))
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
     if worst is not None:
-        text += f"; at most {worst.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
+        text += f"; at most {worst.state.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
     said = [
         words
         for case in cases
-        for words in beyond_limit(
-            f"{case.bearing} under {case.case}", case.pressure.max(), config.bearings[case.bearing]
-        )
+        for words in beyond_limit(case.title, case.state.pressure.max(), config.bearings[case.bearing])
     ]
     return Output(
         written(alone, units), summary, text, (*_tables(cases), *warnings_table(said)), files={"bearing.html": page}
@@ -82,25 +64,26 @@ def _facts(bearing: Bearing) -> str:
     )
 
 
-def _tables(cases: list[BearingCase]) -> tuple[Table, ...]:
+def _tables(cases: list[Loaded]) -> tuple[Table, ...]:
     tables = []
     for case in cases:
         rows = [
             (name, *(f"{value:.{digits}g} {unit}".rstrip() for value, unit, digits in cells))
             for name, cells in case_rows(case)
         ]
-        tables.append(Table(f"{case.bearing} under {case.case}", CASE_HEAD, tuple(rows)))
-        loaded = int((case.force > 0).any(axis=1).sum())
+        tables.append(Table(case.title, CASE_HEAD, tuple(rows)))
+        force, angle = case.state.force, np.rad2deg(case.state.contact_angle)
+        loaded = int((force > 0).any(axis=1).sum())
         rows_of_balls = [
             (
                 contact,
-                f"{case.force[:, i].max():.5g} N",
-                f"{case.pressure[:, i].max() / 1e6:.5g} MPa",
-                f"{np.rad2deg(case.angle[np.argmax(case.force[:, i]), i]):.4g}°" if case.force[:, i].max() > 0 else "–",
+                f"{force[:, i].max():.5g} N",
+                f"{case.state.pressure[:, i].max() / 1e6:.5g} MPa",
+                f"{angle[np.argmax(force[:, i]), i]:.4g}°" if force[:, i].max() > 0 else "–",
             )
             for i, contact in enumerate(CONTACTS)
         ]
-        title = f"the balls of {case.bearing} under {case.case}: {loaded} of {len(case.station)} loaded"
+        title = f"the balls of {case.title}: {loaded} of {len(case.state.station)} loaded"
         tables.append(Table(title, ("contact", "largest force", "pressure", "angle there"), tuple(rows_of_balls)))
     return tuple(tables)
 

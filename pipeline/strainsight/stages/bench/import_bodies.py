@@ -7,6 +7,7 @@ from pathlib import Path
 
 from strainsight.cases.bench.reduction import flexible
 from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.cases.structure.mesh_tables import found_tables
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
 from strainsight.mesh.model import Mesh
@@ -14,7 +15,6 @@ from strainsight.mesh.sanity import size_of
 from strainsight.mesh.scaling import scaled
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
-from strainsight.stages.pages.found import found_tables
 from strainsight.workflow.output import Output, Scalar, Table
 from strainsight.workflow.stage import Context, Stage
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 from strainsight import __version__
 from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.errors import StrainsightError
 from strainsight.report.bench.data import BenchRun
 from strainsight.report.bench.page import bench_figures, bench_page
+from strainsight.report.picture.scene import drawn_or_why
 from strainsight.report.space.model import Shape
 from strainsight.report.space.section import space_section
 from strainsight.report.view.viewed import View, untitled
 from strainsight.report.view.viewing import screenshot
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, placement_of, stress_of, warnings_in
+from strainsight.stages.pages.bench_run import placement_of, run_of, stress_of
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.surface import field_shape
 from strainsight.workflow.output import Dataset, Output
@@ -38,7 +37,7 @@ def run(context: Context[BenchConfig]) -> Output:
     body = _body(context)
     pictures, problem = ([], "") if body is None else _pictures(context, body)
     turned = "" if body is None else _in_space(context, body)
-    page = bench_page(report, drawings, provenance.items(), pictures, turned).encode()
+    page = bench_page(report, drawings, provenance, pictures, turned).encode()
     count = sum(len(entries) for entries in drawings.values())
     return Output(
         datasets=_datasets(report),
@@ -76,13 +75,9 @@ def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str,
     config, up = context.config, context.upstream
     views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
     views = [view for view in views if view.layout.gauges or len(view.panels[0].values)]
-    if not views:
-        return [], ""
-    try:
-        # The page says below the picture what it is of: not in it, too.
-        return [(_caption(view), screenshot(untitled(view))) for view in views], ""
-    except StrainsightError as error:
-        return [], f"{error.what}: {error.remedy}"
+    # The page says below the picture what it is of: not in it, too.
+    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in views])
+    return pictures or [], problem
 
 
 def _caption(view: View) -> str:
@@ -93,20 +88,12 @@ def _caption(view: View) -> str:
 
 def bench_run(context: Context[BenchConfig]) -> BenchRun:
     """The page's content."""
-    up = context.upstream
-    estimate = estimate_of(up["estimate"]) if "estimate" in up else None
-    motion = motion_of(up["simulate"]) if "simulate" in up else None
-    placement = placement_of(up["place"]) if "place" in up else None
-    if placement is not None and motion is not None:
-        placement = replace(placement, units={name: unit for name, (unit, _) in motion.inputs.items()})
+    up, field = context.upstream, context.config.field
     return BenchRun(
-        name=context.config.name,
-        motion=motion,
-        estimate=estimate,
-        placement=placement,
-        stress=stress_of(up["field"], context.config.field) if "field" in up and context.config.field else None,
-        numbers={stage: artefact.summary for stage, artefact in up.items()},
-        warnings=warnings_in(up),
+        context.config.name,
+        **run_of(up),
+        placement=placement_of(up["place"]) if "place" in up else None,
+        stress=stress_of(up["field"], field) if "field" in up and field else None,
     )
 
 

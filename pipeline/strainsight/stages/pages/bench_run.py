@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from strainsight.cases.layout.names import layout_labels
 from strainsight.config.bench.bench import SurfaceField
-from strainsight.records.bench_estimated import BenchEstimated, RingEstimate, SensorMatch
-from strainsight.records.bench_placed import PLACED, BenchPlaced
+from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
+from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.record import read, unit_of
 from strainsight.records.simulated import Simulated, SurfaceInTime
-from strainsight.report.arrays import History
+from strainsight.report.arrays import History, Reading
 from strainsight.report.bench.data import (
-    BearingEstimate,
-    BearingMotion,
     BenchEstimate,
     BenchMotion,
     BenchPlacement,
     BenchSensor,
     BenchStress,
     BenchUnknown,
-    DriveMotion,
 )
-from strainsight.report.tested.data import HoldOut
-from strainsight.stages.pages.page_numbers import criteria_of, metrics_of, trend_of
+from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of
 from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
@@ -39,15 +36,14 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
         time=own.time,
         unknowns=(*(_input(own, name) for name in own.inputs), *(_parameter(own, name) for name in own.parameters)),
         sensors=tuple(_compared(name, kinds[name], match, own.time[1:]) for name, match in own.sensors.items()),
-        bearings=tuple(_carried(name, ring) for name, ring in own.bearings.items()),
+        bearings=own.bearings,
         nis=own.nis,
         violation=own.violation,
-        numbers=artefact.summary,
         hold_out=tuple(_held_out(own, kinds)),
     )
 
 
-def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[HoldOut]:
+def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[Reading]:
     """Every channel that was left out, as the others predict it."""
     for name, match in own.sensors.items():
         if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
@@ -55,20 +51,10 @@ def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[HoldOut
         _, units = _components(kinds[name], unit_of(match, "expected"), match.expected.shape[1])
         for i, why in enumerate(match.left_in):
             if not why:
-                columns = (values[:, i] for values in (match.measured, match.predicted, match.predicted_std))
-                yield HoldOut(f"{name}.{i + 1}", i + 1, units[i], own.time[1:], *columns)
-
-
-def seeds_of(artefact: Artefact) -> dict[str, np.ndarray]:
-    """Numbers of estimate.h5 that there are once a seed."""
-    return read(BenchEstimated, artefact).seeds
-
-
-def _carried(name: str, ring: RingEstimate) -> BearingEstimate:
-    worst = ring.worst
-    return BearingEstimate(
-        name, ring.instants, ring.pressure, ring.pressure_std, worst.time, worst.station, worst.force, worst.force_std
-    )
+                measured, predicted, std = (
+                    values[:, i] for values in (match.measured, match.predicted, match.predicted_std)
+                )
+                yield Reading(f"{name}.{i + 1}", units[i], own.time[1:], measured, predicted, std, i + 1)
 
 
 def motion_of(artefact: Artefact) -> BenchMotion:
@@ -83,16 +69,11 @@ def motion_of(artefact: Artefact) -> BenchMotion:
             )
             for name, values in own.sensors.items()
         ),
-        bearings=tuple(
-            BearingMotion(name, ring.displacement, ring.load, ring.pressure) for name, ring in own.bearings.items()
-        ),
-        numbers=artefact.summary,
-        drives=tuple(
-            DriveMotion(
-                name, artefact.header.config["joints"][name]["type"] == "driven_angle", drive.position, drive.force
-            )
+        bearings=own.bearings,
+        drives={
+            name: (artefact.header.config["joints"][name]["type"] == "driven_angle", drive)
             for name, drive in own.drives.items()
-        ),
+        },
     )
 
 
@@ -105,36 +86,27 @@ def stress_of(artefact: Artefact, settings: SurfaceField) -> BenchStress:
         largest=own.von_mises,
         element=int(str(artefact.summary["element"])),
         allowable=settings.allowable,
-        estimated=settings.of == "estimate",
     )
 
 
 def placement_of(artefact: Artefact) -> BenchPlacement:
     """Everything that a page shows of place.h5 of a bench."""
     own = read(BenchPlaced, artefact)
-    best = own.layouts[PLACED]
-    drawn = [layout.std for name, layout in own.layouts.items() if name != PLACED]
-    return BenchPlacement(
-        position=best.position,
-        direction=best.direction,
-        expected={name: float(best.std[i]) for i, name in enumerate(own.inputs)},
-        random={name: np.array([std[i] for std in drawn]) for i, name in enumerate(own.inputs)},
-        numbers=artefact.summary,
-        units=dict(zip(own.inputs, own.units, strict=True)),
-        trend=trend_of(artefact),
-        loss=own.loss,
-        without={name: best.without[:, i] for i, name in enumerate(own.inputs)},
-        metrics=metrics_of(artefact),
-        criteria=criteria_of(list(own.inputs), artefact),
-        advice=own.advice,
-        labels=layout_labels(best.sensor, np.arange(len(best.sensor))),
-    )
+    sensor = own.placed.sensor
+    labels = layout_labels(sensor, np.arange(len(sensor)))
+    rules = criteria_of(list(own.inputs), artefact)
+    return BenchPlacement(own, trend_of(artefact), metrics_of(artefact), rules, labels)
 
 
-def warnings_in(artefacts: Mapping[str, Artefact]) -> tuple[str, ...]:
-    """What the stages warned of, each once."""
-    words = [text for artefact in artefacts.values() for text in artefact.warnings]
-    return tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in dict.fromkeys(words))
+def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
+    """What any page shows of a run, as far as it went."""
+    texts = dict.fromkeys(text for artefact in up.values() for text in artefact.warnings)
+    return {
+        "motion": motion_of(up["simulate"]) if "simulate" in up else None,
+        "estimate": estimate_of(up["estimate"]) if "estimate" in up else None,
+        "numbers": {stage: artefact.summary for stage, artefact in up.items()},
+        "warnings": tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in texts),
+    }
 
 
 def _input(own: BenchEstimated, name: str) -> BenchUnknown:

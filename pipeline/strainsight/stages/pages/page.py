@@ -2,52 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
 from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
+from strainsight.cases.layout.comparison import RULES
+from strainsight.cases.layout.gauge_list import channel_labels
 from strainsight.cases.layout.workshop import Workshop
 from strainsight.cases.structure.clearance import clearance_warning
 from strainsight.cases.structure.filtering import posterior_doubts
 from strainsight.cases.structure.mesh import model_warnings
+from strainsight.cases.structure.mesh_tables import ASSUMES
 from strainsight.cases.structure.references import on_one_node
 from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
-from strainsight.estimation.decision import claims_of
+from strainsight.estimation.decision import benefit_of, claims_of, word_of
 from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
-from strainsight.records.placed import Placed
+from strainsight.placement.criteria.choices import criterion_of
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.records.layout import PlacedLayout, metric_key
+from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
-from strainsight.report.placement.data import PlacementReport
-from strainsight.report.text import capital, listed, number
-from strainsight.stages.pages.assumed import ASSUMES
-from strainsight.stages.pages.page_layout import layout_of_page, measured
-from strainsight.stages.pages.page_numbers import (
-    cases_of,
-    consistency_of,
-    criteria_of,
-    filters_of,
-    history_of,
-    load_cases_of,
-    metrics_of,
-    noise_rows,
-    posterior_of,
-    random_sets_of,
-    repeated,
-    repeats_of,
-    signals_of,
-    trend_of,
-    unknown_of,
+from strainsight.report.arrays import History, Reading
+from strainsight.report.placement.data import (
+    Case,
+    Check,
+    Criteria,
+    Metric,
+    Noise,
+    PlacementReport,
+    RandomSets,
+    Repeats,
+    Trend,
+    Unknown,
 )
+from strainsight.report.text import capital, listed, number
+from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured, placed_scale, placed_size
 from strainsight.workflow.artefact import Artefact
 from strainsight.workflow.stage import Context
+
+STAGES = ("import", "rom", "train", "screen", "place", "validate")
+"""Of which the page shows what each came to."""
 
 
 def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> PlacementReport:
@@ -56,7 +60,8 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     names = [str(name) for name in config.place.estimate]
     kinds = {name: "input" if name in config.loads else "parameter" for name in names}
     validate, place = up["validate"], read(Placed, up["place"])
-    budget = read(Validated, validate).budget or place.budget
+    validated = read(Validated, validate)
+    budget = validated.budget or place.budget
     return PlacementReport(
         name=context.config.name,
         title=f"{context.config.name}: {_number_of_gauges(up)} for {listed(names)}",
@@ -64,31 +69,29 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
-        posteriors=tuple(posterior_of(name, validate) for name in read(Validated, validate).posterior),
+        posteriors=validated.posterior,
         gauge_signals=signals_of(up),
         random_sets=random_sets_of(names, validate),
-        noise=noise_rows(names, up),
-        repeats=repeats_of(names, validate),
+        noise=noise_of(names, up),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()),
         metrics=metrics_of(up["place"]),
         criteria=criteria_of(names, up["place"]),
         cases=cases_of(up["observe"]),
-        load_cases=load_cases_of(place),
+        load_cases=place.by_case,
         budget={} if budget is None else budget.shares,
         advice=place.advice,
         observability={"condition": place.observability.condition},
         truth_description=str(validate.summary["description"]),
-        filters=filters_of(read(Validated, validate)),
-        consistency=consistency_of(validate),
+        filters=validated.compared,
+        consistency=checks_of(validate),
         warnings=warnings_of(up, names, mesh, config.loads),
         not_tested=_not_tested(up["train"], config, place),
         test=up["estimate"].message if "estimate" in up else "",
-        facts=_facts(up),
+        facts=messages(up, STAGES),
         seconds={
             stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
         },
-        provenance={"strainsight": __version__, "seed": str(context.config.seed)}
-        | {f"{stage} artefact": up[stage].key[:16] for stage in up},
+        provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
 
@@ -154,13 +157,173 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
     return tuple(notes)
 
 
-def _facts(up: Mapping[str, Artefact]) -> dict[str, str]:
-    return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "validate")}
-
-
 def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
     """As "4 gauges", or "1 sensor" where some of the layout are no gauges."""
     final = read(Placed, up["place"]).final
     count, quantity = len(final.gauge), read(Training, up["train"]).candidates.quantity
     word = "gauge" if np.all(quantity[final.channel[:, 0]] == STRAIN) else "sensor"
     return f"{count} {word}{'s' * (count != 1)}"
+
+
+def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
+    validate, place = up["validate"], up["place"]
+    own, summary, placed = read(Validated, validate), validate.summary, read(Placed, place)
+    truth, beyond, repeats = own.truth[name], "out_of_range" in summary, repeated(name, validate)
+    return Unknown(
+        name=name,
+        unit=unit_of(own, "estimate", name),
+        kind=kind,
+        guess=placed_scale(name, place),
+        truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
+        estimate=float(summary[f"estimate.{name}"]),
+        error=float(summary[f"error.{name}"]),
+        std=None if beyond else float(summary[f"std.{name}"]),
+        smoothed_error=float(summary[f"smoothed.{name}"]),
+        expected_std=placed.expected_std[name] / placed_size(name, up),
+        worst_case="" if placed.by_case is None else placed.by_case.worst[name],
+        zero=bool(summary.get(f"zero.{name}", False)),
+        smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
+        claims=() if beyond else claims_of(name, summary, repeats),
+        withheld=beyond,
+        benefit=benefit_of(float(summary[f"error.{name}"]), own.all.error[name]),
+        repeats=Repeats(*repeats, summary.get(f"identified.{name}") is not False) if len(repeats[0]) > 1 else None,
+    )
+
+
+def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
+    """Error and claimed σ of every repeat, relative."""
+    repeats = read(Validated, validate).repeats
+    return repeats.error[name], repeats.std[name]
+
+
+def trend_of(place: Artefact) -> Trend:
+    summary, own = place.summary, read(PlacedLayout, place).elimination
+    criterion = criterion_of(str(summary["criterion"]))
+    key = metric_key(criterion.name)
+    value: np.ndarray = getattr(own, key)
+    certified = "lower_bound" in summary
+    return Trend(
+        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(value), -1),
+        value=value,
+        blocks={name: own.blocks[:, i] for i, name in enumerate(own.unknowns)},
+        final=float(summary[f"{key}_final"]),
+        metric=_metric(criterion, place),
+        lower_bound=float(summary["lower_bound"]) if certified else None,
+        gap=float(summary["gap"]) if certified else None,
+    )
+
+
+def history_of(name: str, validate: Artefact) -> History:
+    own = read(Validated, validate)
+    values = (by[name] for by in (own.truth, own.estimate, own.std, own.smoothed, own.smoothed_std))
+    return History(name, unit_of(own, "estimate", name), own.time, *values)
+
+
+POOLS: tuple[tuple[str, Literal["all candidates", "screened"]], ...] = (
+    ("all", "all candidates"),
+    ("screened", "screened"),
+)
+
+
+def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSets, ...]:
+    own = read(Validated, validate)
+    return tuple(
+        RandomSets(name, label, sets.error[name], sets.estimate[name].T, float(validate.summary[f"error.{name}"]))
+        for name in names
+        for sets, label in ((getattr(own, key), label) for key, label in POOLS)
+        if len(sets.error[name])
+    )
+
+
+def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
+    own, listed = read(Validated, up["validate"]).gauge, listed_gauges(up)
+    gauges = [gauge for gauge, angles in enumerate(listed.angles) for _ in angles]
+    return tuple(
+        Reading(
+            label,
+            listed.unit[gauges[i]],
+            own.time,
+            own.measured[:, i],
+            own.estimated[:, i],
+            own.std[:, i],
+            gauges[i],
+            own.true[:, i],
+        )
+        for i, label in enumerate(channel_labels(listed))
+    )
+
+
+def metrics_of(place: Artefact) -> tuple[Metric, ...]:
+    """Every criterion, that of the layout first."""
+    return tuple(_metric(criterion_of(name), place) for name in read(PlacedLayout, place).criteria.name)
+
+
+def _metric(criterion: Criterion, place: Artefact) -> Metric:
+    """In words, with the unknowns that it covers where these are not all."""
+    own = read(PlacedLayout, place)
+    over = own.elimination.unknowns
+    of = f", of {' and '.join(over)} alone" * (len(over) < len(own.criteria.std))
+    return Metric(criterion.symbol, criterion.meaning + of)
+
+
+def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
+    """This layout, then the others by their metric; of the random sets the one in the middle."""
+    own = read(PlacedLayout, place).criteria
+    drawn = sorted((i for i, rule in enumerate(own.rule) if rule not in RULES), key=lambda i: own.value[i, 0])
+    shown = {i: RULES[rule] for i, rule in enumerate(own.rule) if rule in RULES}
+    if drawn:
+        shown[drawn[(len(drawn) - 1) // 2]] = f"random, median of {len(drawn)}"
+    return tuple(
+        Criteria(words, tuple(own.value[i].tolist()), {n: float(own.std[n][i]) for n in names})
+        for i, words in shown.items()
+    )
+
+
+def cases_of(observe: Artefact) -> tuple[Case, ...]:
+    own = read(Observed, observe)
+    return tuple(
+        Case(
+            tuple(unknowns.split(", ")),
+            excitation,
+            float(own.condition[i, j]),
+            float(own.condition_raw[i, j]),
+            str(own.lost[i, j]),
+        )
+        for j, unknowns in enumerate(own.unknowns)
+        for i, excitation in enumerate(own.excitation)
+    )
+
+
+def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
+    """At the noise as configured, and at that of the study."""
+    summary, study = up["validate"].summary, read(Validated, up["validate"]).noise
+    level = float(up["screen"].summary["noise_std"]) / float(up["train"].summary["strongest_rms"])
+    factor = np.append(1.0, study.factor)
+    order = np.argsort(factor, kind="stable")
+    error, std = (
+        {n: np.append(float(summary.get(f"{key}.{n}", np.nan)), getattr(study, key)[n])[order] for n in names}
+        for key in ("error", "std")
+    )
+    return Noise(level * factor[order], error, std)
+
+
+def checks_of(validate: Artefact) -> tuple[Check, ...]:
+    """NEES and NIS of the filter."""
+    names = {"nees": "NEES of the run; band of one instant", "nis": "NIS of the gauges"}
+    bands = ((float(low), float(high)) for low, high in read(Validated, validate).consistency.band)
+    values = (float(validate.summary[key]) for key in names)
+    return tuple(
+        Check(name, value, band, word_of(value, band))
+        for name, value, band in zip(names.values(), values, bands, strict=True)
+    )
+
+
+def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:
+    """What each of these stages came to."""
+    return {stage: up[stage].message for stage in stages}
+
+
+def provenance(context: Context[Any]) -> dict[str, str]:
+    """Version, seed, and what tells the artefacts from others."""
+    own = {"strainsight": __version__, "seed": str(context.config.seed)}
+    return own | {f"{stage} artefact": artefact.key[:16] for stage, artefact in context.upstream.items()}

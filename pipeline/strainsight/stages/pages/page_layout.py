@@ -21,8 +21,7 @@ from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.report.picture.layout import Arm
-from strainsight.report.placement.data import Gauge, Layout, Load
+from strainsight.report.picture.layout import Arm, Gauge, Layout, Load
 from strainsight.workflow.artefact import Artefact
 
 
@@ -55,8 +54,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
         bare(mesh, loads),
         pool=candidates.position[candidates.first[pool[pool >= 0]]],
         gauges=gauges,
-        # of a model that came as matrices
-        loose=np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh),
+        loose=_known_to_matrices(mesh, up),
     )
 
 
@@ -81,6 +79,7 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
     """The structure with its loads and clamped nodes, no gauge."""
     faces = exterior_facets(mesh).nodes if mesh.has_surface else np.full((0, 8), -1)
     fixed = mesh.position[mesh.held]
+    arrows = [(name, _point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()]
     loose = np.empty((0, 3)) if mesh.has_surface else loose_nodes(mesh)
     bars = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
     return Layout(
@@ -88,7 +87,7 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
         faces,
         np.empty((0, 3)),
         (),
-        loads_of_page(mesh, loads),
+        tuple(Load(name, *drawn, known) for name, drawn, known in arrows if drawn[1].any()),
         fixed,
         loose,
         np.concatenate(
@@ -121,8 +120,12 @@ def layout_of_test(
         label = min((label for label, mark in zip(labels, marks, strict=True) if mark == i), key=len)
         several = len(listed.angles[i]) > 1
         gauges.append(replace(_marked(listed, i), label=re.sub(r"\.\d+$", "", label) if several else label))
-    loose = np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh)
-    return replace(bare(mesh, loads), gauges=tuple(gauges), loose=loose), marks
+    return replace(bare(mesh, loads), gauges=tuple(gauges), loose=_known_to_matrices(mesh, up)), marks
+
+
+def _known_to_matrices(mesh: Mesh, up: Mapping[str, Artefact]) -> np.ndarray:
+    """Loose nodes of a model that came as matrices, none of any other."""
+    return np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh)
 
 
 def _marked(listed: GaugeList, i: int) -> Gauge:
@@ -166,12 +169,6 @@ def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
     return gauges_of(read(Placed, up["place"]).final.number, training, screened)
 
 
-def loads_of_page(mesh: Mesh, loads: Mapping[str, Any]) -> tuple[Load, ...]:
-    """The loads of a config as arrows, where they have a direction."""
-    every = ((name, _point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items())
-    return tuple(Load(name, *drawn, known) for name, drawn, known in every if drawn[1].any())
-
-
 def loose_nodes(mesh: Mesh) -> np.ndarray:
     """Nodes that no solid or shell has (l, 3) [m]: of beams, and of what only matrices know."""
     alone = np.ones(len(mesh.position), dtype=bool)
@@ -209,17 +206,9 @@ def placed_scale(name: str, place: Artefact) -> float:
     return float(place.attributes(f"/expected_std/{name}")["scale"])
 
 
-def size(name: str, up: Mapping[str, Artefact]) -> float:
-    """What the page shows an unknown relative to: its truth, or before it was validated its scale at placement."""
-    return true_size(name, up["validate"]) if "validate" in up else placed_scale(name, up["place"])
-
-
 def placed_size(name: str, up: Mapping[str, Artefact]) -> float:
-    """What the page shows expected σ relative to: as everything of the unknown; with load cases to its scale in the worst one, of
-    which there is no truth."""
-    return size(name, up) if read(Placed, up["place"]).by_case is None else placed_scale(name, up["place"])
-
-
-def true_size(name: str, validate: Artefact) -> float:
-    """What errors are relative to: a parameter's true value, an input's own RMS, or its amplitude where it is zero."""
-    return float(validate.summary[f"scale.{name}"])
+    """What the page shows expected σ relative to, as everything of the unknown: to its truth, or before it was validated to its
+    scale at placement; with load cases to its scale in the worst one, of which there is no truth."""
+    if "validate" not in up or read(Placed, up["place"]).by_case is not None:
+        return placed_scale(name, up["place"])
+    return float(up["validate"].summary[f"scale.{name}"])

@@ -1,8 +1,8 @@
-"""Everything that the page of a suite shows, gathered from the artefacts of its runs."""
+"""What the page of a suite shows, gathered from the artefacts of its runs; its numbers as a record and as tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +11,41 @@ import numpy as np
 from strainsight import __version__
 from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
+from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
+from strainsight.records.suite import (
+    CaseRows,
+    ComparisonRows,
+    NumberRows,
+    RunRows,
+    StatementRows,
+    SuiteNumbers,
+    UnknownRows,
+    columns,
+)
 from strainsight.records.training import Training
 from strainsight.report.bench.data import BenchRun
-from strainsight.report.placement.data import Layout, Unknown
-from strainsight.report.suite.data import Comparison, PlacementRun, Statement, Study, Suite, SuiteRun
-from strainsight.stages.pages.bench_run import estimate_of, motion_of, seeds_of, warnings_in
-from strainsight.stages.pages.page import warnings_of
-from strainsight.stages.pages.page_layout import layout_of_page, placed_scale, placed_size
-from strainsight.stages.pages.page_numbers import cases_of, history_of, repeats_of, trend_of, unknown_of
+from strainsight.report.placement.data import Unknown
+from strainsight.report.suite.data import (
+    Comparison,
+    PlacementRun,
+    Statement,
+    Study,
+    Suite,
+    SuiteRun,
+    metric_name,
+    metrics_of,
+)
+from strainsight.report.suite.statements import measured, side, target
+from strainsight.report.suite.summary import Result, results_of
+from strainsight.stages.pages.bench_run import run_of
+from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
+from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
 from strainsight.workflow.artefact import Artefact
+from strainsight.workflow.output import Table
 from strainsight.workflow.slices import Slice
 from strainsight.workflow.stage import Context
 
@@ -56,43 +78,31 @@ def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
 
 
 def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What the page shows of any run."""
-    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
-        "page": f"../{entry.name}/report.html" if PAGE in up else None,
-        "numbers": {stage: artefact.summary for stage, artefact in up.items()},
-    }
+    """What the page shows of any run beside its artefacts."""
+    page = f"../{entry.name}/report.html" if PAGE in up else None
+    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
 
 
 def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
-    return BenchRun(
-        **_stated(entry, up),
-        motion=motion_of(up["simulate"]) if "simulate" in up else None,
-        estimate=estimate_of(up["estimate"]) if "estimate" in up else None,
-        seeds=seeds_of(up["estimate"]) if "estimate" in up else {},
-        warnings=warnings_in(up),
-    )
+    seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
+    return BenchRun(**_stated(entry, up), **run_of(up), seeds=seeds)
 
 
 def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(entry.unknowns)
     mesh = mesh_from(up["import"])
     validate, place = up.get("validate"), up.get("place")
-    expected = read(Placed, place).expected_std if place else {}
-    layout = layout_of_page(mesh, up, entry.loads) if place else None
     return PlacementRun(
         **_stated(entry, up),
+        numbers={stage: artefact.summary for stage, artefact in up.items()},
         unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
-        gauges=len(layout.gauges) if layout else None,
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
-        layout=layout,
-        expected_std={n: expected[n] / placed_size(n, up) for n in names if n in expected},
+        layout=layout_of_page(mesh, up, entry.loads) if place else None,
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
-        repeats=repeats_of(names, validate) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
         truth_description=str(validate.summary["description"]) if validate else "",
-        pairs=nearest(layout) if layout else (),
         warnings=warnings_of(up, names, mesh, entry.loads),
     )
 
@@ -115,21 +125,6 @@ def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
         return float("nan")
     loads = read(Reduced, up["rom"]).model.inputs
     return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
-
-
-def nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
-    """Every gauge with its nearest other one and the distance between them [m]."""
-    found = []
-    for gauge in layout.gauges:
-        others = [
-            (float(np.linalg.norm(gauge.position - other.position)), other.label)
-            for other in layout.gauges
-            if other is not gauge
-        ]
-        if others:
-            distance, label = min(others)
-            found.append((gauge.label, label, distance))
-    return tuple(found)
 
 
 def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study, ...]:
@@ -211,3 +206,150 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     known = [own for own, there in numbers.items() if not isinstance(there, str)]
     what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
     raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))
+
+
+OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
+"""Numbers of a bench's unknown that the file keeps."""
+SAID = ("source", "printed", "as_printed", "ours", "verdict")
+OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
+OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
+
+
+def numbers_of(suite: Suite) -> SuiteNumbers:
+    """What suite.h5 keeps."""
+    statements, runs = suite.statements, list(enumerate(suite.runs))
+    return SuiteNumbers(
+        runs=columns(RunRows, [_run(run) for run in suite.runs]),
+        unknowns=columns(UnknownRows, [{"run": i} | row for i, run in runs for row in _unknowns(run)]),
+        cases=columns(
+            CaseRows,
+            [
+                vars(case) | {"run": i - 1, "unknowns": ", ".join(case.unknowns), "condition_raw": case.raw}
+                for i, run in suite.placements
+                for case in run.cases
+            ],
+        ),
+        statements=columns(StatementRows, [vars(own) | {"verdict": own.verdict} for own in statements]),
+        numbers=columns(
+            NumberRows,
+            [
+                {"claim": i, "run": run, "name": name, "seed": seed, "value": value}
+                for i, own in enumerate(statements)
+                for (run, name), values in own.seeds.items()
+                for seed, value in enumerate(values)
+            ],
+        ),
+        comparisons=columns(ComparisonRows, [_comparison_cells(row) for row in suite.comparisons]),
+    )
+
+
+def _comparison_cells(row: Comparison) -> Mapping[str, str]:
+    return {
+        **{key: getattr(row, key) for key in ("source", "says", "printed", "verdict", "why")},
+        "as_printed": side(row.as_printed),
+        "ours": side(row.ours),
+    }
+
+
+def _run(run: SuiteRun) -> Mapping[str, Any]:
+    if isinstance(run, BenchRun):
+        return vars(run) | {"nis": run.number("nis")}
+    if (trend := run.trend) is None:
+        return vars(run) | {"gauges": run.gauges}
+    metric = {"metric": trend.metric.symbol, "metric_initial": trend.value[0], "metric_final": trend.final}
+    return vars(run) | metric | {"gauges": run.gauges, "gap": trend.gap}
+
+
+def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
+    if isinstance(run, BenchRun):
+        for own in run.unknowns:
+            numbers = {key: run.number(f"{key}.{own.name}") for key in OF_A_LOAD}
+            yield {"name": own.name, "unit": own.history.unit, "verdict": _verdict(run, own.name)} | numbers
+        return
+    for result in results_of(run):
+        unknown = result.unknown
+        yield vars(unknown) | {
+            "smoothed": unknown.smoothed_error,
+            "expected": unknown.expected_std,
+            "repeats_rms": result.rms,
+            "repeats_worst": result.worst,
+            "verdict": result.verdict,
+        }
+
+
+def suite_tables(suite: Suite) -> tuple[Table, ...]:
+    """Comparisons, statements, and a row an unknown of a run."""
+    tables = []
+    if suite.comparisons:
+        said = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
+        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), said))
+    if suite.statements:
+        lines = tuple((own.text, target(own), measured(own), own.verdict) for own in suite.statements)
+        tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
+    if suite.placements:
+        metrics = metrics_of(run for _, run in suite.placements)
+        head = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
+        rows = tuple(row for _, run in suite.placements for row in _of_placement(run, len(metrics) > 1))
+        tables.append(Table(suite.title, head, rows))
+    if suite.benches:
+        rows = tuple(row for _, run in suite.benches for row in _of_bench(run))
+        tables.append(Table(suite.title, ("run", "unknown", *OF_BENCHES), rows))
+    return tuple(tables)
+
+
+def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:
+    if not run.unknowns:
+        yield run.label, "", f"not estimated ({run.reached})", "", "", "", ""
+    for i, unknown in enumerate(run.unknowns):
+        error, std, slope, ratio = (
+            run.number(f"{key}.{unknown.name}") for key in ("error", "std", "slope", "ratio_slope")
+        )
+        fits = ("" if value is None else f"{value:.5g}" for value in (slope, ratio))
+        yield (
+            run.label if i == 0 else "",
+            unknown.name,
+            _percent(error),
+            _percent(std),
+            *fits,
+            _verdict(run, unknown.name),
+        )
+
+
+def _verdict(run: BenchRun, name: str) -> str:
+    """What is wrong with it, else whether its σ holds; empty where that was not judged."""
+    return ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
+
+
+def _of_placement(run: PlacementRun, mixed: bool) -> Iterator[tuple[str, ...]]:
+    for i, result in enumerate(results_of(run)):
+        unknown = result.unknown
+        values = (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
+        yield (
+            run.label if i == 0 else "",
+            unknown.name,
+            *(_layout_cells(run, mixed) if i == 0 else ("", "", "")),
+            *map(_percent, values),
+            *(
+                (_repeats(result), result.verdict)
+                if result.error is not None
+                else ("", f"not estimated ({run.reached})")
+            ),
+        )
+
+
+def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, str, str]:
+    if (trend := run.trend) is None:
+        return ("", "", "")
+    metric = f"{trend.metric.symbol}: " * mixed + f"{trend.value[0]:.3g} → {trend.final:.3g}"
+    return f"{run.gauges} of {run.pool}", metric, _percent(trend.gap)
+
+
+def _repeats(result: Result) -> str:
+    if result.rms is None:
+        return ""
+    lost = f"{result.lost} of {result.repeats} diverged" if result.lost else f"worst {_percent(result.worst)}"
+    return f"RMS {_percent(result.rms)}, {lost}"
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.2g} %"

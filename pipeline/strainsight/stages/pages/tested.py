@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight import __version__
 from strainsight.cases.filters_compared import disagreements_in_words
 from strainsight.cases.structure.campaign_text import channel_table, damage_tables
 from strainsight.cases.structure.filtering import posterior_doubts
@@ -15,28 +14,28 @@ from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import record_verdict
-from strainsight.records import estimated as recorded
+from strainsight.gauges.candidates import UNITS
 from strainsight.records.damage import Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated, Source, campaign_in, estimated_in
+from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
-from strainsight.report.arrays import History
-from strainsight.report.page.listing import Listing
+from strainsight.report.arrays import History, Reading
 from strainsight.report.placement.page import TEST_PAGE
 from strainsight.report.tested.campaign import CampaignFindings, RecordRow
-from strainsight.report.tested.data import File, FileChannel, Findings, Map, Moment, Posterior, Unknown, peak_of
+from strainsight.report.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
 from strainsight.report.tested.first import title_of
 from strainsight.report.text import capital
 from strainsight.report.view.viewed import exaggerated
+from strainsight.signals.spectra import density, noise_density
+from strainsight.stages.pages.page import messages, provenance
 from strainsight.stages.pages.page_layout import layout_of_test
-from strainsight.stages.pages.page_numbers import filters_of
-from strainsight.stages.pages.tested_readings import held_out_of, load_spectrum, readings_of, residual_spectrum, step_of
 from strainsight.workflow.output import Table
 from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
-NOTHING = "nothing was done"
+STAGES = ("import", "rom", "train", "screen", "place", "estimate")
+"""Of which the page shows what each came to."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,7 @@ def _findings_of(
     loads = [name for name in names if name in config.loads]
     mesh = mesh_from(up["import"])
     layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
-    readings = readings_of(own, marks, read(Training, up["train"]))
+    readings = _readings(own, marks, read(Training, up["train"]))
     shared = own.posterior if campaign is None else campaign.posterior
     doubts = posterior_doubts(shared, units)
     noise = verdict(own.whitened)
@@ -100,12 +99,12 @@ def _findings_of(
         notes=own.notes,
         layout=layout,
         histories=tuple(_history(name, units[name], name in loads, own) for name in names),
-        file=file_of(own),
+        file=_file(own),
         readings=readings,
-        hold_out=held_out_of(own, readings),
-        checked=_listing((channel_table(own, [reading.unit for reading in readings]),), numeric=range(1, 5)),
+        hold_out=_held_out(own, readings),
+        checked=channel_table(own, [reading.unit for reading in readings]),
         damage=_damage(own.damage, config),
-        residuals=tuple(found for reading in readings if (found := residual_spectrum(reading)) is not None),
+        residuals=tuple(found for reading in readings if (found := _residual_spectrum(reading)) is not None),
         resultants=tuple(
             History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
         ),
@@ -113,13 +112,13 @@ def _findings_of(
             History(name, unit_of(own, "known", name), own.time, None, values, np.full(len(values), np.nan))
             for name, values in own.known.items()
         ),
-        load_spectra=tuple(found for name in loads if (found := load_spectrum(name, units[name], own)) is not None),
-        posteriors=_posteriors(own.posterior, units),
-        filters=filters_of(own),
+        load_spectra=tuple(found for name in loads if (found := _load_spectrum(name, units[name], own)) is not None),
+        posteriors=own.posterior,
+        filters=own.compared,
         budget={} if own.budget is None else own.budget.shares,
         moment=_moment(own, layout.points),
-        facts=_facts(context),
-        provenance=_provenance(context),
+        facts=messages(up, STAGES),
+        provenance=provenance(context),
         record=record,
         beside=(("all records", TEST_PAGE), *others) if record else (),
     )
@@ -133,65 +132,31 @@ def _campaign_findings(
     pages: Mapping[str, str],
 ) -> CampaignFindings:
     config, summary = context.config, context.upstream["estimate"].summary
-    names = tuple(str(name) for name in config.place.estimate)
-    first = next(iter(found.values()))
     rows, apart = [], str(summary.get("apart", ""))
     for name, own in records.items():
         report, inside = found[name], own.whitened[np.isfinite(own.whitened)]
-        rows.append(
-            RecordRow(
-                name=name,
-                page=pages[name],
-                file=report.file,
-                loads=tuple(one for one in report.unknowns if one.kind == "load"),
-                inside=float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan,
-                verdict=record_verdict(own.trusted, bool(apart), report.consistent),
-                fits=report.consistent,
-            )
-        )
+        share = float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan
+        rows.append(RecordRow(report, pages[name], share, record_verdict(own.trusted, bool(apart), report.consistent)))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [f"record {name}: {report.verdict}" for name, report in found.items() if not (report.consistent or apart)]
-    texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
-    units = {one.name: one.unit for one in first.unknowns}
+    texts += _hidden(summary)
     return CampaignFindings(
-        name=config.name,
-        title=title_of(config.name, names),
+        title=title_of(config.name, tuple(map(str, config.place.estimate))),
         records=tuple(rows),
-        parameters=tuple(one for one in first.unknowns if one.kind == "parameter"),
-        alone={name: tuple(map(float, values)) for name, values in campaign.alone.items()},
+        shared=campaign,
         warnings=tuple(capital(text) for text in texts if text),
-        posteriors=_posteriors(campaign.posterior, units),
-        facts=_facts(context),
-        provenance=_provenance(context),
         damage=_damage(campaign.damage, config),
     )
 
 
-def _damage(found: Damaged | None, config: PlacementConfig) -> Listing | None:
+def _damage(found: Damaged | None, config: PlacementConfig) -> Table | None:
     assert config.estimate is not None
-    return _listing(damage_tables(found, virtual_labels(config.estimate.virtual)), numeric=(2, 4))
+    return next(iter(damage_tables(found, virtual_labels(config.estimate.virtual))), None)
 
 
-def _listing(tables: tuple[Table, ...], numeric: Iterable[int]) -> Listing | None:
-    """A table of the console, None where there is none."""
-    if not tables:
-        return None
-    (own,) = tables
-    return Listing(own.title, own.columns, own.rows, tuple(numeric))
-
-
-def _posteriors(found: Mapping[str, recorded.Posterior], units: Mapping[str, str]) -> tuple[Posterior, ...]:
-    return tuple(Posterior(name, units[name], own.value, own.density, own.prior) for name, own in found.items())
-
-
-def _facts(context: Context[PlacementConfig]) -> dict[str, str]:
-    up = context.upstream
-    return {stage: up[stage].message for stage in ("import", "rom", "train", "screen", "place", "estimate")}
-
-
-def _provenance(context: Context[PlacementConfig]) -> dict[str, str]:
-    own = {"strainsight": __version__, "seed": str(context.config.seed)}
-    return own | {f"{stage} artefact": found.key[:16] for stage, found in context.upstream.items()}
+def _hidden(summary: Mapping[str, object]) -> list[str]:
+    """What the channels cannot tell, as a sentence or none."""
+    return [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
 
 
 def _warnings(own: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
@@ -200,8 +165,7 @@ def _warnings(own: Estimated, summary: Mapping[str, object], doubts: list[str], 
     # a record that is inconsistent with the model has its own warning, and the noise is not to blame
     if own.trusted and not noise.consistent:
         texts.append(noise.text)
-    texts += [f"the channels cannot tell {hidden}" for hidden in [summary.get("unobservable")] if hidden]
-    texts += [*doubts, *disagreements_in_words(own.compared)]
+    texts += [*_hidden(summary), *doubts, *disagreements_in_words(own.compared)]
     return tuple(capital(text) for text in texts if text)
 
 
@@ -248,43 +212,69 @@ def _moment(own: Estimated, points: np.ndarray) -> Moment | None:
     return Moment(then.time, then.label, factor * shift, factor, (strain, mises))
 
 
-def file_of(own: Estimated) -> File:
-    """Its name, hash, rate, length and channels with their calibration."""
-    source, time = own.source, own.time
-    step = step_of(own.gauge.time) if len(own.gauge.time) > 1 else float(time[-1] - time[0])
-    return File(
-        name=source.file,
-        sha256=source.sha256,
-        bytes=source.bytes,
-        format=source.format,
-        date=source.date,
-        rate=1 / step,
-        start=float(time[0]),
-        duration=float(time[-1] - time[0]),
-        samples=len(own.gauge.time),
-        channels=tuple(
-            FileChannel(name, source.measures[i], source.unit[i], calibration_in_words(source, i))
-            for i, name in enumerate(source.channel)
-        ),
+def _file(own: Estimated) -> File:
+    """The file with the rate, first instant and length of its samples."""
+    time, samples = own.time, len(own.gauge.time)
+    length = float(time[-1] - time[0])
+    return File(own.source, 1 / (_step(own.gauge.time) if samples > 1 else length), float(time[0]), length, samples)
+
+
+def _readings(own: Estimated, marks: tuple[int, ...], training: Training) -> tuple[Reading, ...]:
+    """Of every channel, measured and as the model has it; marks: of their gauges on the page."""
+    gauge, offsets = own.gauge, {}
+    if own.bias is not None:
+        offsets = {
+            int(c): (float(m), float(s)) for c, m, s in zip(own.bias.channel, own.bias.mean, own.bias.std, strict=True)
+        }
+    shift = np.array([offsets[i][0] if i in offsets else 0.0 for i in range(len(gauge.label))])
+    measured, estimated = gauge.measured - shift, gauge.estimated - shift
+    return tuple(
+        Reading(
+            label,
+            UNITS[int(training.candidates.quantity[gauge.channel[i]])],
+            gauge.time,
+            measured[:, i],
+            estimated[:, i],
+            gauge.std[:, i],
+            marks[i],
+            noise_std=float(gauge.noise_std[i]),
+            offset=offsets.get(i),
+        )
+        for i, label in enumerate(gauge.label)
     )
 
 
-def calibration_in_words(source: Source, i: int) -> str:
-    """What was done to channel i of the file, in the order in which it was done."""
-    unit, parts = source.unit[i], []
-    if source.offset[i]:
-        parts.append(f"less {source.offset[i]:g} {unit}")
-    if source.drift[i]:
-        parts.append(f"less {source.drift[i]:g} {unit} a second")
-    if np.isfinite(source.zero[i]).all():
-        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
-    if source.sign[i] < 0:
-        parts.append("sign turned")
-    if source.bridge[i]:
-        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
-        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
-    if source.scale[i] != 1:
-        parts.append(f"times {source.scale[i]:g}")
-    if source.delay[i]:
-        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
-    return "; ".join(parts) or NOTHING
+def _held_out(own: Estimated, readings: tuple[Reading, ...]) -> tuple[Reading, ...]:
+    """Of every channel that was left out, as the others predict it."""
+    if own.hold_out is None:
+        return ()
+    return tuple(
+        replace(
+            reading,
+            measured=own.gauge.measured[:, i],
+            estimated=own.hold_out.predicted[:, i],
+            std=own.hold_out.std[:, i],
+        )
+        for i, reading in enumerate(readings)
+        if not own.hold_out.left_in[i]
+    )
+
+
+def _residual_spectrum(reading: Reading) -> Spectrum | None:
+    """Of what is left of a channel, beside that of its noise; None of a record that is too short."""
+    step = _step(reading.time)
+    frequency, found = density(reading.residual, step)
+    if not len(frequency):
+        return None
+    return Spectrum(reading.label, reading.unit, frequency, found, noise_density(reading.noise_std, step))
+
+
+def _load_spectrum(name: str, unit: str, own: Estimated) -> Spectrum | None:
+    """Of a load that was found; None of a record that is too short."""
+    frequency, found = density(own.smoothed[name], _step(own.time))
+    return Spectrum(name, unit, frequency, found) if len(frequency) else None
+
+
+def _step(time: np.ndarray) -> float:
+    """Between samples [s]; 1 s where there is one sample."""
+    return float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else 1.0

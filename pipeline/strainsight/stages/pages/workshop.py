@@ -1,19 +1,30 @@
-"""What a run gives to the workshop and to other programs."""
+"""What a run gives to the workshop and to other programs: positions, drawing sheets, lists of channels, element sets."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
 
 from strainsight.cases.layout.datum import frame_of
 from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
 from strainsight.cases.layout.exports.element_sets import abaqus_sets, elements_of, nastran_sets
 from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.cases.layout.workshop import Workshop, workshop_csv, workshop_of, workshop_unv
+from strainsight.cases.layout.workshop import Workshop, foil_at, workshop_csv, workshop_of, workshop_unv
 from strainsight.cases.structure.observation import LinearModel, linear_model, mat_file
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
+from strainsight.gauges.outline import edge_lines, seen_from
+from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
+from strainsight.report.chart.files import file_name
+from strainsight.report.sheets.sheet import sheet_svg
+from strainsight.report.sheets.views import Projection, Sheet, paper_axes
 from strainsight.stages.pages.page_layout import listed_gauges
 from strainsight.workflow.stage import Context
 
@@ -59,3 +70,77 @@ def _model(context: Context[PlacementConfig], shop: Workshop) -> LinearModel:
     units = [unit for unit, own in zip(listed.unit, listed.directions, strict=True) for _ in own]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
     return linear_model(placed, model, channel_labels(listed), units, of_loads)
+
+
+def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:
+    """A sheet for every gauge, of a bridge for every arm; none of what lies on no facet."""
+    config, frame, edges = context.config, shop.frame, shop.edges
+    if not any(line.facet for line in shop.lines):
+        return []
+    lines = edge_lines(mesh.position, exterior_facets(mesh))
+
+    @cache
+    def views(normal: tuple[float, ...]) -> tuple[Projection, Projection]:
+        n = np.array(normal)
+        right, up = paper_axes(n)
+        front, side = (
+            Projection(a, b, *map(frame.place, seen_from(lines, toward @ frame.axes)))
+            for a, b, toward in ((right, up, n), (right, n, -up))
+        )
+        return front, side
+
+    sheets = []
+    for name, i, directions in _places(shop):
+        line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
+        strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
+        foil = foil_at(config.gauges, shop, i)
+        front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
+        sheets.append(
+            Sheet(
+                name=name,
+                kind=shop.listed.kind[line.gauge] + ", bonded already" * bonded,
+                run=config.name,
+                deck=Path(config.mesh.file).name,
+                layout=context.upstream["place"].digest[:12],
+                frame=frame,
+                position=frame.place(line.position),
+                normal=normal,
+                directions=frame.turn(directions),
+                strain=strain,
+                grid=float(frame.length(line.length)),
+                grid_width=0.0 if foil.type is None else float(frame.length(foil.type.grid_width)),
+                carrier=(float(frame.length(foil.length)), float(frame.length(foil.width))),
+                carrier_of="assumed" if foil.type is None else str(config.gauges.type),
+                distance=frame.length(edges.distance[i]),
+                angle=edges.angle[i],
+                foot=frame.place(edges.foot[i]),
+                along=frame.turn(edges.along[i]),
+                element=int(line.element),
+                facet=int(line.facet),
+                front=front,
+                side=side,
+            )
+        )
+    return sheets
+
+
+def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
+    """File name → content."""
+    files: dict[str, bytes] = {}
+    for sheet in sheets:
+        name = file_name(f"sheet-{sheet.name}", {Path(other).stem.lower() for other in files})
+        files[f"{name}.svg"] = sheet_svg(sheet).encode()
+    return files
+
+
+def _places(shop: Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
+    """Name, first line and directions (c, 3) of every place on a facet."""
+    for gauge, label in enumerate(shop.listed.labels):
+        own, arms = shop.lines_of(gauge), shop.listed.arms[gauge]
+        if arms is not None:
+            places = [(name, i, [i]) for name, i in zip(arms.labels(label), own, strict=True)]
+        else:
+            places = [(label, own[0], own)]
+        for name, i, grids in places:
+            if shop.lines[i].facet:
+                yield name, i, np.array([shop.lines[k].direction for k in grids])

@@ -12,7 +12,6 @@ from strainsight.cases.bench.inverse.offsets import Offsets
 from strainsight.cases.bench.inverse.smoothing import LARGEST, SmoothedLoads, keep_for, smoothed_loads
 from strainsight.cases.bench.inverse.trial import Trial
 from strainsight.cases.bench.inverse.unknowns import Unknowns
-from strainsight.cases.filters_compared import BANK, EXTENDED
 from strainsight.config.bench.estimate import Method
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.decision import expected_ratio
@@ -20,7 +19,7 @@ from strainsight.estimation.filter import FilterRun, filter_runs
 from strainsight.estimation.run import Keep
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.records.estimated import Compared
+from strainsight.records.estimated import BANK, EXTENDED, Compared
 
 Progress = Callable[[float], None]
 """Called with the share that is done."""
