@@ -80,7 +80,7 @@ def test_a_chain_in_any_order_is_eliminated_along_itself(closed):
     dense = natural_step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
     np.testing.assert_allclose(new.q, dense[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(new.v, dense[1], rtol=0, atol=1e-11)
-    low = compiled(system).arrays.low
+    low = compiled(system).arrays.pattern.low
     assert np.all(low - np.arange(len(low)) < 3 * (6 + 10))
 
 

@@ -102,6 +102,20 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
     return nothing(count, n)._replace(rate=np.stack([np.zeros(n), (before.v - before.start[1]) / before.h]))
 
 
+def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
+    """What `advance` makes of M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), straight between."""
+    r, own = len(M), h * INSTANTS[method][0]
+    velocity = np.linalg.solve(M / own + C + own * K, np.column_stack([-K, M / own, np.eye(r)]))
+    whole = np.vstack([own * velocity, velocity])
+    whole[:r, :r] += np.eye(r)
+    X, b = whole[:, : 2 * r], whole[:, 2 * r :]
+    if method == "thesis":
+        return X, np.zeros_like(b), b
+    carried = CARRIED * X
+    between = carried @ b
+    return carried @ X + (1 - CARRIED) * X, (1 - GAMMA) * between, b + GAMMA * between
+
+
 @dataclass(frozen=True)
 class Slopes:
     """∂x_{k+1} with respect to x_k: A (2n, 2n); u(0), u(h): B_start, B_end (2n, nu); θ: B_theta (2n, nθ); w: B_w (2n, n)."""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.compiled import njit
+from strainsight.compiled import inner, kept
 from strainsight.multibody.bodies import RIGID
 from strainsight.multibody.frames import Carried
 from strainsight.multibody.relations import Relation
@@ -101,7 +101,7 @@ def _key(b: Carried) -> Key:
     return b.body, b.t + 0.0, (b.c + 0.0).tobytes(), (b.C + 0.0).tobytes(), b.C.shape
 
 
-@njit(cache=True)
+@inner
 def carried_vectors(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """b (nc, 3), its rate, its Jacobian (nc, 3, width) on `columns`, and the rate of that."""
     nc, most = p.columns.shape
@@ -148,7 +148,7 @@ def carried_vectors(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarr
     return b, rate, J, J_rate
 
 
-@njit(cache=True)
+@kept()
 def relation_rows(
     p: Products, q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -182,7 +182,7 @@ def relation_rows(
     return rho, gradient, gradient_rate, b, J
 
 
-@njit(cache=True)
+@kept()
 def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """∂ρ̈/∂q (nr, n), ρ̈ = ∇ρ a + vᵀ∇²ρ v for coordinates that move with v and a; ∂ρ̈/∂v is 2 vᵀ∇²ρ, ∂ρ̈/∂a is ∇ρ."""
     b, rate, J, J_rate = carried_vectors(p, q, v)
@@ -198,9 +198,10 @@ def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
         for s in range(4):
             i = p.part[row, s]
             if i >= 0:
-                x[s // 2] += p.sign[row, s] * b[i]
-                x_rate[s // 2] += p.sign[row, s] * rate[i]
-                x_second[s // 2] += p.sign[row, s] * second[i]
+                for c in range(3):
+                    x[s // 2, c] += p.sign[row, s] * b[i, c]
+                    x_rate[s // 2, c] += p.sign[row, s] * rate[i, c]
+                    x_second[s // 2, c] += p.sign[row, s] * second[i, c]
         for s in range(4):
             i, other = p.part[row, s], 1 - s // 2
             if i < 0:
@@ -214,7 +215,7 @@ def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
     return found
 
 
-@njit(cache=True)
+@kept()
 def curvature(p: Products, n: int, weight: np.ndarray, b: np.ndarray, J: np.ndarray) -> np.ndarray:
     """Σ_r weight_kr ∇²ρ_r (2, n, n) for two sets of weights (2, nr), from the b and J of `relation_rows`."""
     H = np.zeros((2, n, n))

@@ -10,16 +10,19 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import Point
+from strainsight.multibody.compiled.arrays import Arrays, Point, arrays
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
+from strainsight.multibody.compiled.law import InPython
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages
-from strainsight.multibody.compiled.system import Compiled, Prepared
 from strainsight.multibody.equations import balance, element_load
+from strainsight.multibody.forces import CompiledLaw, ForceLaw
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import System
 
 NONE = np.zeros(0)
+REMEMBERED = 4
+"""Values of θ for which what laws need is remembered."""
 HALVINGS = 6
 """How often the step is halved to find a start for Newton's iteration."""
 
@@ -46,6 +49,66 @@ class Step:
     h: float
 
 
+class Prepared(NamedTuple):
+    """K(θ), C(θ) (n, n); of every element the address of its law and where its numbers begin; the numbers."""
+
+    K: np.ndarray
+    C: np.ndarray
+    address: np.ndarray
+    begin: np.ndarray
+    numbers: np.ndarray
+
+
+class Compiled:
+    """arrays, memory: numbers that the laws keep; in_python: of every element the law that is called back, or None."""
+
+    def __init__(self, system: System):
+        laws = [element.force.law for element in system.elements]
+        fast = [law if isinstance(law, CompiledLaw) and law.address else None for law in laws]
+        self.in_python = tuple(None if own else InPython(law) for own, law in zip(fast, laws, strict=True))
+        kept = [0 if own is None else own.memory for own in fast]
+        self.arrays: Arrays = arrays(system, kept)
+        self.memory = sum(kept)
+        self._prepared: dict[bytes, Prepared] = {}
+        self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
+
+    def at(self, system: System, theta: np.ndarray) -> Prepared:
+        """What the step needs of θ (nθ,). Raises the errors of a law that cannot have these parameters."""
+        found = self._prepared.get(theta.tobytes())
+        if found is None:
+            found = self._prepare(system, theta)
+            while len(self._prepared) >= REMEMBERED:
+                del self._prepared[next(iter(self._prepared))]
+            self._prepared[theta.tobytes()] = found
+        return found
+
+    def _prepare(self, system: System, theta: np.ndarray) -> Prepared:
+        address, begin, numbers, count = [], [], [np.zeros(0)], 0
+        for e, (element, back) in enumerate(zip(system.elements, self.in_python, strict=True)):
+            law = element.force.law
+            own = self._numbers_of(e, law, theta[element.parameters]) if back is None else np.zeros(0)
+            address.append(back.address if back is not None else law.address)  # type: ignore[attr-defined]
+            begin.append(count)
+            numbers.append(own)
+            count += len(own)
+        K, C = system.at(theta)
+        return Prepared(
+            np.ascontiguousarray(K),
+            np.ascontiguousarray(C),
+            np.array(address, dtype=np.int64),
+            np.array(begin, dtype=np.int64),
+            np.concatenate(numbers),
+        )
+
+    def _numbers_of(self, e: int, law: ForceLaw, own: np.ndarray) -> np.ndarray:
+        """Those of element e, once for parameters that have not changed."""
+        last = self._numbers[e]
+        if last is None or last[0] != own.tobytes():
+            assert isinstance(law, CompiledLaw)
+            last = self._numbers[e] = own.tobytes(), np.asarray(law.numbers(own), dtype=float)
+        return last[1]
+
+
 _compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
 
 
@@ -66,7 +129,6 @@ def step(
     theta: np.ndarray,
     w: np.ndarray | None = None,
     guess: Step | None = None,
-    near: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Step:
     """The state one step later, from
 
@@ -75,8 +137,7 @@ def step(
 
     q, v (n,) at the start [SI], need not satisfy φ = 0; u at the end of the step, where joints are driven with p and ṗ of then
     (φ_t = φ_p ṗ, else 0); h [s]; theta (nθ,); w (n,) an
-    extra generalised force; guess: the step before, whose multipliers start Newton's iteration; near: q', v' (n,) from which
-    it starts first, by default q + hv, v. D², the diagonal scale
+    extra generalised force; guess: the step before, whose multipliers start Newton's iteration. D², the diagonal scale
     of the mass (`System.metric`), stands where the thesis has 1, so that no unit matters; μ = 0 in the exact solution.
     The rotations R' of the trial states are rotations, v' = T(q')ζ' moves them as such, and both equations are taken along T:
     so the constraints of rigidity and their multipliers are out of it, and the answer is the same.
@@ -86,11 +147,6 @@ def step(
     """
     problem = problem_of(system, q, v, u[None], theta, w)
     first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
-    if near is not None:
-        try:
-            return _newton(problem, h, first._replace(q=near[0], v=near[1]))
-        except NumericalError:
-            pass
     try:
         return _newton(problem, h, first)
     except NumericalError:

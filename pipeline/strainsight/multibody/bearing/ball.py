@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from strainsight.compiled import njit
+from strainsight.compiled import inner
 
 ITERATIONS = 200
 NEAR, FALL = 3e-8, 0.1
@@ -16,7 +16,7 @@ LOOSE = 1e-10
 """Approach, as a share of the ball diameter, whose force counts as no contact."""
 
 
-@njit(cache=True)
+@inner
 def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: float, out: np.ndarray) -> None:
     """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ).
 
@@ -29,7 +29,7 @@ def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: fl
             out[k, 1] += w - table[k, 0] * tau
 
 
-@njit(cache=True)
+@inner
 def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
     """The ball centre between the two opposite grooves that are farthest apart: exact where only they touch.
 
@@ -49,7 +49,7 @@ def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
     return px, pr
 
 
-@njit(cache=True)
+@inner
 def potential(table: np.ndarray, c: np.ndarray, push: float, soft: float, px: float, pr: float) -> float:
     """Π(p) = Σ 0.4 K_k δ_k^2.5 − F_c p_ρ + ½ ε |p|²,  δ_k = max(|p − c_k| − L_k, 0)  [J]."""
     total = 0.5 * soft * (px * px + pr * pr) - push * pr
@@ -61,7 +61,7 @@ def potential(table: np.ndarray, c: np.ndarray, push: float, soft: float, px: fl
     return total
 
 
-@njit(cache=True)
+@inner
 def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state: np.ndarray) -> tuple[float, float]:
     """Rows (Q n_x, Q n_ρ, H_xx, H_xρ, H_ρρ, √δ, n_x, n_ρ) of the four contacts, (4, 8); zero without contact.
 
@@ -91,7 +91,7 @@ def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state:
     return total, 2.3e-16 * rounding
 
 
-@njit(cache=True)
+@inner
 def ball_centre(
     table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
 ) -> tuple[float, float, float]:
@@ -151,7 +151,7 @@ def ball_centre(
     return px, pr, excess
 
 
-@njit(cache=True)
+@inner
 def followed(
     table: np.ndarray,
     c: np.ndarray,
@@ -192,7 +192,7 @@ def followed(
     return False, px, pr
 
 
-@njit(cache=True)
+@inner
 def floors(table: np.ndarray, ball: float) -> tuple[float, float]:
     """Regularisation ε [N/m] of a ball without contact and the force [N] that counts as none: far below any that matter."""
     constant = np.max(table[:, 3])

@@ -18,28 +18,10 @@ MOTIONS = 6
 """Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
 
 
-class Arrays(NamedTuple):
-    """What a system is made of, by number.
+class Relations(NamedTuple):
+    """Carried vectors (nc): on: their body (−1: none), felt: modes, t, c, C. Relations but those of rigidity (nr), the joints'
+    first: part, sign, value, feels (nr, 4): their bodies (−1: none)."""
 
-    Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
-    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
-    mass, natural and minimal. Carried vectors (nc): on: their body (−1: none), felt: modes, t, c, C.
-    Relations but those of rigidity (nr), the joints' first: part, sign, value, feels (nr, 4): their bodies (−1: none); joints:
-    how many are held; weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
-    Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
-    element_parameter: places in (θ, u). Moments (nm): moment_on: the body, its loads, their directions, the rotation shapes.
-    tied, pushed (nb, any): the bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those
-    that a row of the matrix reaches through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix
-    the unknowns (nt, μ, λ) stand; low (N,): the last row that a column can reach. rigid: constraints before the joints';
-    drive (k, 4): row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p
-    begins in u, how many.
-    """
-
-    body: np.ndarray
-    d: np.ndarray
-    dt: np.ndarray
-    mass: np.ndarray
-    inertia: np.ndarray
     on: np.ndarray
     felt: np.ndarray
     t: np.ndarray
@@ -49,23 +31,60 @@ class Arrays(NamedTuple):
     sign: np.ndarray
     value: np.ndarray
     feels: np.ndarray
+
+
+class Moments(NamedTuple):
+    """Moments (nm): on: the body, its loads, their directions, the rotation shapes."""
+
+    on: np.ndarray
+    inputs: np.ndarray
+    direction: np.ndarray
+    rotation: np.ndarray
+
+
+class Pattern(NamedTuple):
+    """What the matrix of a step needs: body, dt and feels of `Arrays`; joints: how many are held; tied, pushed (nb, any): the
+    bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those that a row of the matrix reaches
+    through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix the unknowns (nt, μ, λ) stand; low
+    (N,): the last row that a column can reach."""
+
+    body: np.ndarray
+    dt: np.ndarray
+    feels: np.ndarray
     joints: int
-    weights: np.ndarray
-    input_row: np.ndarray
-    input_which: np.ndarray
-    element: np.ndarray
-    element_feels: np.ndarray
-    element_parameter: np.ndarray
-    moment_on: np.ndarray
-    moment_input: np.ndarray
-    moment_direction: np.ndarray
-    moment_rotation: np.ndarray
     tied: np.ndarray
     pushed: np.ndarray
     reached: np.ndarray
     held: np.ndarray
     place: np.ndarray
     low: np.ndarray
+
+
+class Arrays(NamedTuple):
+    """What a system is made of, by number; compiled functions take the part that they need, for each array is an argument.
+
+    Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
+    begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
+    mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
+    Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
+    element_parameter: places in (θ, u). rigid: constraints before the joints'; drive (k, 4): row of a driven constraint, of its
+    second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
+    """
+
+    body: np.ndarray
+    d: np.ndarray
+    dt: np.ndarray
+    mass: np.ndarray
+    inertia: np.ndarray
+    relations: Relations
+    weights: np.ndarray
+    input_row: np.ndarray
+    input_which: np.ndarray
+    element: np.ndarray
+    element_feels: np.ndarray
+    element_parameter: np.ndarray
+    moments: Moments
+    pattern: Pattern
     rigid: int
     drive: np.ndarray
     drive_at: int
@@ -86,6 +105,25 @@ class Point(NamedTuple):
     address: np.ndarray
     begin: np.ndarray
     numbers: np.ndarray
+
+
+class Terms(NamedTuple):
+    """The equations of a step at a trial state: r₁, r₂ (nt,), r₃, r₄ (joints,), ∇ρ, ∂ρ̇ (nr, nt), X, A, K (nt, nt) of `scaled`,
+    TᵀM (nt, 12 + most modes), ∂r₂/∂(θ, u) of the elements (nt, nθ + all of u), by_drive (k, nt + 2) of `drive_relations`; without
+    tangents ∂ρ̇, X, A, K, TᵀM and ∂r₂/∂(θ, u) are empty."""
+
+    r1: np.ndarray
+    r2: np.ndarray
+    r3: np.ndarray
+    r4: np.ndarray
+    g: np.ndarray
+    gr: np.ndarray
+    X: np.ndarray
+    A: np.ndarray
+    K: np.ndarray
+    TM: np.ndarray
+    by_parameters: np.ndarray
+    by_drive: np.ndarray
 
 
 def arrays(system: System, memory: Sequence[int]) -> Arrays:
@@ -138,16 +176,25 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
     table = np.zeros((len(elements), 4), dtype=np.int64)
     for k, (first, rows, parameters) in enumerate(elements):
         table[k] = first, rows, parameters, sum(memory[:k])
+    feeling, scale = _padded(feels, 4), np.concatenate(dt)
     return Arrays(
-        body, np.ascontiguousarray(system.metric), np.concatenate(dt), np.ascontiguousarray(system.mass),
-        np.concatenate(flat), on, products.modes.astype(np.int64), products.t, np.ascontiguousarray(products.c),
-        np.ascontiguousarray(products.C), np.ascontiguousarray(part, dtype=np.int64),
-        np.ascontiguousarray(products.sign[rigid:]), np.ascontiguousarray(products.value[rigid:]),
-        _padded(feels, 4), joints, np.ascontiguousarray(system.weights[rigid:]),
-        (system.input_rows[0] - rigid).astype(np.int64), system.input_rows[1].astype(np.int64), table,
-        _padded(element_feels), _padded([[*e.parameters, *(len(system.parameters) + e.inputs)] for e in system.elements]),
-        np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]), direction,
-        rotation, _padded(tied), _padded(pushed), _padded(near), _padded(held), place, _reach(body, near, feels[:joints], place),
+        body, np.ascontiguousarray(system.metric), scale, np.ascontiguousarray(system.mass), np.concatenate(flat),
+        Relations(
+            on, products.modes.astype(np.int64), products.t, np.ascontiguousarray(products.c),
+            np.ascontiguousarray(products.C), np.ascontiguousarray(part, dtype=np.int64),
+            np.ascontiguousarray(products.sign[rigid:]), np.ascontiguousarray(products.value[rigid:]), feeling,
+        ),
+        np.ascontiguousarray(system.weights[rigid:]), (system.input_rows[0] - rigid).astype(np.int64),
+        system.input_rows[1].astype(np.int64), table, _padded(element_feels),
+        _padded([[*e.parameters, *(len(system.parameters) + e.inputs)] for e in system.elements]),
+        Moments(
+            np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]),
+            direction, rotation,
+        ),
+        Pattern(
+            body, scale, feeling, joints, _padded(tied), _padded(pushed), _padded(near), _padded(held), place,
+            _reach(body, near, feels[:joints], place),
+        ),
         rigid, driven, drives.at, len(drives.names),
     )  # fmt: skip
 
