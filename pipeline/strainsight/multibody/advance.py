@@ -14,7 +14,7 @@ from strainsight.multibody.compiled.equations import SOLVED
 from strainsight.multibody.compiled.slopes import step_slopes
 from strainsight.multibody.compiled.stages import Past, nothing
 from strainsight.multibody.drives import between
-from strainsight.multibody.step import Step, compiled, left_by, point, problem_of, solved, stages, step
+from strainsight.multibody.step import Step, compiled, left_by, problem_of, solved, stages, step
 from strainsight.multibody.system import System
 
 Method = Literal["second_order", "thesis"]
@@ -173,10 +173,10 @@ def sensitivities(system: System, at: Step) -> Sensitivities:
     """
     own = compiled(system)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
+    given = own.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(
-        own.arrays, point(own.at(system, at.theta), at.start, at.u, at.h, at.w), at.theta, at.memory.copy(), at.q, at.motion,
-        at.mu, at.lam, elastic,
-    )  # fmt: skip
+        own.arrays, own.pattern, given, at.theta, at.memory.copy(), at.q, at.motion, at.mu, at.lam, elastic
+    )
     if not regular:
         raise NumericalError("the matrix of the step is singular")
     return Sensitivities(A, B_u, B_theta, B_w)

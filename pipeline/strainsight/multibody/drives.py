@@ -98,7 +98,16 @@ def drive(
     )
     G_rate = np.zeros((0, n)) if G_rate is None else G_rate
     drive_relations(table, drives.at, len(drives.names), u, rho, rate, G, G_rate, by)
-    return Driven(rate[:m], by[:, n], by[:, n + 1], by[:, :n])
+    return driven_of(drives, m, u, by)
+
+
+def driven_of(drives: Drives, m: int, u: np.ndarray, by: np.ndarray) -> Driven | None:
+    """Of by (k, n + 2) of `drive_relations`."""
+    if not len(by):
+        return None
+    rate = np.zeros(m)
+    rate[drives.row] = by[:, -2] * u[drives.rates][drives.which]
+    return Driven(rate, by[:, -2], by[:, -1], by[:, :-2])
 
 
 @kept()
@@ -136,15 +145,6 @@ def drive_relations(
             slope, bend = (-1.0, 0.0) if power == 1 else (-2.0 * value, -2.0 * rate)
         rho_dot[row] += slope * rate
         by[k, n], by[k, n + 1] = slope, bend
-
-
-def spread(drives: Drives, u: np.ndarray, weight: np.ndarray) -> None:
-    """Weights (…, nr) of the constraints as weights of the relations they are made of, in place."""
-    for row, across, which in zip(drives.row, drives.across, drives.which, strict=True):
-        if across >= 0:
-            p = u[drives.at + which]
-            weight[..., across] = -np.sin(p) * weight[..., row]
-            weight[..., row] *= np.cos(p)
 
 
 def between(drives: Drives, h: float, share: float) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from strainsight.multibody.equations import Balance, balance, with_multipliers
+from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
 APART = 1e-6
@@ -35,15 +35,14 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
     The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
     """
     n, m = system.size, system.constrained
-    elastic = system.at(theta)
     zero = np.zeros(n)
-    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta, elastic)
+    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta)
     d = system.metric
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
     N = np.eye(n)
     if m:
         N, lam = _held(at.B / d, at.load / d)
-        held = with_multipliers(system, at, q, v, lam, u)
+        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta)
         scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
         at = held
     return Tangent(N / d[:, None], at, scale)

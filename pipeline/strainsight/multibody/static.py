@@ -35,9 +35,8 @@ def static_equilibrium(
     """
     q, u, theta = np.array(q, dtype=float), np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
     d, m, n = system.metric, system.constrained, system.size
-    elastic = system.at(theta)
     zero, lam = np.zeros(n), np.zeros(m)
-    at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+    at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
     K, B, s = in_the_metric(at, d)
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
@@ -45,7 +44,7 @@ def static_equilibrium(
     before, shift, whole, good = np.inf, NEAR * stiffness if near else stiffness, 1.0, (q, lam)
     for _ in range(ITERATIONS):
         try:
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
         except NumericalError:
             # a force that cannot be had at a trial state: go there in smaller steps
             shift = max(10 * shift, 1e-3 * stiffness)
@@ -72,7 +71,7 @@ def static_equilibrium(
         if shift < 1e-10 * stiffness and (
             size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)
         ):
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
             refuse_free(system, *in_the_metric(at, d)[:2])
             return q, lam
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import Arrays, Point, arrays
+from strainsight.multibody.compiled.arrays import Point
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
-from strainsight.multibody.compiled.law import InPython
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages
+from strainsight.multibody.compiled.system import NONE, Compiled, compiled
 from strainsight.multibody.equations import balance, element_load
-from strainsight.multibody.forces import CompiledLaw, ForceLaw
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import System
 
-NONE = np.zeros(0)
-REMEMBERED = 4
-"""Values of θ for which what laws need is remembered."""
 HALVINGS = 6
 """How often the step is halved to find a start for Newton's iteration."""
 
@@ -47,77 +42,6 @@ class Step:
     theta: np.ndarray
     w: np.ndarray
     h: float
-
-
-class Prepared(NamedTuple):
-    """K(θ), C(θ) (n, n); of every element the address of its law and where its numbers begin; the numbers."""
-
-    K: np.ndarray
-    C: np.ndarray
-    address: np.ndarray
-    begin: np.ndarray
-    numbers: np.ndarray
-
-
-class Compiled:
-    """arrays, memory: numbers that the laws keep; in_python: of every element the law that is called back, or None."""
-
-    def __init__(self, system: System):
-        laws = [element.force.law for element in system.elements]
-        fast = [law if isinstance(law, CompiledLaw) and law.address else None for law in laws]
-        self.in_python = tuple(None if own else InPython(law) for own, law in zip(fast, laws, strict=True))
-        kept = [0 if own is None else own.memory for own in fast]
-        self.arrays: Arrays = arrays(system, kept)
-        self.memory = sum(kept)
-        self._prepared: dict[bytes, Prepared] = {}
-        self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
-
-    def at(self, system: System, theta: np.ndarray) -> Prepared:
-        """What the step needs of θ (nθ,). Raises the errors of a law that cannot have these parameters."""
-        found = self._prepared.get(theta.tobytes())
-        if found is None:
-            found = self._prepare(system, theta)
-            while len(self._prepared) >= REMEMBERED:
-                del self._prepared[next(iter(self._prepared))]
-            self._prepared[theta.tobytes()] = found
-        return found
-
-    def _prepare(self, system: System, theta: np.ndarray) -> Prepared:
-        address, begin, numbers, count = [], [], [np.zeros(0)], 0
-        for e, (element, back) in enumerate(zip(system.elements, self.in_python, strict=True)):
-            law = element.force.law
-            own = self._numbers_of(e, law, theta[element.parameters]) if back is None else np.zeros(0)
-            address.append(back.address if back is not None else law.address)  # type: ignore[attr-defined]
-            begin.append(count)
-            numbers.append(own)
-            count += len(own)
-        K, C = system.at(theta)
-        return Prepared(
-            np.ascontiguousarray(K),
-            np.ascontiguousarray(C),
-            np.array(address, dtype=np.int64),
-            np.array(begin, dtype=np.int64),
-            np.concatenate(numbers),
-        )
-
-    def _numbers_of(self, e: int, law: ForceLaw, own: np.ndarray) -> np.ndarray:
-        """Those of element e, once for parameters that have not changed."""
-        last = self._numbers[e]
-        if last is None or last[0] != own.tobytes():
-            assert isinstance(law, CompiledLaw)
-            last = self._numbers[e] = own.tobytes(), np.asarray(law.numbers(own), dtype=float)
-        return last[1]
-
-
-_compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
-
-
-def compiled(system: System) -> Compiled:
-    """The compiled form of a system, made once."""
-    found = _compiled.get(system)
-    if found is None:
-        found = _compiled[system] = Compiled(system)
-    return found
 
 
 def step(
@@ -162,7 +86,7 @@ class Problem(NamedTuple):
 
     system: System
     compiled: Compiled
-    prepared: Prepared
+    point: Point
     q: np.ndarray
     v: np.ndarray
     u: np.ndarray
@@ -198,14 +122,24 @@ def stages(
     past: Past,
 ) -> Stages:
     """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
-    given = point(problem.prepared, (problem.q, problem.v), problem.u[0], h, problem.w)
+    given = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
     start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
     mu, lam, memory = left
     found: Stages = solve_stages(
-        problem.compiled.arrays, given, problem.u, carried, problem.theta, memory, mu, lam, start, past
+        problem.compiled.arrays,
+        problem.compiled.pattern,
+        given,
+        problem.u,
+        carried,
+        problem.theta,
+        memory,
+        mu,
+        lam,
+        start,
+        past,
     )
-    if found.ended == BROKEN:
-        raise next(filter(None, [law.taken() for law in problem.compiled.in_python if law is not None]))
+    if found.ended == BROKEN and (failure := problem.compiled.failure()):
+        raise failure
     return found
 
 
@@ -242,11 +176,6 @@ def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | No
     except NumericalError:
         return None
     return found
-
-
-def point(at: Prepared, start: tuple[np.ndarray, np.ndarray], u: np.ndarray, h: float, w: np.ndarray) -> Point:
-    """A step as compiled code takes it."""
-    return Point(*start, h, u, at.K, at.C, w, at.address, at.begin, at.numbers)
 
 
 def _newton(problem: Problem, h: float, start: _Trial) -> Step:
@@ -287,8 +216,7 @@ def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
         F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    elastic = problem.prepared.K, problem.prepared.C
-    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta, elastic)
+    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta)
     lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi

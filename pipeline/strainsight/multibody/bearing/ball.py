@@ -92,6 +92,23 @@ def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state:
 
 
 @inner
+def gradient_and_hessian(
+    state: np.ndarray, push: float, soft: float, px: float, pr: float
+) -> tuple[float, float, float, float, float, int, int]:
+    """∇Π (2) and H = ∇²Π (xx, xρ, ρρ) of `potential` at p from `contact_state`; how many contacts touch, the last of them."""
+    gx, gr, a, b, e, touching, only = soft * px, soft * pr - push, soft, 0.0, soft, 0, 0
+    for k in range(4):
+        if state[k, 5] > 0:
+            touching, only = touching + 1, k
+        gx -= state[k, 0]
+        gr -= state[k, 1]
+        a += state[k, 2]
+        b += state[k, 3]
+        e += state[k, 4]
+    return gx, gr, a, b, e, touching, only
+
+
+@inner
 def ball_centre(
     table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
 ) -> tuple[float, float, float]:
@@ -109,17 +126,7 @@ def ball_centre(
     sx = sr = 0.0
     for _ in range(ITERATIONS):
         total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr = soft * px, soft * pr - push
-        a, b, e = soft, 0.0, soft
-        touching, only = 0, 0
-        for k in range(4):
-            if state[k, 5] > 0:
-                touching, only = touching + 1, k
-            gx -= state[k, 0]
-            gr -= state[k, 1]
-            a += state[k, 2]
-            b += state[k, 3]
-            e += state[k, 4]
+        gx, gr, a, b, e, touching, only = gradient_and_hessian(state, push, soft, px, pr)
         residual = math.hypot(gx, gr)
         excess = residual / (1e-9 * total + 8 * rounding + loose)
         if last and residual > before:
@@ -167,15 +174,7 @@ def followed(
     before = math.inf
     for _ in range(4):
         total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr, a, b, e, touching = soft * px, soft * pr - push, soft, 0.0, soft, 0
-        for k in range(4):
-            if state[k, 5] > 0:
-                touching += 1
-                gx -= state[k, 0]
-                gr -= state[k, 1]
-                a += state[k, 2]
-                b += state[k, 3]
-                e += state[k, 4]
+        gx, gr, a, b, e, touching, _ = gradient_and_hessian(state, push, soft, px, pr)
         residual = math.hypot(gx, gr)
         if touching < 2 or not residual < FALL * before or total <= 1e3 * loose:
             return False, px, pr

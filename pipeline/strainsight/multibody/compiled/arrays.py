@@ -10,27 +10,13 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from strainsight.multibody.bodies import modes, moves
+from strainsight.multibody.products import Relations
 
 if TYPE_CHECKING:
     from strainsight.multibody.system import System
 
 MOTIONS = 6
 """Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
-
-
-class Relations(NamedTuple):
-    """Carried vectors (nc): on: their body (−1: none), felt: modes, t, c, C. Relations but those of rigidity (nr), the joints'
-    first: part, sign, value, feels (nr, 4): their bodies (−1: none)."""
-
-    on: np.ndarray
-    felt: np.ndarray
-    t: np.ndarray
-    c: np.ndarray
-    C: np.ndarray
-    part: np.ndarray
-    sign: np.ndarray
-    value: np.ndarray
-    feels: np.ndarray
 
 
 class Moments(NamedTuple):
@@ -67,8 +53,8 @@ class Arrays(NamedTuple):
     begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
     mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
     Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
-    element_parameter: places in (θ, u). rigid: constraints before the joints'; drive (k, 4): row of a driven constraint, of its
-    second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
+    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k, 4):
+    row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
     """
 
     body: np.ndarray
@@ -84,7 +70,7 @@ class Arrays(NamedTuple):
     element_feels: np.ndarray
     element_parameter: np.ndarray
     moments: Moments
-    pattern: Pattern
+    joints: int
     rigid: int
     drive: np.ndarray
     drive_at: int
@@ -126,8 +112,8 @@ class Terms(NamedTuple):
     by_drive: np.ndarray
 
 
-def arrays(system: System, memory: Sequence[int]) -> Arrays:
-    """memory: numbers that every element's law keeps from one trial state to the next."""
+def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Pattern]:
+    """Over minimal coordinates. memory: numbers that every element's law keeps from one trial state to the next."""
     names = [body.name for body in system.bodies]
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
     t0, begin, dt = 0, 0, []
@@ -142,15 +128,8 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
             body[k, 4] = begin
             flat += [np.array([x.mass]), *(np.ravel(field) for field in x[2:])]
             begin = sum(len(part) for part in flat)
-    products, rigid = system.products, system.rigid
-    starts = body[:, 1]
-    on = np.full(len(products.t), -1, dtype=np.int64)
-    for i in range(len(on)):
-        first = products.place[i] if products.place[i] >= 0 else products.eta[i]
-        if first >= 0:
-            on[i] = np.searchsorted(starts, first, side="right") - 1
-    part = products.part[rigid:]
-    feels = [sorted({int(on[i]) for i in row if i >= 0 and on[i] >= 0}) for row in part]
+    relations, rigid, starts = system.products.relations, system.rigid, body[:, 1]
+    feels = [[int(k) for k in row if k >= 0] for row in relations.feels[rigid:]]
     joints, drives = system.constrained - rigid, system.drives
     driven = np.stack([drives.row, drives.across, drives.which, drives.power], axis=1).astype(np.int64)
     driven[:, :1] -= rigid
@@ -177,12 +156,10 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
     for k, (first, rows, parameters) in enumerate(elements):
         table[k] = first, rows, parameters, sum(memory[:k])
     feeling, scale = _padded(feels, 4), np.concatenate(dt)
-    return Arrays(
+    made = Arrays(
         body, np.ascontiguousarray(system.metric), scale, np.ascontiguousarray(system.mass), np.concatenate(flat),
-        Relations(
-            on, products.modes.astype(np.int64), products.t, np.ascontiguousarray(products.c),
-            np.ascontiguousarray(products.C), np.ascontiguousarray(part, dtype=np.int64),
-            np.ascontiguousarray(products.sign[rigid:]), np.ascontiguousarray(products.value[rigid:]), feeling,
+        relations._replace(
+            part=relations.part[rigid:], sign=relations.sign[rigid:], value=relations.value[rigid:], feels=feeling
         ),
         np.ascontiguousarray(system.weights[rigid:]), (system.input_rows[0] - rigid).astype(np.int64),
         system.input_rows[1].astype(np.int64), table, _padded(element_feels),
@@ -191,11 +168,36 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
             np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]),
             direction, rotation,
         ),
-        Pattern(
-            body, scale, feeling, joints, _padded(tied), _padded(pushed), _padded(near), _padded(held), place,
-            _reach(body, near, feels[:joints], place),
-        ),
-        rigid, driven, drives.at, len(drives.names),
+        joints, rigid, driven, drives.at, len(drives.names),
+    )  # fmt: skip
+    pattern = Pattern(
+        body,
+        scale,
+        feeling,
+        joints,
+        _padded(tied),
+        _padded(pushed),
+        _padded(near),
+        _padded(held),
+        place,
+        _reach(body, near, feels[:joints], place),
+    )
+    return made, pattern
+
+
+def natural(system: System, s: Arrays) -> Arrays:
+    """The same over natural coordinates, in which the rigidity of bodies is a constraint: `balance`."""
+    rigid, products = system.rigid, system.products
+    body = products.body.copy()
+    body[:, 4] = s.body[:, 4]
+    element, drive = s.element.copy(), s.drive.copy()
+    element[:, 0] += rigid
+    drive[:, 0] += rigid
+    drive[:, 1] += np.where(drive[:, 1] >= 0, rigid, 0)
+    return s._replace(
+        body=body, dt=s.d, relations=products.relations, weights=np.ascontiguousarray(system.weights),
+        input_row=s.input_row + rigid, element=element, joints=system.constrained, rigid=0,
+        drive=drive,
     )  # fmt: skip
 
 

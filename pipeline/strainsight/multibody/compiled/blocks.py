@@ -222,6 +222,32 @@ def add_bodies(
 
 
 @inner
+def add_natural_bodies(
+    s: Arrays, p: Point, q: np.ndarray, v: np.ndarray, a: np.ndarray, terms: Terms, tangents: bool
+) -> None:
+    """r₂ = M a + c + K q + C v (n,), K += ∂r₂/∂q, A += ∂r₂/∂v, and the blocks of M, of every body."""
+    for k in range(len(s.body)):
+        n0, modes, size = s.body[k, 1], s.body[k, 3], s.body[k, 5]
+        M, g = np.zeros((size, size)), np.zeros(size)
+        Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
+        if s.body[k, 4] >= 0:
+            add_inertia(inertia_of(s.inertia, s.body[k, 4], n0, modes), q, v, a, size > 0, M, g, Gq, Gv)
+        for i in range(size):
+            for j in range(size):
+                if s.body[k, 4] < 0:
+                    M[i, j] = s.mass[n0 + i, n0 + j]
+                    g[i] += M[i, j] * a[n0 + j]
+                terms.TM[n0 + i, j] = M[i, j]
+                Gq[i, j] += p.K[n0 + i, n0 + j]
+                Gv[i, j] += p.C[n0 + i, n0 + j]
+                g[i] += p.K[n0 + i, n0 + j] * q[n0 + j] + p.C[n0 + i, n0 + j] * v[n0 + j]
+                if tangents:
+                    terms.K[n0 + i, n0 + j] += Gq[i, j]
+                    terms.A[n0 + i, n0 + j] += Gv[i, j]
+            terms.r2[n0 + i] += g[i]
+
+
+@inner
 def _add_moments(
     body: np.ndarray, moments: Moments, u: np.ndarray, q: np.ndarray, r2: np.ndarray, K: np.ndarray, tangents: bool
 ) -> None:

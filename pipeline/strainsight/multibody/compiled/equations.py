@@ -1,19 +1,22 @@
-"""The equations of an implicit step at a trial state, in minimal coordinates, with all that Newton's iteration needs of them."""
+"""The equations of motion with all their derivatives: of an implicit step at a trial state in minimal coordinates, and of a state
+in natural ones."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner
+from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Point, Terms
-from strainsight.multibody.compiled.blocks import add_bodies, natural_velocity
+from strainsight.multibody.compiled.blocks import add_bodies, add_natural_bodies, natural_velocity
 from strainsight.multibody.compiled.law import ABORT, MOVING, NONE, call
-from strainsight.multibody.compiled.relations import add_curvature, carried, rows
+from strainsight.multibody.compiled.relations import add_curvature, carried
 from strainsight.multibody.drives import drive_relations
+from strainsight.multibody.products import carried_vectors, rows
 
 FILES = (
     "multibody/drives.py",
     "multibody/inertia.py",
+    "multibody/products.py",
     *(f"multibody/compiled/{name}.py" for name in ("arrays", "blocks", "equations", "law", "matrix", "relations")),
 )
 """Of the compiled code in it."""
@@ -34,30 +37,82 @@ def equations(
     tangents: bool,
 ) -> tuple[int, Terms]:
     """State and terms at q, ζ, μ, λ. memory of the laws is brought up to date."""
-    nt, nr = len(s.dt), len(s.relations.value)
+    nr, nt = len(s.relations.value), len(s.dt)
     b, rate, J, Jr, turned = carried(s.relations, s.body, q, z)
-    rho, rho_dot, x, joints = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3)), s.pattern.joints
-    # zeros of large systems take as long as what is done with them
-    size, most = nt if tangents else 0, 0
-    for k in range(len(s.body)):
-        most = max(most, s.body[k, 3])
+    rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
     # an element may have rows that feel different bodies
     g, gr = np.zeros((nr, nt)), np.zeros((nr if tangents else 0, nt))
     rows(s.relations, s.body, b, rate, J, Jr, rho, rho_dot, g, gr, x)
-    by_drive = np.zeros((len(s.drive), nt + 2))
-    drive_relations(s.drive, s.drive_at, s.drives, p.u, rho, rho_dot, g, gr, by_drive)
-    v = natural_velocity(s.body, q, z)
-    terms = Terms(
+    terms = terms_of(s, p.u, len(theta), rho, rho_dot, g, gr, tangents)
+    add_bodies(s, p, q, z, natural_velocity(s.body, q, z), terms, tangents)
+    return add_forces(s, p, theta, memory, rho, rho_dot, J, turned, x, mu, lam, terms, tangents), terms
+
+
+@kept(*FILES)
+def natural_equations(
+    s: Arrays,
+    p: Point,
+    theta: np.ndarray,
+    memory: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    tangents: bool,
+) -> tuple[int, Terms]:
+    """State and terms of (1.3) at q, v, a (n,), μ, λ (m,), over `natural` arrays, without the moments: r₁ = Bᵀμ,
+    r₂ = M a + c + f − Bᵀλ, K = ∂r₂/∂q, A = ∂r₂/∂v, X = ∂r₁/∂q, the blocks of M in TᵀM."""
+    nr, n = len(s.relations.value), len(q)
+    b, rate, J, Jr = carried_vectors(s.relations, s.body, q, v)
+    rho, rho_dot, x, g, gr = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3)), np.zeros((nr, n)), np.zeros((nr, n))
+    rows(s.relations, s.body, b, rate, J, Jr, rho, rho_dot, g, gr, x)
+    terms = terms_of(s, p.u, len(theta), rho, rho_dot, g, gr, tangents)
+    add_natural_bodies(s, p, q, v, a, terms, tangents)
+    return add_forces(s, p, theta, memory, rho, rho_dot, J, b, x, mu, lam, terms, tangents), terms
+
+
+@inner
+def terms_of(
+    s: Arrays, u: np.ndarray, parameters: int, rho: np.ndarray, rho_dot: np.ndarray, g: np.ndarray, gr: np.ndarray,
+    tangents: bool,
+) -> Terms:  # fmt: skip
+    """Constraints, driven as they are, and zeros for the rest."""
+    nt, joints = g.shape[1], s.joints
+    by_drive, most = np.zeros((len(s.drive), nt + 2)), 0
+    drive_relations(s.drive, s.drive_at, s.drives, u, rho, rho_dot, g, gr, by_drive)
+    for k in range(len(s.body)):
+        most = max(most, s.body[k, 3])
+    # zeros of large systems take as long as what is done with them
+    size = nt if tangents else 0
+    return Terms(
         np.zeros(nt), np.zeros(nt), rho_dot[:joints].copy(), rho[:joints].copy(), g, gr, np.zeros((size, size)),
-        np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 12 + most)), np.zeros((size, len(theta) + len(p.u))),
+        np.zeros((size, size)), np.zeros((size, size)), np.zeros((nt, 12 + most)), np.zeros((size, parameters + len(u))),
         by_drive,
     )  # fmt: skip
-    r1, r2, X, K = terms.r1, terms.r2, terms.X, terms.K
-    add_bodies(s, p, q, z, v, terms, tangents)
-    F = s.weights.copy()
+
+
+@inner
+def add_forces(
+    s: Arrays,
+    p: Point,
+    theta: np.ndarray,
+    memory: np.ndarray,
+    rho: np.ndarray,
+    rho_dot: np.ndarray,
+    J: np.ndarray,
+    turned: np.ndarray,
+    x: np.ndarray,
+    mu: np.ndarray,
+    lam: np.ndarray,
+    terms: Terms,
+    tangents: bool,
+) -> int:
+    """What is conjugate to relations, Σ F ∇ρ: loads, weights, elements, multipliers. The state."""
+    nr, r1, r2, g = len(rho), terms.r1, terms.r2, terms.g
+    F, held, state = s.weights.copy(), np.zeros(nr), SOLVED
     for k in range(len(s.input_row)):
         F[s.input_row[k]] = -p.u[s.input_which[k]]
-    state = SOLVED
     for e in range(len(s.element)):
         answer = add_element(s, p, e, theta, memory, rho, rho_dot, F, terms, tangents)
         if answer == ABORT:
@@ -66,8 +121,7 @@ def equations(
         if answer == NONE:
             state = NO_LOAD
             break
-    held = np.zeros(nr)
-    for row in range(joints):
+    for row in range(s.joints):
         F[row], held[row] = -lam[s.rigid + row], mu[s.rigid + row]
     for row in range(nr):
         for f in range(4):
@@ -85,10 +139,10 @@ def equations(
             F[row], held[row] = np.cos(angle) * F[row], np.cos(angle) * held[row]
     for row in range(nr if tangents else 0):
         if F[row] != 0.0:
-            add_curvature(s.relations, s.body, row, F[row], J, turned, x, K)
+            add_curvature(s.relations, s.body, row, F[row], J, turned, x, terms.K)
         if held[row] != 0.0:
-            add_curvature(s.relations, s.body, row, held[row], J, turned, x, X)
-    return state, terms
+            add_curvature(s.relations, s.body, row, held[row], J, turned, x, terms.X)
+    return state
 
 
 @inner

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.arrays import Arrays, Pattern, Point
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -40,6 +40,7 @@ TINY = float(np.finfo(float).tiny)
 @inner
 def newton(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     theta: np.ndarray,
     memory: np.ndarray,
@@ -56,7 +57,7 @@ def newton(
     that is no larger than either, and whose successor, if it fell by its square as theirs, would be far below what is asked for,
     is the only one. They are brought up to date, and the second counts for twice as much every time it is believed.
     """
-    nt, m = len(s.dt), s.pattern.joints
+    nt, m = len(s.dt), s.joints
     q, z = on_rotations(s.body, nt, q, v)
     before, share, begun, again = np.inf, 1.0, False, False
     y, dz, dmu, dlam = np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1))
@@ -78,14 +79,14 @@ def newton(
         size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
-                Z, J, S = scaled(s.pattern, p.h, terms)
-                regular, pivots, last = factorise(Z, s.pattern.low)
+                Z, J, S = scaled(pattern, p.h, terms)
+                regular, pivots, last = factorise(Z, pattern.low)
                 if not regular:
                     return SINGULAR, iteration, q, z, mu, lam
                 old_X, old_A = terms.X, terms.A
-            own, right = right_side(s.pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
-            substitute(Z, s.pattern.low, pivots, last, right)
-            new_y, new_dz, new_dmu, new_dlam = expanded(s.pattern, p.h, old_X, J, S, own, right)
+            own, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
+            substitute(Z, pattern.low, pivots, last, right)
+            new_y, new_dz, new_dmu, new_dlam = expanded(pattern, p.h, old_X, J, S, own, right)
             size, of_all = correction(s.body, s.d, s.dt, p.h, q, z, new_y, new_dz)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):

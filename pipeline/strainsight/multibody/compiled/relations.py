@@ -1,11 +1,11 @@
-"""Relations in minimal coordinates: values, rates, gradients and what changes of a gradient."""
+"""Relations in minimal coordinates, and what changes of their gradients in either."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Relations
+from strainsight.multibody.products import Relations
 
 
 @inner
@@ -82,50 +82,6 @@ def _turn(a: np.ndarray, J: np.ndarray) -> None:
 
 
 @inner
-def rows(
-    r: Relations,
-    body: np.ndarray,
-    b: np.ndarray,
-    rate: np.ndarray,
-    J: np.ndarray,
-    Jr: np.ndarray,
-    rho: np.ndarray,
-    rho_dot: np.ndarray,
-    g: np.ndarray,
-    gr: np.ndarray,
-    x: np.ndarray,
-) -> None:
-    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
-    xr, moving = np.empty((2, 3)), len(gr) > 0
-    for row in range(len(rho)):
-        for a in range(3):
-            x[row, 0, a] = x[row, 1, a] = xr[0, a] = xr[1, a] = 0.0
-        for p in range(4):
-            i = r.part[row, p]
-            if i >= 0:
-                for a in range(3):
-                    x[row, p // 2, a] += r.sign[row, p] * b[i, a]
-                    xr[p // 2, a] += r.sign[row, p] * rate[i, a]
-        rho[row], rho_dot[row] = -r.value[row], 0.0
-        for a in range(3):
-            rho[row] += x[row, 0, a] * x[row, 1, a]
-            rho_dot[row] += xr[0, a] * x[row, 1, a] + x[row, 0, a] * xr[1, a]
-        for p in range(4):
-            i = r.part[row, p]
-            if i < 0 or r.on[i] < 0:
-                continue
-            o, sign = 1 - p // 2, r.sign[row, p]
-            f0, f1, f2 = sign * x[row, o, 0], sign * x[row, o, 1], sign * x[row, o, 2]
-            r0, r1, r2 = sign * xr[o, 0], sign * xr[o, 1], sign * xr[o, 2]
-            t0 = body[r.on[i], 2]
-            for k in range(6 * body[r.on[i], 0] + r.felt[i]):
-                g[row, t0 + k] += J[i, 0, k] * f0 + J[i, 1, k] * f1 + J[i, 2, k] * f2
-            for k in range(6 * body[r.on[i], 0] + r.felt[i] if moving else 0):
-                gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
-                gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
-
-
-@inner
 def add_curvature(
     r: Relations,
     body: np.ndarray,
@@ -136,20 +92,21 @@ def add_curvature(
     x: np.ndarray,
     K: np.ndarray,
 ) -> None:
-    """K (nt, nt) += weight ∂(∇ρᵀ) of one relation:  ∂(Jᵀf) = Jᵀ∂f + ∂Jᵀ f,  rows ε: (ε × Ry + RC δη) × f,  rows η: (ε × RC)·f."""
+    """K += weight ∂(∇ρᵀ) of one relation:  ∂(Jᵀf) = Jᵀ∂f + ∂Jᵀ f,  rows ε: (ε × Ry + RC δη) × f,  rows η: (ε × RC)·f;
+    in natural coordinates  rows R_β: f C_β δη,  rows η: C_βᵀ f·δR_β."""
     for p in range(4):
         i = r.part[row, p]
         if i < 0 or r.on[i] < 0:
             continue
         k, o = r.on[i], 1 - p // 2
-        moving, t0, width = body[k, 0], body[k, 2], 6 * body[k, 0] + r.felt[i]
+        moving, t0, lead = body[k, 0], body[k, 2], body[k, 5] - body[k, 3]
         for other in range(2 * o, 2 * o + 2):
             j = r.part[row, other]
             if j < 0 or r.on[j] < 0:
                 continue
-            u0, wide = body[r.on[j], 2], 6 * body[r.on[j], 0] + r.felt[j]
+            u0, wide = body[r.on[j], 2], body[r.on[j], 5] - body[r.on[j], 3] + r.felt[j]
             both = weight * r.sign[row, p] * r.sign[row, other]
-            for m in range(width):
+            for m in range(lead + r.felt[i]):
                 a0, a1, a2 = both * J[i, 0, m], both * J[i, 1, m], both * J[i, 2, m]
                 for n in range(wide):
                     K[t0 + m, u0 + n] += a0 * J[j, 0, n] + a1 * J[j, 1, n] + a2 * J[j, 2, n]
@@ -158,6 +115,13 @@ def add_curvature(
         own = weight * r.sign[row, p]
         f0, f1, f2 = own * x[row, o, 0], own * x[row, o, 1], own * x[row, o, 2]
         f = (f0, f1, f2)
+        if lead == 12:
+            for m in range(9):
+                for n in range(r.felt[i]):
+                    h = f[m % 3] * r.C[i, m // 3, n]
+                    K[t0 + 3 + m, t0 + 12 + n] += h
+                    K[t0 + 12 + n, t0 + 3 + m] += h
+            continue
         along = turned[i, 0] * f0 + turned[i, 1] * f1 + turned[i, 2] * f2
         for m in range(3):
             K[t0 + 3 + m, t0 + 3 + m] -= along
@@ -165,7 +129,7 @@ def add_curvature(
                 K[t0 + 3 + m, t0 + 3 + n] += turned[i, m] * f[n]
         for n in range(r.felt[i]):
             c0, c1, c2 = J[i, 0, 6 + n], J[i, 1, 6 + n], J[i, 2, 6 + n]
-            h = (c1 * f2 - c2 * f1, c2 * f0 - c0 * f2, c0 * f1 - c1 * f0)
+            across = (c1 * f2 - c2 * f1, c2 * f0 - c0 * f2, c0 * f1 - c1 * f0)
             for m in range(3):
-                K[t0 + 3 + m, t0 + 6 + n] += h[m]
-                K[t0 + 6 + n, t0 + 3 + m] += h[m]
+                K[t0 + 3 + m, t0 + 6 + n] += across[m]
+                K[t0 + 6 + n, t0 + 3 + m] += across[m]

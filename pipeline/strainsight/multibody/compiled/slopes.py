@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Moments, Point
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Pattern, Point
 from strainsight.multibody.compiled.equations import FILES, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -13,6 +13,7 @@ from strainsight.multibody.compiled.matrix import expanded, factorise, right_sid
 @kept(*FILES)
 def step_slopes(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     theta: np.ndarray,
     memory: np.ndarray,
@@ -27,12 +28,12 @@ def step_slopes(
 
         δq = T y,   δv = T ζ + ω × (ε × R),    (y, ζ) = Z⁻¹(TᵀD²/h δq_k,  TᵀM/h δv_k − ∂r₂/∂u δu − ∂r₂/∂θ δθ + Tᵀδw)
     """
-    n, nt, m, h, nd, count = len(q), len(s.dt), s.pattern.joints, p.h, s.drives, len(theta)
+    n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(theta)
     # no literal, for which numba would make all of the equations once more
     tangents = nt > 0
     _, terms = equations(s, p, theta, memory, q, z, mu, lam, tangents)
     by_drive, TM = terms.by_drive, terms.TM
-    Z, J, S = scaled(s.pattern, h, terms)
+    Z, J, S = scaled(pattern, h, terms)
     columns = 2 * nt + 2 * nd
     r1, r2, r3, r4 = np.zeros((nt, columns)), np.zeros((nt, columns)), np.zeros((m, columns)), np.zeros((m, columns))
     for i in range(nt):
@@ -47,11 +48,11 @@ def step_slopes(
         r3[row, at] -= rate
         r3[row, at + nd] -= by_drive[k, nt]
         r4[row, at] -= by_drive[k, nt]
-    own, right = right_side(s.pattern, h, terms.A, J, S, r1, r2, r3, r4)
-    regular, pivots, last = factorise(Z, s.pattern.low)
+    own, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
+    regular, pivots, last = factorise(Z, pattern.low)
     if regular:
-        substitute(Z, s.pattern.low, pivots, last, right)
-    y, zeta, _, _ = expanded(s.pattern, h, terms.X, J, S, own, right)
+        substitute(Z, pattern.low, pivots, last, right)
+    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, own, right)
     whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
     by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))

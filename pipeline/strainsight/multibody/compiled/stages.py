@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.arrays import Arrays, Pattern, Point
 from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED
 from strainsight.multibody.compiled.newton import newton
@@ -61,6 +61,7 @@ def nothing(stages: int, n: int) -> Past:
 @kept(*FILES, "multibody/compiled/newton.py")
 def solve_stages(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     u: np.ndarray,
     carried: float,
@@ -103,7 +104,7 @@ def solve_stages(
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
         at = Point(q0, v0, h, u[i], p.K, p.C, p.w, p.address, p.begin, p.numbers)
         memory = memory.copy()
-        ended, iterations[i], q, z, mu, lam = newton(s, at, theta, memory, q, v, mu, lam, corrections[i])
+        ended, iterations[i], q, z, mu, lam = newton(s, pattern, at, theta, memory, q, v, mu, lam, corrections[i])
         v = natural_velocity(s.body, q, z)
         for state, kept_state in (
             (q, ends[i]), (v, ends_v[i]), (z, motions[i]), (mu, mus[i]), (lam, lams[i]), (memory, kept_memory[i]),
