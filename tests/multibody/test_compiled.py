@@ -11,6 +11,7 @@ from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes, stages
+from strainsight.multibody.compiled.system import compiled
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
@@ -19,7 +20,7 @@ from strainsight.multibody.joints import coincidence, revolute
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.laws.linear import LinearLaw
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.step import compiled, step
+from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 
 from .mechanisms import turned

@@ -13,8 +13,9 @@ from strainsight.errors import NumericalError
 from strainsight.multibody.compiled.equations import SOLVED
 from strainsight.multibody.compiled.slopes import step_slopes
 from strainsight.multibody.compiled.stages import Past, nothing
+from strainsight.multibody.compiled.system import compiled
 from strainsight.multibody.drives import between
-from strainsight.multibody.step import Step, compiled, left_by, problem_of, solved, stages, step
+from strainsight.multibody.step import Step, left_by, problem_of, solved, stages, step
 from strainsight.multibody.system import System
 
 Method = Literal["second_order", "thesis"]
