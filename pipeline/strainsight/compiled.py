@@ -21,7 +21,7 @@ with in_package_folder():
 
 config._config_fname = os.devnull  # type: ignore[attr-defined]  # numba reads it again whenever it compiles
 
-__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "kept", "njit", "noticing", "types"]
+__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "joined", "kept", "njit", "noticing", "types"]
 """The only module that imports numba, whose settings in the working folder would move its cache, which holds pickles."""
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -87,6 +87,12 @@ def inner(function: F, **options: Any) -> F:
     own: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _InnerCompiler, **options}
     made: F = njit(error_model="numpy", **own)(function)
     return made
+
+
+def joined(function: F) -> F:
+    """`inner` that becomes part of its caller: one that is called once, with arrays that the caller makes, which then are known
+    to overlap no other."""
+    return inner(function, forceinline=True)
 
 
 def noticing(made: Any, files: tuple[str, ...]) -> Any:

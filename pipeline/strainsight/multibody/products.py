@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.compiled import inner, kept
+from strainsight.compiled import joined, kept
 from strainsight.multibody.bodies import Body, modes, moves, size
 from strainsight.multibody.frames import Carried
 from strainsight.multibody.relations import Relation
@@ -82,7 +82,7 @@ def _key(b: Carried) -> Key:
     return b.body, b.t + 0.0, (b.c + 0.0).tobytes(), (b.C + 0.0).tobytes(), b.C.shape
 
 
-@inner
+@joined
 def carried_vectors(
     r: Relations, body: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -120,7 +120,7 @@ def carried_vectors(
     return b, rate, J, J_rate
 
 
-@inner
+@joined
 def rows(
     r: Relations,
     body: np.ndarray,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner
+from strainsight.compiled import inner, joined
 from strainsight.multibody.compiled.arrays import Arrays, Moments, Point, Terms
 from strainsight.multibody.inertia import Inertia, add_inertia
 
 
-@inner
+@joined
 def natural_velocity(body: np.ndarray, q: np.ndarray, z: np.ndarray) -> np.ndarray:
     """v = T ζ (n,): Ṙ_β = ω × R_β."""
     v = np.empty(len(q))
@@ -102,7 +102,7 @@ def inertia_of(f: np.ndarray, at: int, n0: int, n: int) -> Inertia:
     return Inertia(n0, f[at], first, first_modal, second, coupling, coupling_modal, modal)
 
 
-@inner
+@joined
 def add_bodies(
     s: Arrays,
     p: Point,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner, kept
+from strainsight.compiled import inner, joined, kept
 from strainsight.multibody.compiled.arrays import Arrays, Point, Terms
 from strainsight.multibody.compiled.blocks import add_bodies, add_natural_bodies, natural_velocity
 from strainsight.multibody.compiled.law import ABORT, MOVING, NONE, call
@@ -24,7 +24,7 @@ SOLVED, NO_LOAD, BROKEN = 0, 1, 2
 """All is there; a law has no load; a law in Python failed."""
 
 
-@inner
+@joined
 def equations(
     s: Arrays,
     p: Point,
@@ -72,7 +72,7 @@ def natural_equations(
     return add_forces(s, p, theta, memory, rho, rho_dot, J, b, x, mu, lam, terms, tangents), terms
 
 
-@inner
+@joined
 def terms_of(
     s: Arrays, u: np.ndarray, parameters: int, rho: np.ndarray, rho_dot: np.ndarray, g: np.ndarray, gr: np.ndarray,
     tangents: bool,
@@ -92,7 +92,7 @@ def terms_of(
     )  # fmt: skip
 
 
-@inner
+@joined
 def add_forces(
     s: Arrays,
     p: Point,
@@ -145,7 +145,7 @@ def add_forces(
     return state
 
 
-@inner
+@joined
 def add_element(
     s: Arrays,
     p: Point,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner
+from strainsight.compiled import inner, joined
 from strainsight.multibody.products import Relations
 
 
-@inner
+@joined
 def carried(
     r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
