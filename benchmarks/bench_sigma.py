@@ -85,14 +85,14 @@ def drawn(kind: str, seed: int) -> np.ndarray:
 
 def motion(b: Bench, u: np.ndarray) -> np.ndarray:
     """Readings (N, m) every FINE under loads u (N + 1, 3), straight between, from rest at no load."""
-    n, m, elastic = b.system.size, b.system.constrained, b.system.at(b.theta)
+    n, m = b.system.size, b.system.constrained
     still, none = np.zeros(n), np.zeros(m)
     x, found = np.concatenate([b.q, still]), []
     stages, KKT, right = np.empty((DOP853.n_stages + 1, 2 * n)), np.zeros((n + m, n + m)), np.empty(n + m)
 
     def rate(t: float, x: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
         load = first + (last - first) * t / FINE
-        at = balance(b.system, x[:n], x[n:], still, none, none, load, b.theta, elastic)
+        at = balance(b.system, x[:n], x[n:], still, none, none, load, b.theta)
         KKT[:n, :n], KKT[:n, n:], KKT[n:, :n] = at.mass, -at.B.T, at.B
         right[:n], right[n:] = -at.load, -at.B_rate @ x[n:]
         return np.concatenate([x[n:], np.linalg.solve(KKT, right)[:n]])

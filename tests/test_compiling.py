@@ -40,6 +40,7 @@ from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import state
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.advance import sensitivities
+from strainsight.multibody.equations import balance
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 from tests.multibody.conftest import Particles
@@ -51,6 +52,8 @@ ring = bearing_displacements(Frame("wall"), root)
 system = assemble([arm], [], [RelativeElement("ring", ring, BearingLaw(bearing)), Gravity()])
 q, v = state(system, {})
 sensitivities(system, step(system, q, v, np.zeros(0), 1e-5, np.zeros(0)))
+none = np.zeros(system.constrained)
+balance(system, q, v, 0 * q, none, none, np.zeros(0), np.zeros(0))
 functions = {
     function
     for name, module in list(sys.modules.items()) if name.startswith("strainsight.multibody")
@@ -76,7 +79,7 @@ def test_two_processes_compile_a_function_once(tmp_path):
 
 @pytest.mark.slow
 def test_equations_are_compiled_for_one_set_of_types(tmp_path):
-    """A process without compiled code on disk, which takes the step, its slopes and the inertia that Python asks for."""
+    """A process without compiled code on disk, which takes the step, its slopes and the balance in natural coordinates."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     child = subprocess.run(
         [sys.executable, "-c", STEP_AND_SLOPES], cwd=ROOT, env=environment, capture_output=True, text=True, check=False

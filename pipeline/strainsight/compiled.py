@@ -14,12 +14,14 @@ from strainsight.imports import in_package_folder
 with in_package_folder():
     from numba import carray, cfunc, float64, int64, njit, types
     from numba.core import config
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
     from numba.core.compiler_lock import global_compiler_lock
     from numba.extending import intrinsic
 
 config._config_fname = os.devnull  # type: ignore[attr-defined]  # numba reads it again whenever it compiles
 
-__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "kept", "njit", "noticing", "types"]
+__all__ = ["carray", "cfunc", "float64", "inner", "int64", "intrinsic", "joined", "kept", "njit", "noticing", "types"]
 """The only module that imports numba, whose settings in the working folder would move its cache, which holds pickles."""
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -53,12 +55,44 @@ def _compiled_once(made: Any) -> Any:
     return made
 
 
+class _Part(JITCodeLibrary):  # type: ignore[misc]
+    """Code that is optimised, and made machine code, only as part of what calls it; numba by itself does both at every level."""
+
+    def _optimize_final_module(self) -> None: ...
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> _Part:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Nothing: no Python is called from it."""
+
+
+class _InnerCompiler(Compiler):  # type: ignore[misc]
+    def __init__(self, typing: Any, target: Any, library: Any, *rest: Any) -> None:
+        super().__init__(typing, target, library or _Part(target.codegen(), "part"), *rest)
+
+
 def inner(function: F, **options: Any) -> F:
     """Of compiled code that compiled code alone calls: made and kept with what calls it. A way in from Python, which unpacks
     every array, and a file of its own would take as long again. Called from Python it ends the process."""
-    own: Any = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, **options}
-    made: F = njit(**own)(function)
+    own: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _InnerCompiler, **options}
+    made: F = njit(error_model="numpy", **own)(function)
     return made
+
+
+def joined(function: F) -> F:
+    """`inner` that becomes part of its caller: one that is called once, with arrays that the caller makes, which then are known
+    to overlap no other."""
+    return inner(function, forceinline=True)
 
 
 def noticing(made: Any, files: tuple[str, ...]) -> Any:

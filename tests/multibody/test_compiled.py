@@ -11,6 +11,7 @@ from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes, stages
+from strainsight.multibody.compiled.system import compiled
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.frames import Frame
@@ -19,7 +20,7 @@ from strainsight.multibody.joints import coincidence, revolute
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.laws.linear import LinearLaw
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.step import compiled, step
+from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 
 from .mechanisms import turned
@@ -80,7 +81,7 @@ def test_a_chain_in_any_order_is_eliminated_along_itself(closed):
     dense = natural_step(system, q, v, np.zeros(0), 0.01, np.zeros(0))
     np.testing.assert_allclose(new.q, dense[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(new.v, dense[1], rtol=0, atol=1e-11)
-    low = compiled(system).arrays.low
+    low = compiled(system).pattern.low
     assert np.all(low - np.arange(len(low)) < 3 * (6 + 10))
 
 
@@ -152,13 +153,13 @@ def natural_step(system, q, v, u, h, theta, w=0.0, iterations=12):
     scale = np.concatenate([1 / system.metric, 1 / (h * system.metric), np.full(2 * m, 1.0)])
     for _ in range(iterations):
         new, speed, mu, lam = np.split(z, [n, 2 * n, 2 * n + m])
-        at = balance(system, new, speed, (speed - v) / h, mu, lam, u, theta, system.at(theta))
+        at = balance(system, new, speed, (speed - v) / h, mu, lam, u, theta)
         r1 = d2 * ((new - q) / h - speed) + at.B.T @ mu
         r3 = at.B @ speed + (0.0 if at.driven is None else at.driven.rate)
         r = np.concatenate([r1, at.load - at.B.T @ lam - w, r3, at.phi])
         z = z - scale * np.linalg.solve(jacobian(system, at, h) * scale, r)
     new, speed, mu, lam = np.split(z, [n, 2 * n, 2 * n + m])
-    return new, speed, mu, lam, balance(system, new, speed, (speed - v) / h, mu, lam, u, theta, system.at(theta))
+    return new, speed, mu, lam, balance(system, new, speed, (speed - v) / h, mu, lam, u, theta)
 
 
 def natural_slopes(system, q, v, u, h, theta, w=0.0):

@@ -214,7 +214,7 @@ def test_accelerations_balance_the_forces_and_keep_the_constraints(driven):
     second = np.array([2.0, -1.0, 3.0])
     found = instant(system, q, v, u, theta, second)
     none = np.zeros(system.constrained)
-    here = balance(system, q, v, found.acceleration, none, none, u, theta, system.at(theta))
+    here = balance(system, q, v, found.acceleration, none, none, u, theta)
     scale = np.abs(here.load).max()
     np.testing.assert_allclose(here.load, here.B.T @ found.lam, atol=1e-11 * max(scale, np.abs(found.lam).max()))
 

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
@@ -19,7 +20,6 @@ from strainsight.multibody.laws.spring import spring
 from strainsight.multibody.laws.torsion import torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.spectrum import coupled_frequencies
 from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
@@ -108,11 +108,11 @@ def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none(
         forces.append(RelativeElement(name, (coincidence(ground, frame, 0),), LinearLaw(np.array([[k]]), np.zeros(1))))
     system = assemble(bodies, (), forces)
     q, v = state(system, {})
-    found = coupled_frequencies(system, q, v, np.zeros(0), np.zeros(0))
+    found = coupled_modes(system, q, v, np.zeros(0), np.zeros(0)).held_frequency
     np.testing.assert_allclose(found, np.sqrt([1e-3, 1e8]) / (2 * np.pi), rtol=1e-3)
     level = assemble([BOB], [revolute("hinge", Frame("pivot", None), Frame("end", "bob"))], [DOWN])
     q, v = state(level, {})
-    assert len(coupled_frequencies(level, q, v, np.zeros(0), np.zeros(0))) == 0
+    assert len(coupled_modes(level, q, v, np.zeros(0), np.zeros(0)).held_frequency) == 0
 
 
 def test_a_force_that_ends_on_the_way_is_approached_in_smaller_steps():

@@ -11,14 +11,13 @@ from strainsight.errors import NumericalError
 from strainsight.multibody.advance import advance
 from strainsight.multibody.band import SHARE, followed, missed, relative_error
 from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.controlled import simulate_controlled
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
 from strainsight.multibody.laws.linear import bushing
 from strainsight.multibody.relations import place
-from strainsight.multibody.simulate import simulate
+from strainsight.multibody.simulate import simulate, simulate_controlled
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 

@@ -164,11 +164,11 @@ def by_radau(folder, loads, time):
     """Readings (k, m) at time (k,) of M v̇ + c + f = Bᵀλ, B v̇ + Ḃv = 0 by the implicit method of fifth order, from rest."""
     config, own, sensors = parts(folder)
     system = own.system
-    n, m, elastic = system.size, system.constrained, system.at(own.theta)
+    n, m = system.size, system.constrained
     still, none = np.zeros(n), np.zeros(m)
 
     def rate(t, x):
-        at = balance(system, x[:n], x[n:], still, none, none, loads(t), own.theta, elastic)
+        at = balance(system, x[:n], x[n:], still, none, none, loads(t), own.theta)
         KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
         return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
 

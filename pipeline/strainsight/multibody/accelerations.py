@@ -77,7 +77,7 @@ def instant_slopes(
     n, m, d = system.size, system.constrained, system.metric
     _, A, s, _ = _equations(system, q, v, u, theta, p_second)
     a, none = found.acceleration, np.zeros(m)
-    at = balance(system, q, v, a, none, found.lam, u, theta, system.at(theta))
+    at = balance(system, q, v, a, none, found.lam, u, theta)
     by_u, by_theta = input_slopes(system, at, q), parameter_slopes(system, at, q, v)
     upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
     lower = np.zeros((m, upper.shape[1]))
@@ -112,7 +112,7 @@ def _equations(
     """Balance without accelerations; matrix (n + m square) and right-hand side of `instant` for (D v̇, λ/s), s (m,)."""
     n, m, d, drives = system.size, system.constrained, system.metric, system.drives
     none = np.zeros(m)
-    at = balance(system, q, v, np.zeros(n), none, none, u, theta, system.at(theta), tangents=False)
+    at = balance(system, q, v, np.zeros(n), none, none, u, theta, tangents=False)
     bend = at.B_rate @ v
     if at.driven is not None:
         p_rate = u[drives.at + len(drives.names) :]

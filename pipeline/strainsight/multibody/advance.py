@@ -13,8 +13,9 @@ from strainsight.errors import NumericalError
 from strainsight.multibody.compiled.equations import SOLVED
 from strainsight.multibody.compiled.slopes import step_slopes
 from strainsight.multibody.compiled.stages import Past, nothing
+from strainsight.multibody.compiled.system import compiled
 from strainsight.multibody.drives import between
-from strainsight.multibody.step import Step, compiled, left_by, point, problem_of, solved, stages, step
+from strainsight.multibody.step import Step, left_by, problem_of, solved, stages, step
 from strainsight.multibody.system import System
 
 Method = Literal["second_order", "thesis"]
@@ -102,6 +103,20 @@ def _past(last: Advance | None, h: float, count: int, n: int) -> Past:
     return nothing(count, n)._replace(rate=np.stack([np.zeros(n), (before.v - before.start[1]) / before.h]))
 
 
+def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
+    """What `advance` makes of M ÿ + C ẏ + K y = f: of (y, ẏ) (2r, 2r), and of f at start and end (2r, r), straight between."""
+    r, own = len(M), h * INSTANTS[method][0]
+    velocity = np.linalg.solve(M / own + C + own * K, np.column_stack([-K, M / own, np.eye(r)]))
+    whole = np.vstack([own * velocity, velocity])
+    whole[:r, :r] += np.eye(r)
+    X, b = whole[:, : 2 * r], whole[:, 2 * r :]
+    if method == "thesis":
+        return X, np.zeros_like(b), b
+    carried = CARRIED * X
+    between = carried @ b
+    return carried @ X + (1 - CARRIED) * X, (1 - GAMMA) * between, b + GAMMA * between
+
+
 @dataclass(frozen=True)
 class Slopes:
     """∂x_{k+1} with respect to x_k: A (2n, 2n); u(0), u(h): B_start, B_end (2n, nu); θ: B_theta (2n, nθ); w: B_w (2n, n)."""
@@ -159,10 +174,10 @@ def sensitivities(system: System, at: Step) -> Sensitivities:
     """
     own = compiled(system)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
+    given = own.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(
-        own.arrays, point(own.at(system, at.theta), at.start, at.u, at.h, at.w), at.theta, at.memory.copy(), at.q, at.motion,
-        at.mu, at.lam, elastic,
-    )  # fmt: skip
+        own.arrays, own.pattern, given, at.theta, at.memory.copy(), at.q, at.motion, at.mu, at.lam, elastic
+    )
     if not regular:
         raise NumericalError("the matrix of the step is singular")
     return Sensitivities(A, B_u, B_theta, B_w)

@@ -8,9 +8,11 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.multibody.equations import input_slopes
-from strainsight.multibody.spectrum import ROUNDING, tangent_space
+from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
 
+ROUNDING = 100.0
+"""Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 GROWS = 1e-6
 """Growth of a motion beside its own quickness above which it is unstable: what only swings is on the edge, and rounds off."""
 
@@ -35,6 +37,11 @@ class CoupledModes:
     def frequency(self) -> np.ndarray:
         """Undamped natural frequencies (r,) [Hz]; 0 where nothing holds the motion or it topples."""
         return np.asarray(np.sqrt(np.maximum(self.squares, 0.0)) / (2 * np.pi))
+
+    @property
+    def held_frequency(self) -> np.ndarray:
+        """Those (k,) [Hz] of motions that something holds."""
+        return self.frequency[self.squares > 0]
 
     @property
     def damping(self) -> np.ndarray:

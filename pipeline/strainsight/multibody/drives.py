@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from strainsight.compiled import kept
 from strainsight.multibody.relations import Relation
 
 Kind = Literal["displacement", "length", "angle"]
@@ -88,38 +89,62 @@ def drive(
     drives: Drives, m: int, u: np.ndarray, rho: np.ndarray, G: np.ndarray, G_rate: np.ndarray | None = None
 ) -> Driven | None:
     """Turns rows of ρ (nr,), ∇ρ and its rate (nr, n) into φ, B and dB/dt of the driven constraints, in place."""
-    k = len(drives.row)
-    if k == 0:
+    if not len(drives.row):
         return None
-    rate, slope, bend, gradient = np.zeros(m), np.empty(k), np.zeros(k), np.zeros((k, G.shape[1]))
-    p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
-    for i, (row, across, which, power) in enumerate(
-        zip(drives.row, drives.across, drives.which, drives.power, strict=True)
-    ):
+    n, rate = G.shape[1], np.zeros(len(rho))
+    table, by = (
+        np.stack([drives.row, drives.across, drives.which, drives.power], axis=1),
+        np.zeros((len(drives.row), n + 2)),
+    )
+    G_rate = np.zeros((0, n)) if G_rate is None else G_rate
+    drive_relations(table, drives.at, len(drives.names), u, rho, rate, G, G_rate, by)
+    return driven_of(drives, m, u, by)
+
+
+def driven_of(drives: Drives, m: int, u: np.ndarray, by: np.ndarray) -> Driven | None:
+    """Of by (k, n + 2) of `drive_relations`."""
+    if not len(by):
+        return None
+    rate = np.zeros(m)
+    rate[drives.row] = by[:, -2] * u[drives.rates][drives.which]
+    return Driven(rate, by[:, -2], by[:, -1], by[:, :-2])
+
+
+@kept()
+def drive_relations(
+    table: np.ndarray,
+    at: int,
+    count: int,
+    u: np.ndarray,
+    rho: np.ndarray,
+    rho_dot: np.ndarray,
+    g: np.ndarray,
+    gr: np.ndarray,
+    by: np.ndarray,
+) -> None:
+    """ρ, ρ̇ (nr,), ∇ρ and its change (nr, n), or (0, n), of the driven constraints become φ, Bv + φ_t, B and its change
+    (`DrivenRelation`), in place; by (k, n + 2), given as zeros: ∂B/∂p, φ_p and ∂φ_t/∂p. table (k, 4): row, row of ρ' or −1, which
+    of the drives, power; p at `at` in u, ṗ `count` behind."""
+    n = g.shape[1]
+    for k in range(len(table)):
+        row, across, which, power = table[k, 0], table[k, 1], table[k, 2], table[k, 3]
+        value, rate = u[at + which], u[at + count + which]
         if power == 0:
-            c, s = np.cos(p[which]), np.sin(p[which])
-            slope[i] = -s * rho[row] - c * rho[across]
-            gradient[i] = -s * G[row] - c * G[across]
+            c, s = np.cos(value), np.sin(value)
+            slope = -s * rho[row] - c * rho[across]
             rho[row] = c * rho[row] - s * rho[across]
-            bend[i] = -rho[row] * p_rate[which]
-            G[row] = c * G[row] - s * G[across]
-            if G_rate is not None:
-                G_rate[row] = c * G_rate[row] - s * G_rate[across] + p_rate[which] * gradient[i]
+            bend = -rho[row] * rate
+            rho_dot[row] = c * rho_dot[row] - s * rho_dot[across]
+            for i in range(n):
+                by[k, i] = -s * g[row, i] - c * g[across, i]
+                g[row, i] = c * g[row, i] - s * g[across, i]
+                if len(gr):
+                    gr[row, i] = c * gr[row, i] - s * gr[across, i] + rate * by[k, i]
         else:
-            rho[row] -= p[which] ** power
-            slope[i] = -1.0 if power == 1 else -2.0 * p[which]
-            bend[i] = 0.0 if power == 1 else -2.0 * p_rate[which]
-        rate[row] += slope[i] * p_rate[which]
-    return Driven(rate, slope, bend, gradient)
-
-
-def spread(drives: Drives, u: np.ndarray, weight: np.ndarray) -> None:
-    """Weights (…, nr) of the constraints as weights of the relations they are made of, in place."""
-    for row, across, which in zip(drives.row, drives.across, drives.which, strict=True):
-        if across >= 0:
-            p = u[drives.at + which]
-            weight[..., across] = -np.sin(p) * weight[..., row]
-            weight[..., row] *= np.cos(p)
+            rho[row] -= value**power
+            slope, bend = (-1.0, 0.0) if power == 1 else (-2.0 * value, -2.0 * rate)
+        rho_dot[row] += slope * rate
+        by[k, n], by[k, n + 1] = slope, bend
 
 
 def between(drives: Drives, h: float, share: float) -> tuple[np.ndarray, np.ndarray]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.drives import Driven, drive, spread
+from strainsight.multibody.compiled.equations import BROKEN, SOLVED, natural_equations
+from strainsight.multibody.compiled.system import compiled
+from strainsight.multibody.drives import Driven, driven_of
 from strainsight.multibody.forces import Load
 from strainsight.multibody.frames import cross_matrix
 from strainsight.multibody.inertia import inertia_load
-from strainsight.multibody.products import curvature, relation_rows
+from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import Element, System
-
-NONE = np.zeros((0, 0))
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Balance:
     phi φ (m,); B (m, n) = ∂φ/∂q; B_rate (m, n) = ∂φ̇/∂q; driven: φ_t and more where joints are driven, φ̇ = Bv + φ_t;
     load (n,) = M(q)a + c(q, v) + f(q, v, u, θ); mass M (n, n);
     stiffness (n, n) = ∂(load − Bᵀλ)/∂q; damping (n, n) = ∂load/∂v; constraint_stiffness (n, n) = ∂(Bᵀμ)/∂q;
-    gradient (nr, n) of all relations; slopes: ∂F/∂(θ, u) of every element.
+    gradient (nr, n) of all relations; by_parameters (n, nθ + width of u): ∂f/∂(θ, u) of the elements.
     """
 
     phi: np.ndarray
@@ -36,7 +36,7 @@ class Balance:
     damping: np.ndarray
     constraint_stiffness: np.ndarray
     gradient: np.ndarray
-    slopes: tuple[np.ndarray, ...]
+    by_parameters: np.ndarray
     driven: Driven | None
 
 
@@ -49,48 +49,26 @@ def balance(
     lam: np.ndarray,
     u: np.ndarray,
     theta: np.ndarray,
-    elastic: tuple[np.ndarray, np.ndarray],
     tangents: bool = True,
 ) -> Balance:
     """All terms at once, without tangents no stiffness and no damping;
-    q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,), elastic: K(θ), C(θ) of `System.at`.
+    q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,).
 
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
     for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
     """
-    m = system.constrained
-    rho, G, G_rate, b, J = relation_rows(system.products, q, v)
-    driven = drive(system.drives, m, u, rho, G, G_rate)
-    F = system.weights.copy()
-    rows, which = system.input_rows
-    if len(rows):
-        F[rows] = -u[which]
-    K, C = elastic
-    stiffness, damping = (K.copy(), C.copy()) if tangents else (NONE, NONE)
-    slopes = []
-    for element in system.elements:
-        own = element.rows
-        g, rate = G[own], G_rate[own]
-        F[own], F_rho, F_rate, F_theta = element_load(element, rho[own], g @ v, theta, u)
-        slopes.append(F_theta)
-        if not tangents:
-            continue
-        stiffness += g.T @ (F_rho @ g)
-        if F_rate is not None:
-            stiffness += g.T @ (F_rate @ rate)
-            damping += g.T @ (F_rate @ g)
-    by_mu = NONE
-    if tangents:
-        weight = np.zeros((2, len(F)))
-        weight[0, :m] = mu
-        weight[1] = F
-        weight[1, :m] = -lam
-        spread(system.drives, u, weight)
-        by_mu, bent = curvature(system.products, system.size, weight, b, J)
-        stiffness += bent
-    load = G[m:].T @ F[m:]
-    load += K @ q
-    load += C @ v
+    q, v, a, mu, lam, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, a, mu, lam, u, theta))
+    m, own = system.constrained, compiled(system)
+    point = own.at(system, theta)._replace(u=u)
+    state, t = natural_equations(own.natural, point, theta, np.zeros(own.memory), q, v, a, mu, lam, tangents)
+    if state == BROKEN and (failure := own.failure()):
+        raise failure
+    if state != SOLVED:
+        rho, G, _ = relation_rows(system.products, q, v)
+        for element in system.elements:
+            element_load(element, rho[element.rows], G[element.rows] @ v, theta, u)
+        raise NumericalError("a force law has no load here")
+    load, stiffness, mass = t.r2 + t.g[:m].T @ lam, t.K, system.mass
     for moment in system.moments:
         T = moment.directions @ u[moment.inputs]
         if moment.R >= 0:
@@ -104,29 +82,13 @@ def balance(
                     stiffness[moment.eta, at] -= np.outer(moment.rotation[j], T)
         else:
             load[moment.eta] -= moment.rotation.T @ T
-    mass = system.mass
     if system.inertia:
         mass = mass.copy()
         for body in system.inertia:
-            own = slice(body.at, body.at + 12 + len(body.modal))
-            mass[own, own], g, Gq, Gv = inertia_load(body, q, v, a)
-            load[own] += g
-            if tangents:
-                stiffness[own, own] += Gq
-                damping[own, own] += Gv
-    load += system.mass @ a
-    return Balance(rho[:m], G[:m], G_rate[:m], load, mass, stiffness, damping, by_mu, G, tuple(slopes), driven)
-
-
-def with_multipliers(
-    system: System, at: Balance, q: np.ndarray, v: np.ndarray, lam: np.ndarray, u: np.ndarray
-) -> Balance:
-    """The balance at (q, v, u) that was found without λ, with λ (m,): its stiffness alone feels it."""
-    _, _, _, b, J = relation_rows(system.products, q, v)
-    weight = np.zeros((2, len(system.weights)))
-    weight[1, : len(lam)] = -lam
-    spread(system.drives, u, weight)
-    return replace(at, stiffness=at.stiffness + curvature(system.products, system.size, weight, b, J)[1])
+            span = slice(body.at, body.at + 12 + len(body.modal))
+            mass[span, span] = t.TM[span, : span.stop - span.start]
+    driven = driven_of(system.drives, m, u, t.by_drive)
+    return Balance(t.r4, t.g[:m], t.gr[:m], load, mass, stiffness, t.A, t.X, t.g, t.by_parameters, driven)
 
 
 def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray, u: np.ndarray) -> Load:
@@ -143,13 +105,11 @@ def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: 
 
 def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
     """∂f/∂u (n, nu)."""
-    slopes = np.zeros((system.size, len(system.inputs)))
+    first = len(system.parameters)
+    slopes = at.by_parameters[:, first : first + len(system.inputs)].copy()
     rows, which = system.input_rows
     for row, k in zip(rows, which, strict=True):
         slopes[:, k] -= at.gradient[row]
-    for element, F_theta in zip(system.elements, at.slopes, strict=True):
-        if len(element.inputs):
-            slopes[:, element.inputs] += at.gradient[element.rows].T @ F_theta[:, len(element.parameters) :]
     for moment in system.moments:
         if moment.R >= 0:
             R = q[moment.R : moment.R + 9].reshape(3, 3).T
@@ -164,13 +124,8 @@ def input_slopes(system: System, at: Balance, q: np.ndarray) -> np.ndarray:
 
 def parameter_slopes(system: System, at: Balance, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """∂f/∂θ (n, nθ)."""
-    slopes = (system.stiffness_terms @ q + system.damping_terms @ v).T
-    for element, own in zip(system.elements, at.slopes, strict=True):
-        if len(element.parameters):
-            contribution = at.gradient[element.rows].T @ own
-            for k, name in enumerate(element.parameters):
-                slopes[:, name] += contribution[:, k]
-    return slopes
+    elastic = (system.stiffness_terms @ q + system.damping_terms @ v).T
+    return np.asarray(elastic + at.by_parameters[:, : len(system.parameters)])
 
 
 def mass_at(system: System, q: np.ndarray) -> np.ndarray:

@@ -122,48 +122,24 @@ def add_inertia(
     for m in range(n):
         for k in range(n):
             g[12 + m] += body.modal[m, k] * alpha[k]
-    if tangents:
-        _add_tangents(body, R, W, A, a[at : at + 3], s, J, C, by_rate, by_alpha, turned, swung, push, drift, M, Gq, Gv)
-
-
-@inner
-def _add_tangents(
-    body: Inertia,
-    R: np.ndarray,
-    W: np.ndarray,
-    A: np.ndarray,
-    a_r: np.ndarray,
-    s: np.ndarray,
-    J: np.ndarray,
-    C: np.ndarray,
-    by_rate: np.ndarray,
-    by_alpha: np.ndarray,
-    turned: np.ndarray,
-    swung: np.ndarray,
-    push: np.ndarray,
-    drift: np.ndarray,
-    M: np.ndarray,
-    Gq: np.ndarray,
-    Gv: np.ndarray,
-) -> None:
-    """M, ∂g/∂q and ∂c/∂v of `add_inertia`."""
-    n, S = body.modal.shape[0], body.first_modal
+    if not tangents:
+        return
     for c in range(3):
         M[c, c] = body.mass
         for j in range(3):
-            at = 3 + 3 * j + c
-            M[c, at] = M[at, c] = s[j]
-            Gq[c, at], Gv[c, at] = push[0, j], drift[0, j]
+            col = 3 + 3 * j + c
+            M[c, col] = M[col, c] = s[j]
+            Gq[c, col], Gv[c, col] = push[0, j], drift[0, j]
             for i in range(3):
-                M[3 + 3 * i + c, at] = J[i, j]
-                Gq[3 + 3 * i + c, at], Gv[3 + 3 * i + c, at] = push[1 + i, j], drift[1 + i, j]
+                M[3 + 3 * i + c, col] = J[i, j]
+                Gq[3 + 3 * i + c, col], Gv[3 + 3 * i + c, col] = push[1 + i, j], drift[1 + i, j]
         for j in range(3):
-            at = 3 + 3 * j + c
+            col = 3 + 3 * j + c
             for m in range(n):
                 M[c, 12 + m] += R[c, j] * S[j, m]
                 Gq[c, 12 + m] += A[c, j] * S[j, m]
                 Gv[c, 12 + m] += 2 * W[c, j] * S[j, m]
-                Gq[12 + m, at] += S[j, m] * a_r[c]
+                Gq[12 + m, col] += S[j, m] * a[at + c]
             for i in range(3):
                 row = 3 + 3 * i + c
                 for m in range(n):
@@ -172,12 +148,12 @@ def _add_tangents(
                     # ∂Ĵ_ij/∂η = C_i[j] + C_j[i];  ∂C_i/∂η = E_i
                     Gq[row, 12 + m] += (C[i, j, m] + C[j, i, m]) * A[c, j] + R[c, j] * by_alpha[j, i, m]
                     Gq[row, 12 + m] += 2 * W[c, j] * by_rate[j, i, m]
-                    Gq[12 + m, at] += C[i, j, m] * A[c, i]
+                    Gq[12 + m, col] += C[i, j, m] * A[c, i]
                     # R_j on the rate of φ_j, and Ṙ_i on that of φ_i: both halves of s_ji = R_j·Ṙ_i
-                    Gq[12 + m, at] += 2 * W[c, i] * by_rate[i, j, m]
+                    Gq[12 + m, col] += 2 * W[c, i] * by_rate[i, j, m]
                     Gv[12 + m, row] += 2 * R[c, j] * by_rate[i, j, m]
             for m in range(n):
-                Gq[3 + 3 * j + c, 12 + m] += S[j, m] * a_r[c]
+                Gq[3 + 3 * j + c, 12 + m] += S[j, m] * a[at + c]
     for m in range(n):
         for row in range(12):
             M[12 + m, row] = M[row, 12 + m]

@@ -1,4 +1,4 @@
-"""All relations of a system at once: values, gradients, rates and curvature of scalar products of carried vectors."""
+"""All relations of a system at once: values, gradients and rates of scalar products of carried vectors."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.compiled import njit
-from strainsight.multibody.bodies import RIGID
+from strainsight.compiled import joined, kept
+from strainsight.multibody.bodies import Body, modes, moves, size
 from strainsight.multibody.frames import Carried
 from strainsight.multibody.relations import Relation
 
@@ -16,30 +16,36 @@ from strainsight.multibody.relations import Relation
 Key = tuple[str | None, float, bytes, bytes, tuple[int, ...]]
 
 
-class Products(NamedTuple):
-    """Relations as arrays. Carried vectors (nc): place (first coordinate r of the body, −1: it does not move), eta (first
-    modal coordinate), modes (how many the vector feels), t, c (nc, 3), C (nc, 3, k), active (nc, 3): whether R_β counts,
-    columns (nc, 12 + k) and width: the coordinates it depends on. Relations (nr): part (nr, 4) the carried vectors
-    x₊, x₋, y₊, y₋ (−1: none) with their sign (nr, 4); value; curved: whether ∇²ρ ≠ 0."""
+class Relations(NamedTuple):
+    """Relations as arrays. Carried vectors (nc): on: their body (−1: none), felt: modes, t, c (nc, 3), C (nc, 3, k). Relations
+    (nr): part (nr, 4): the carried vectors x₊, x₋, y₊, y₋ (−1: none) with their sign (nr, 4); value; feels (nr, 4): their bodies
+    (−1: none)."""
 
-    place: np.ndarray
-    eta: np.ndarray
-    modes: np.ndarray
+    on: np.ndarray
+    felt: np.ndarray
     t: np.ndarray
     c: np.ndarray
     C: np.ndarray
-    active: np.ndarray
-    columns: np.ndarray
-    width: np.ndarray
     part: np.ndarray
     sign: np.ndarray
     value: np.ndarray
-    curved: np.ndarray
+    feels: np.ndarray
 
 
-def compile_products(relations: Sequence[Relation], place: dict[str, int], eta: dict[str, int]) -> Products:
-    """The relations over coordinates q; place: first coordinate of every body that moves; eta: of its modal ones."""
-    carried: list[Carried] = []
+class Products(NamedTuple):
+    """Relations over natural coordinates; body (nb, 6): whether it moves, its first natural coordinate, its first one in the
+    equations, modes, where its inertia begins (−1: it is constant), number of coordinates in the equations."""
+
+    relations: Relations
+    body: np.ndarray
+
+
+def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> Products:
+    """The relations over the coordinates of these bodies."""
+    table, first, carried = np.zeros((len(bodies), 6), dtype=np.int64), 0, list[Carried]()
+    for k, body in enumerate(bodies):
+        table[k] = moves(body), first, first, modes(body), -1, size(body)
+        first += size(body)
     index: dict[Key, int] = {}
 
     def number(vector: Carried) -> tuple[int, float]:
@@ -50,50 +56,25 @@ def compile_products(relations: Sequence[Relation], place: dict[str, int], eta: 
         carried.append(vector)
         return index.setdefault(_key(vector), len(carried) - 1), 1.0
 
-    part, sign = np.full((len(relations), 4), -1), np.zeros((len(relations), 4))
+    part, sign = np.full((len(relations), 4), -1, dtype=np.int64), np.zeros((len(relations), 4))
     for row, relation in enumerate(relations):
         for at, vectors in ((0, relation.x), (2, relation.y)):
             for k, vector in enumerate(vectors):
                 part[row, at + k], sign[row, at + k] = number(vector)
 
-    nc, most = len(carried), max([b.C.shape[1] for b in carried], default=0)
-    C = np.zeros((nc, 3, most))
-    active = np.zeros((nc, 3), dtype=bool)
-    columns, width = np.zeros((nc, RIGID + most), dtype=np.int64), np.zeros(nc, dtype=np.int64)
-    places, etas = np.full(nc, -1), np.full(nc, -1)
+    nc, felt = len(carried), np.array([b.C.shape[1] for b in carried], dtype=np.int64)
+    C, on, names = np.zeros((nc, 3, max(felt, default=0))), np.full(nc, -1, dtype=np.int64), [b.name for b in bodies]
     for i, b in enumerate(carried):
-        C[i, :, : b.C.shape[1]] = b.C
-        own: list[int] = []
-        if b.body in place:
-            places[i] = place[b.body]
-            active[i] = (b.c != 0) | np.any(b.C != 0, axis=1)
-            own += [places[i] + k for k in range(3) if b.t]
-            own += [places[i] + 3 + 3 * beta + k for beta in range(3) if active[i, beta] for k in range(3)]
-        if b.C.shape[1]:
-            etas[i] = eta[str(b.body)]
-            own += [etas[i] + k for k in range(b.C.shape[1])]
-        columns[i, : len(own)], width[i] = own, len(own)
-    moving = width > 0
-    bent = (places >= 0) & (etas >= 0)
-    curved = np.zeros(len(relations), dtype=bool)
-    for row, (x0, x1, y0, y1) in enumerate(part):
-        x, y = [i for i in (x0, x1) if i >= 0], [i for i in (y0, y1) if i >= 0]
-        curved[row] = (np.any(moving[x]) and np.any(moving[y])) or np.any(bent[x + y])
-    return Products(
-        places,
-        etas,
-        np.array([b.C.shape[1] for b in carried], dtype=np.int64),
-        np.array([b.t for b in carried]),
-        np.array([b.c for b in carried]).reshape(nc, 3),
-        C,
-        active,
-        columns,
-        width,
-        part,
-        sign,
-        np.array([relation.value for relation in relations], dtype=float),
-        curved,
-    )
+        C[i, :, : felt[i]] = b.C
+        if b.body in names and (felt[i] or table[names.index(b.body), 0]):
+            on[i] = names.index(b.body)
+    feels = np.full((len(relations), 4), -1, dtype=np.int64)
+    for row, own in enumerate(part):
+        felt_by = sorted({int(on[i]) for i in own if i >= 0 and on[i] >= 0})
+        feels[row, : len(felt_by)] = felt_by
+    t, c = np.array([b.t for b in carried]), np.array([b.c for b in carried]).reshape(nc, 3)
+    value = np.array([relation.value for relation in relations], dtype=float)
+    return Products(Relations(on, felt, t, c, C, part, sign, value, feels), table)
 
 
 def _key(b: Carried) -> Key:
@@ -101,166 +82,128 @@ def _key(b: Carried) -> Key:
     return b.body, b.t + 0.0, (b.c + 0.0).tobytes(), (b.C + 0.0).tobytes(), b.C.shape
 
 
-@njit(cache=True)
-def carried_vectors(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """b (nc, 3), its rate, its Jacobian (nc, 3, width) on `columns`, and the rate of that."""
-    nc, most = p.columns.shape
-    b, rate = np.empty((nc, 3)), np.zeros((nc, 3))
-    J, J_rate = np.zeros((nc, 3, most)), np.zeros((nc, 3, most))
+@joined
+def carried_vectors(
+    r: Relations, body: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """b (nc, 3), its rate, its Jacobian (nc, 3, 12 + k) by the natural coordinates of its body, and the rate of that."""
+    nc, most = len(r.t), r.C.shape[2]
+    b, rate = np.zeros((nc, 3)), np.zeros((nc, 3))
+    J, J_rate = np.zeros((nc, 3, 12 + most)), np.zeros((nc, 3, 12 + most))
     y, y_rate = np.empty(3), np.empty(3)
     for i in range(nc):
-        eta, at, n = p.eta[i], p.place[i], p.modes[i]
+        moving, at, n = 0, 0, 0
+        if r.on[i] >= 0:
+            moving, at, n = body[r.on[i], 0], body[r.on[i], 1], r.felt[i]
+        eta = at + 12 * moving
         for beta in range(3):
-            y[beta], y_rate[beta] = p.c[i, beta], 0.0
+            y[beta], y_rate[beta] = r.c[i, beta], 0.0
             for k in range(n):
-                y[beta] += p.C[i, beta, k] * q[eta + k]
-                y_rate[beta] += p.C[i, beta, k] * v[eta + k]
-        if at < 0:
+                y[beta] += r.C[i, beta, k] * q[eta + k]
+                y_rate[beta] += r.C[i, beta, k] * v[eta + k]
+        if moving == 0:
             for a in range(3):
                 b[i, a], rate[i, a] = y[a], y_rate[a]
                 for k in range(n):
-                    J[i, a, k] = p.C[i, a, k]
+                    J[i, a, k] = r.C[i, a, k]
             continue
-        col = 0
-        b[i] = 0.0
-        if p.t[i] != 0.0:
-            for a in range(3):
-                b[i, a] = p.t[i] * q[at + a]
-                rate[i, a] = p.t[i] * v[at + a]
-                J[i, a, a] = p.t[i]
-            col = 3
-        for beta in range(3):
-            if not p.active[i, beta]:
-                continue
-            R = at + 3 + 3 * beta
-            for a in range(3):
-                b[i, a] += q[R + a] * y[beta]
-                rate[i, a] += v[R + a] * y[beta] + q[R + a] * y_rate[beta]
-                J[i, a, col + a] = y[beta]
-                J_rate[i, a, col + a] = y_rate[beta]
-            col += 3
         for a in range(3):
-            for k in range(n):
-                for beta in range(3):
-                    R = at + 3 + 3 * beta + a
-                    J[i, a, col + k] += q[R] * p.C[i, beta, k]
-                    J_rate[i, a, col + k] += v[R] * p.C[i, beta, k]
+            b[i, a], rate[i, a], J[i, a, a] = r.t[i] * q[at + a], r.t[i] * v[at + a], r.t[i]
+            for beta in range(3):
+                R = at + 3 + 3 * beta + a
+                b[i, a] += q[R] * y[beta]
+                rate[i, a] += v[R] * y[beta] + q[R] * y_rate[beta]
+                J[i, a, 3 + 3 * beta + a], J_rate[i, a, 3 + 3 * beta + a] = y[beta], y_rate[beta]
+                for k in range(n):
+                    J[i, a, 12 + k] += q[R] * r.C[i, beta, k]
+                    J_rate[i, a, 12 + k] += v[R] * r.C[i, beta, k]
     return b, rate, J, J_rate
 
 
-@njit(cache=True)
-def relation_rows(
-    p: Products, q: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """ρ (nr,), ∇ρ (nr, n), and its rate d/dt ∇ρ = vᵀ∇²ρ (nr, n); with the carried vectors b and J for the curvature."""
-    b, rate, J, J_rate = carried_vectors(p, q, v)
-    nr = len(p.value)
-    rho = np.empty(nr)
-    gradient, gradient_rate = np.zeros((nr, len(q))), np.zeros((nr, len(q)))
-    x, x_rate = np.empty((2, 3)), np.empty((2, 3))
-    for row in range(nr):
-        x[:], x_rate[:] = 0.0, 0.0
-        for s in range(4):
-            i = p.part[row, s]
+@joined
+def rows(
+    r: Relations,
+    body: np.ndarray,
+    b: np.ndarray,
+    rate: np.ndarray,
+    J: np.ndarray,
+    Jr: np.ndarray,
+    rho: np.ndarray,
+    rho_dot: np.ndarray,
+    g: np.ndarray,
+    gr: np.ndarray,
+    x: np.ndarray,
+) -> None:
+    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
+    xr, moving = np.empty((2, 3)), len(gr) > 0
+    for row in range(len(rho)):
+        for a in range(3):
+            x[row, 0, a] = x[row, 1, a] = xr[0, a] = xr[1, a] = 0.0
+        for p in range(4):
+            i = r.part[row, p]
             if i >= 0:
                 for a in range(3):
-                    x[s // 2, a] += p.sign[row, s] * b[i, a]
-                    x_rate[s // 2, a] += p.sign[row, s] * rate[i, a]
-        rho[row] = x[0, 0] * x[1, 0] + x[0, 1] * x[1, 1] + x[0, 2] * x[1, 2] - p.value[row]
-        for s in range(4):
-            i = p.part[row, s]
-            if i < 0:
+                    x[row, p // 2, a] += r.sign[row, p] * b[i, a]
+                    xr[p // 2, a] += r.sign[row, p] * rate[i, a]
+        rho[row], rho_dot[row] = -r.value[row], 0.0
+        for a in range(3):
+            rho[row] += x[row, 0, a] * x[row, 1, a]
+            rho_dot[row] += xr[0, a] * x[row, 1, a] + x[row, 0, a] * xr[1, a]
+        for p in range(4):
+            i = r.part[row, p]
+            if i < 0 or r.on[i] < 0:
                 continue
-            other = 1 - s // 2
-            for k in range(p.width[i]):
-                slope, slope_rate = 0.0, 0.0
-                for a in range(3):
-                    slope += J[i, a, k] * x[other, a]
-                    slope_rate += J[i, a, k] * x_rate[other, a] + J_rate[i, a, k] * x[other, a]
-                gradient[row, p.columns[i, k]] += p.sign[row, s] * slope
-                gradient_rate[row, p.columns[i, k]] += p.sign[row, s] * slope_rate
-    return rho, gradient, gradient_rate, b, J
+            o, sign = 1 - p // 2, r.sign[row, p]
+            f0, f1, f2 = sign * x[row, o, 0], sign * x[row, o, 1], sign * x[row, o, 2]
+            r0, r1, r2 = sign * xr[o, 0], sign * xr[o, 1], sign * xr[o, 2]
+            t0, width = body[r.on[i], 2], body[r.on[i], 5] - body[r.on[i], 3] + r.felt[i]
+            for k in range(width):
+                g[row, t0 + k] += J[i, 0, k] * f0 + J[i, 1, k] * f1 + J[i, 2, k] * f2
+            for k in range(width if moving else 0):
+                gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
+                gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
 
 
-@njit(cache=True)
+@kept()
+def relation_rows(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """ρ (nr,), ∇ρ (nr, n), and its rate d/dt ∇ρ = vᵀ∇²ρ (nr, n)."""
+    nr, n = len(p.relations.value), len(q)
+    b, rate, J, J_rate = carried_vectors(p.relations, p.body, q, v)
+    rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
+    g, g_rate = np.zeros((nr, n)), np.zeros((nr, n))
+    rows(p.relations, p.body, b, rate, J, J_rate, rho, rho_dot, g, g_rate, x)
+    return rho, g, g_rate
+
+
+@kept()
 def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """∂ρ̈/∂q (nr, n), ρ̈ = ∇ρ a + vᵀ∇²ρ v for coordinates that move with v and a; ∂ρ̈/∂v is 2 vᵀ∇²ρ, ∂ρ̈/∂a is ∇ρ."""
-    b, rate, J, J_rate = carried_vectors(p, q, v)
-    _, second, _, J_second = carried_vectors(p, q, a)
+    r, body = p.relations, p.body
+    b, rate, J, J_rate = carried_vectors(r, body, q, v)
+    _, second, _, J_second = carried_vectors(r, body, q, a)
     for i in range(len(b)):
-        for k in range(p.width[i]):
+        for k in range(12 * body[r.on[i], 0] + r.felt[i] if r.on[i] >= 0 else 0):
             for c in range(3):
-                second[i, c] += J_rate[i, c, k] * v[p.columns[i, k]]
-    found = np.zeros((len(p.value), len(q)))
+                second[i, c] += J_rate[i, c, k] * v[body[r.on[i], 1] + k]
+    found = np.zeros((len(r.value), len(q)))
     x, x_rate, x_second = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
-    for row in range(len(p.value)):
+    for row in range(len(r.value)):
         x[:], x_rate[:], x_second[:] = 0.0, 0.0, 0.0
         for s in range(4):
-            i = p.part[row, s]
+            i = r.part[row, s]
             if i >= 0:
-                x[s // 2] += p.sign[row, s] * b[i]
-                x_rate[s // 2] += p.sign[row, s] * rate[i]
-                x_second[s // 2] += p.sign[row, s] * second[i]
+                for c in range(3):
+                    x[s // 2, c] += r.sign[row, s] * b[i, c]
+                    x_rate[s // 2, c] += r.sign[row, s] * rate[i, c]
+                    x_second[s // 2, c] += r.sign[row, s] * second[i, c]
         for s in range(4):
-            i, other = p.part[row, s], 1 - s // 2
-            if i < 0:
+            i, other = r.part[row, s], 1 - s // 2
+            if i < 0 or r.on[i] < 0:
                 continue
-            for k in range(p.width[i]):
+            for k in range(12 * body[r.on[i], 0] + r.felt[i]):
                 slope = 0.0
                 for c in range(3):
                     slope += J_second[i, c, k] * x[other, c] + 2 * J_rate[i, c, k] * x_rate[other, c]
                     slope += J[i, c, k] * x_second[other, c]
-                found[row, p.columns[i, k]] += p.sign[row, s] * slope
+                found[row, body[r.on[i], 1] + k] += r.sign[row, s] * slope
     return found
-
-
-@njit(cache=True)
-def curvature(p: Products, n: int, weight: np.ndarray, b: np.ndarray, J: np.ndarray) -> np.ndarray:
-    """Σ_r weight_kr ∇²ρ_r (2, n, n) for two sets of weights (2, nr), from the b and J of `relation_rows`."""
-    H = np.zeros((2, n, n))
-    x = np.empty((2, 3))
-    for row in range(len(p.value)):
-        first, second = weight[0, row], weight[1, row]
-        if not p.curved[row] or (first == 0.0 and second == 0.0):
-            continue
-        x[:] = 0.0
-        for s in range(4):
-            i = p.part[row, s]
-            if i >= 0:
-                for a in range(3):
-                    x[s // 2, a] += p.sign[row, s] * b[i, a]
-        for s in range(2):
-            i = p.part[row, s]
-            if i < 0:
-                continue
-            for z in range(2, 4):
-                j = p.part[row, z]
-                if j < 0:
-                    continue
-                sign = p.sign[row, s] * p.sign[row, z]
-                for k in range(p.width[i]):
-                    K = p.columns[i, k]
-                    for m in range(p.width[j]):
-                        L = p.columns[j, m]
-                        h = sign * (J[i, 0, k] * J[j, 0, m] + J[i, 1, k] * J[j, 1, m] + J[i, 2, k] * J[j, 2, m])
-                        if h == 0.0:
-                            continue
-                        H[0, K, L] += first * h
-                        H[0, L, K] += first * h
-                        H[1, K, L] += second * h
-                        H[1, L, K] += second * h
-        for s in range(4):
-            i = p.part[row, s]
-            if i < 0 or p.place[i] < 0:
-                continue
-            for beta in range(3):
-                for a in range(3):
-                    R = p.place[i] + 3 + 3 * beta + a
-                    other = p.sign[row, s] * x[1 - s // 2, a]
-                    for k in range(p.modes[i]):
-                        h, e = other * p.C[i, beta, k], p.eta[i] + k
-                        H[0, R, e] += first * h
-                        H[0, e, R] += first * h
-                        H[1, R, e] += second * h
-                        H[1, e, R] += second * h
-    return H

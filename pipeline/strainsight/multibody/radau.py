@@ -10,8 +10,7 @@ from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from strainsight.errors import NumericalError
 from strainsight.multibody.equations import Balance, balance
-from strainsight.multibody.initial import check_consistent
-from strainsight.multibody.inverse.nearest import nearest_state
+from strainsight.multibody.initial import check_consistent, nearest_state
 from strainsight.multibody.simulate import Trajectory
 from strainsight.multibody.system import System
 
@@ -56,13 +55,13 @@ def simulate_radau(
     count, n, m = len(u) - 1, system.size, system.constrained
     q, v, lam = np.empty((count + 1, n)), np.empty((count + 1, n)), np.empty((count, m))
     q[0], v[0] = q0, v0
-    elastic, eigen = system.at(theta), np.linalg.eig(WEIGHTS)
+    eigen = np.linalg.eig(WEIGHTS)
     stages, factors = np.zeros((3, n + m)), None
     for k in range(count):
         loads = u[k] + PLACES[:, None] * (u[k + 1] - u[k])
 
         def equations(x: np.ndarray, here: np.ndarray, moving: np.ndarray, load: np.ndarray) -> Balance:
-            return balance(system, here, moving, x[:n], np.zeros(m), x[n:], load, theta, elastic)
+            return balance(system, here, moving, x[:n], np.zeros(m), x[n:], load, theta)
 
         try:
             stages, factors = _step(system, equations, q[k], v[k], loads, h, eigen, stages, factors)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.bodies import modes, moves
 from strainsight.multibody.frames import Frame, constant
 from strainsight.multibody.products import Products, compile_products, relation_bends, relation_rows
 from strainsight.multibody.relations import Relation, place
@@ -157,14 +156,12 @@ def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
         for k in range(3):
             felt += axis_sensor(own.name, own.frame, k).relations
         channels += [f"{own.name} {k + 1}" for k in range(3)]
-    places = {b.name: system.of[b.name].start for b in system.bodies if moves(b)}
-    etas = {b.name: system.of[b.name].stop - modes(b) for b in system.bodies}
     return Readings(
         tuple(sensors),
         tuple(channels),
-        compile_products(relations, places, etas),
+        compile_products(relations, system.bodies),
         np.array(rate, dtype=bool),
         np.concatenate(strain) if strain else np.zeros((0, system.size)),
         accelerometers,
-        compile_products(felt, places, etas),
+        compile_products(felt, system.bodies),
     )

@@ -1,18 +1,16 @@
-"""Small motions about a state: the linear system there, and how fast it moves by itself."""
+"""Small motions about a state: those that the constraints leave, and all derivatives there."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh, null_space
+from scipy.linalg import null_space
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from strainsight.multibody.equations import Balance, balance, with_multipliers
+from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
-ROUNDING = 100.0
-"""Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
 APART = 1e-6
 """Smallest of the diagonal of R beside the largest, in pivoted QR factors of the constraints, from which these are good."""
 
@@ -37,15 +35,14 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
     The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
     """
     n, m = system.size, system.constrained
-    elastic = system.at(theta)
     zero = np.zeros(n)
-    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta, elastic)
+    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta)
     d = system.metric
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
     N = np.eye(n)
     if m:
         N, lam = _held(at.B / d, at.load / d)
-        held = with_multipliers(system, at, q, v, lam, u)
+        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta)
         scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
         at = held
     return Tangent(N / d[:, None], at, scale)
@@ -65,17 +62,3 @@ def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     lam = np.empty(m)
     lam[order - 1] = dtrtrs(packed[:m], Q[:, :m].T @ load)[0]
     return Q[:, m:], lam
-
-
-def coupled_frequencies(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Undamped natural frequencies [Hz], ascending, of the system held where it is:
-
-        Tᵀ(K_T − Σ λ ∇²φ)T a = ω² TᵀMT a,     B T = 0
-
-    with the terms of `tangent_space`. Free motions (ω = 0) and those that the loads make unstable are left out.
-    """
-    found = tangent_space(system, q, v, u, theta)
-    K, M = found.project(found.at.stiffness), found.project(found.at.mass)
-    values = eigh(0.5 * (K + K.T), 0.5 * (M + M.T), eigvals_only=True) if len(K) else np.zeros(0)
-    least = ROUNDING * system.size * np.finfo(float).eps * found.scale
-    return np.sqrt(values[values > least]) / (2 * np.pi)

@@ -8,6 +8,7 @@ from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.equations import Balance, balance
 from strainsight.multibody.system import System
 
+ITERATIONS = 200
 CONVERGED = 1e-12
 ROUNDING = 1e-8
 """A correction below this that no longer shrinks is rounding."""
@@ -20,7 +21,7 @@ FREE = 1e-12
 
 
 def static_equilibrium(
-    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, iterations: int = 200, near: bool = False
+    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, near: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """q (n,) and λ (m,) with  f(q, 0, u, θ) = Bᵀλ,  φ(q) = 0,  from the configuration q.
 
@@ -34,17 +35,16 @@ def static_equilibrium(
     """
     q, u, theta = np.array(q, dtype=float), np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
     d, m, n = system.metric, system.constrained, system.size
-    elastic = system.at(theta)
     zero, lam = np.zeros(n), np.zeros(m)
-    at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+    at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
     K, B, s = in_the_metric(at, d)
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
     stiffness = float(np.linalg.norm(K, 2)) or 1.0
     before, shift, whole, good = np.inf, NEAR * stiffness if near else stiffness, 1.0, (q, lam)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         try:
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
         except NumericalError:
             # a force that cannot be had at a trial state: go there in smaller steps
             shift = max(10 * shift, 1e-3 * stiffness)
@@ -71,13 +71,13 @@ def static_equilibrium(
         if shift < 1e-10 * stiffness and (
             size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)
         ):
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta, elastic)
+            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
             refuse_free(system, *in_the_metric(at, d)[:2])
             return q, lam
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
         before = size
     raise NumericalError(
-        f"no static equilibrium was found in {iterations} iterations (last change {before:.2g} of {whole:.2g})",
+        f"no static equilibrium was found in {ITERATIONS} iterations (last change {before:.2g} of {whole:.2g})",
         remedy="start nearer to it, or hold or damp the motion that goes on",
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -13,13 +12,12 @@ from strainsight.multibody.compiled import newton as iteration
 from strainsight.multibody.compiled.arrays import Point
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages
-from strainsight.multibody.compiled.system import Compiled, Prepared
+from strainsight.multibody.compiled.system import NONE, Compiled, compiled
 from strainsight.multibody.equations import balance, element_load
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.products import relation_rows
 from strainsight.multibody.system import System
 
-NONE = np.zeros(0)
 HALVINGS = 6
 """How often the step is halved to find a start for Newton's iteration."""
 
@@ -46,17 +44,6 @@ class Step:
     h: float
 
 
-_compiled: WeakKeyDictionary[System, Compiled] = WeakKeyDictionary()
-
-
-def compiled(system: System) -> Compiled:
-    """The compiled form of a system, made once."""
-    found = _compiled.get(system)
-    if found is None:
-        found = _compiled[system] = Compiled(system)
-    return found
-
-
 def step(
     system: System,
     q: np.ndarray,
@@ -66,7 +53,6 @@ def step(
     theta: np.ndarray,
     w: np.ndarray | None = None,
     guess: Step | None = None,
-    near: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Step:
     """The state one step later, from
 
@@ -75,8 +61,7 @@ def step(
 
     q, v (n,) at the start [SI], need not satisfy φ = 0; u at the end of the step, where joints are driven with p and ṗ of then
     (φ_t = φ_p ṗ, else 0); h [s]; theta (nθ,); w (n,) an
-    extra generalised force; guess: the step before, whose multipliers start Newton's iteration; near: q', v' (n,) from which
-    it starts first, by default q + hv, v. D², the diagonal scale
+    extra generalised force; guess: the step before, whose multipliers start Newton's iteration. D², the diagonal scale
     of the mass (`System.metric`), stands where the thesis has 1, so that no unit matters; μ = 0 in the exact solution.
     The rotations R' of the trial states are rotations, v' = T(q')ζ' moves them as such, and both equations are taken along T:
     so the constraints of rigidity and their multipliers are out of it, and the answer is the same.
@@ -86,11 +71,6 @@ def step(
     """
     problem = problem_of(system, q, v, u[None], theta, w)
     first = _Trial(problem.q + h * problem.v, problem.v, *left_by(problem, guess))
-    if near is not None:
-        try:
-            return _newton(problem, h, first._replace(q=near[0], v=near[1]))
-        except NumericalError:
-            pass
     try:
         return _newton(problem, h, first)
     except NumericalError:
@@ -106,7 +86,7 @@ class Problem(NamedTuple):
 
     system: System
     compiled: Compiled
-    prepared: Prepared
+    point: Point
     q: np.ndarray
     v: np.ndarray
     u: np.ndarray
@@ -142,14 +122,24 @@ def stages(
     past: Past,
 ) -> Stages:
     """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
-    given = point(problem.prepared, (problem.q, problem.v), problem.u[0], h, problem.w)
+    given = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
     start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
     mu, lam, memory = left
     found: Stages = solve_stages(
-        problem.compiled.arrays, given, problem.u, carried, problem.theta, memory, mu, lam, start, past
+        problem.compiled.arrays,
+        problem.compiled.pattern,
+        given,
+        problem.u,
+        carried,
+        problem.theta,
+        memory,
+        mu,
+        lam,
+        start,
+        past,
     )
-    if found.ended == BROKEN:
-        raise next(filter(None, [law.taken() for law in problem.compiled.in_python if law is not None]))
+    if found.ended == BROKEN and (failure := problem.compiled.failure()):
+        raise failure
     return found
 
 
@@ -186,11 +176,6 @@ def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | No
     except NumericalError:
         return None
     return found
-
-
-def point(at: Prepared, start: tuple[np.ndarray, np.ndarray], u: np.ndarray, h: float, w: np.ndarray) -> Point:
-    """A step as compiled code takes it."""
-    return Point(*start, h, u, at.K, at.C, w, at.address, at.begin, at.numbers)
 
 
 def _newton(problem: Problem, h: float, start: _Trial) -> Step:
@@ -231,8 +216,7 @@ def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
         F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    elastic = problem.prepared.K, problem.prepared.C
-    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta, elastic)
+    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta)
     lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi

@@ -127,12 +127,9 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     _refuse_twins("bodies", [b.name for b in bodies])
     _refuse_twins("joints", [j.name for j in joints])
     _refuse_twins("forces", [f.name for f in forces])
-    of, place_of, eta_of, n = {}, {}, {}, 0
+    of, n = {}, 0
     for body in bodies:
         of[body.name] = slice(n, n + size(body))
-        if moves(body):
-            place_of[body.name] = n
-        eta_of[body.name] = n + size(body) - modes(body)
         n += size(body)
 
     relations, constraints = _rigidity(bodies)
@@ -161,7 +158,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
             input_rows[0].extend(range(first, len(relations)))
             input_rows[1].extend(inputs.index(name) for name in force.inputs)
         elif isinstance(force, PointMoment):
-            moments.append(_moment(force, bodies, place_of, eta_of, inputs))
+            moments.append(_moment(force, bodies, of, inputs))
         else:
             relations += [_weight(body, force) for body in bodies]
         weights += [-1.0 if isinstance(force, Gravity) else 0.0] * (len(relations) - first)
@@ -177,7 +174,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         if isinstance(body, RigidBody) or body.clamped:
             mass[span, span] = mass_matrix(body)
         if isinstance(body, FlexibleBody):
-            eta = slice(eta_of[body.name], span.stop)
+            eta = slice(span.stop - modes(body), span.stop)
             for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
                 X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
                 total[eta, eta] = X.constant
@@ -189,7 +186,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     ]
     return System(
         bodies, joints, forces, n, of, tuple(constraints), tuple(inputs), tuple(parameters),
-        compile_products(relations, place_of, eta_of), d, mass, tuple(moving), K, K_terms, C, C_terms, tuple(elements),
+        compile_products(relations, bodies), d, mass, tuple(moving), K, K_terms, C, C_terms, tuple(elements),
         (np.array(input_rows[0], dtype=int), np.array(input_rows[1], dtype=int)), np.array(weights), tuple(moments),
         drives,
     )  # fmt: skip
@@ -211,13 +208,12 @@ def _weight(body: Body, gravity: Gravity) -> Relation:
     return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (mass_moment(body),))
 
 
-def _moment(
-    force: PointMoment, bodies: Sequence[Body], place_of: dict[str, int], eta_of: dict[str, int], inputs: list[str]
-) -> Moment:
+def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> Moment:
     body = _body(force.frame, bodies)
     rotation = np.zeros((3, modes(body))) if force.frame.rotation is None else force.frame.rotation
-    eta = slice(eta_of[body.name], eta_of[body.name] + modes(body))
-    R = place_of[body.name] + 3 if moves(body) else -1
+    span = of[body.name]
+    eta = slice(span.stop - modes(body), span.stop)
+    R = span.start + 3 if moves(body) else -1
     which = np.array([inputs.index(name) for name in force.inputs], dtype=int)
     return Moment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
 

@@ -18,13 +18,12 @@ from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.mesh.model import Mesh
-from strainsight.multibody.controlled import simulate_controlled
+from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
 from strainsight.multibody.laws.friction import Friction
 from strainsight.multibody.laws.turning import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
-from strainsight.multibody.simulate import Trajectory, simulate
-from strainsight.multibody.spectrum import coupled_frequencies
+from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.records.bench_placed import BenchPlaced
 from strainsight.records.bodies import ReducedBody
 from strainsight.records.simulated import Simulated, Violation
@@ -63,7 +62,7 @@ def simulation(
     refuse_spun(config, bench, u, "simulate")
     with blame("simulate"):
         q0, v0 = start_of(bench, config.simulate, u[0])
-        frequency = coupled_frequencies(bench.system, q0, v0, u[0], bench.theta)
+        frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
         try:
             found, parts = _moved(
                 config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from strainsight.compiled import njit
+from strainsight.compiled import inner
 
 ITERATIONS = 200
 NEAR, FALL = 3e-8, 0.1
@@ -16,7 +16,7 @@ LOOSE = 1e-10
 """Approach, as a share of the ball diameter, whose force counts as no contact."""
 
 
-@njit(cache=True)
+@inner
 def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: float, out: np.ndarray) -> None:
     """c_k (4, 2) in the axial plane of one ball; those of the inner ring have moved by  A_k (u, w, τ).
 
@@ -29,7 +29,7 @@ def groove_centres(table: np.ndarray, radius: float, u: float, w: float, tau: fl
             out[k, 1] += w - table[k, 0] * tau
 
 
-@njit(cache=True)
+@inner
 def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
     """The ball centre between the two opposite grooves that are farthest apart: exact where only they touch.
 
@@ -49,7 +49,7 @@ def pinched(table: np.ndarray, c: np.ndarray) -> tuple[float, float]:
     return px, pr
 
 
-@njit(cache=True)
+@inner
 def potential(table: np.ndarray, c: np.ndarray, push: float, soft: float, px: float, pr: float) -> float:
     """Π(p) = Σ 0.4 K_k δ_k^2.5 − F_c p_ρ + ½ ε |p|²,  δ_k = max(|p − c_k| − L_k, 0)  [J]."""
     total = 0.5 * soft * (px * px + pr * pr) - push * pr
@@ -61,7 +61,7 @@ def potential(table: np.ndarray, c: np.ndarray, push: float, soft: float, px: fl
     return total
 
 
-@njit(cache=True)
+@inner
 def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state: np.ndarray) -> tuple[float, float]:
     """Rows (Q n_x, Q n_ρ, H_xx, H_xρ, H_ρρ, √δ, n_x, n_ρ) of the four contacts, (4, 8); zero without contact.
 
@@ -91,7 +91,24 @@ def contact_state(table: np.ndarray, c: np.ndarray, px: float, pr: float, state:
     return total, 2.3e-16 * rounding
 
 
-@njit(cache=True)
+@inner
+def gradient_and_hessian(
+    state: np.ndarray, push: float, soft: float, px: float, pr: float
+) -> tuple[float, float, float, float, float, int, int]:
+    """∇Π (2) and H = ∇²Π (xx, xρ, ρρ) of `potential` at p from `contact_state`; how many contacts touch, the last of them."""
+    gx, gr, a, b, e, touching, only = soft * px, soft * pr - push, soft, 0.0, soft, 0, 0
+    for k in range(4):
+        if state[k, 5] > 0:
+            touching, only = touching + 1, k
+        gx -= state[k, 0]
+        gr -= state[k, 1]
+        a += state[k, 2]
+        b += state[k, 3]
+        e += state[k, 4]
+    return gx, gr, a, b, e, touching, only
+
+
+@inner
 def ball_centre(
     table: np.ndarray, c: np.ndarray, push: float, soft: float, loose: float, state: np.ndarray
 ) -> tuple[float, float, float]:
@@ -109,17 +126,7 @@ def ball_centre(
     sx = sr = 0.0
     for _ in range(ITERATIONS):
         total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr = soft * px, soft * pr - push
-        a, b, e = soft, 0.0, soft
-        touching, only = 0, 0
-        for k in range(4):
-            if state[k, 5] > 0:
-                touching, only = touching + 1, k
-            gx -= state[k, 0]
-            gr -= state[k, 1]
-            a += state[k, 2]
-            b += state[k, 3]
-            e += state[k, 4]
+        gx, gr, a, b, e, touching, only = gradient_and_hessian(state, push, soft, px, pr)
         residual = math.hypot(gx, gr)
         excess = residual / (1e-9 * total + 8 * rounding + loose)
         if last and residual > before:
@@ -151,7 +158,7 @@ def ball_centre(
     return px, pr, excess
 
 
-@njit(cache=True)
+@inner
 def followed(
     table: np.ndarray,
     c: np.ndarray,
@@ -167,15 +174,7 @@ def followed(
     before = math.inf
     for _ in range(4):
         total, rounding = contact_state(table, c, px, pr, state)
-        gx, gr, a, b, e, touching = soft * px, soft * pr - push, soft, 0.0, soft, 0
-        for k in range(4):
-            if state[k, 5] > 0:
-                touching += 1
-                gx -= state[k, 0]
-                gr -= state[k, 1]
-                a += state[k, 2]
-                b += state[k, 3]
-                e += state[k, 4]
+        gx, gr, a, b, e, touching, _ = gradient_and_hessian(state, push, soft, px, pr)
         residual = math.hypot(gx, gr)
         if touching < 2 or not residual < FALL * before or total <= 1e3 * loose:
             return False, px, pr
@@ -192,7 +191,7 @@ def followed(
     return False, px, pr
 
 
-@njit(cache=True)
+@inner
 def floors(table: np.ndarray, ball: float) -> tuple[float, float]:
     """Regularisation ε [N/m] of a ball without contact and the force [N] that counts as none: far below any that matter."""
     constant = np.max(table[:, 3])

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from strainsight.compiled import njit
+from strainsight.compiled import inner, kept
 
 
-@njit(cache=True)
+@kept()
 def point_contact(along: float, across: float, modulus: float) -> tuple[float, float]:
     """Contact constant K and the share of the first axis in the approach, from the two relative curvatures.
 
@@ -30,7 +30,7 @@ def point_contact(along: float, across: float, modulus: float) -> tuple[float, f
     return constant, share if along <= across else 1 - share
 
 
-@njit(cache=True)
+@inner
 def _elliptic(k: float) -> tuple[float, float]:
     """K(m) and s(m) = (1 − E(m)/K(m))/m at m = 1 − k², by the arithmetic-geometric mean, to round-off for 0 < k ≤ 1.
 
@@ -51,7 +51,7 @@ def _elliptic(k: float) -> tuple[float, float]:
     return 0.5 * math.pi / a, share
 
 
-@njit(cache=True)
+@inner
 def _axis_ratio(curvatures: float) -> float:
     """b/a ≤ 1 of the contact ellipse at ρ_short/ρ_long ≥ 1, by the secant rule in logarithms."""
     goal = math.log(curvatures)
@@ -70,7 +70,7 @@ def _axis_ratio(curvatures: float) -> float:
     return math.exp(x)
 
 
-@njit(cache=True)
+@kept()
 def groove_curvatures(ball: float, groove: float, pitch: float, cosine: float, side: float) -> tuple[float, float]:
     """Relative curvatures along and across the raceway of a ball in a groove.
 
@@ -82,7 +82,7 @@ def groove_curvatures(ball: float, groove: float, pitch: float, cosine: float, s
     return 2 / (ball * (1 - side * ball * cosine / pitch)), 2 / ball - 1 / groove
 
 
-@njit(cache=True)
+@kept()
 def groove_contact(
     ball: float, groove: float, pitch: float, cosine: float, side: float, modulus: float
 ) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from strainsight.compiled import carray, kept, njit
+from strainsight.compiled import carray, inner, kept
 from strainsight.multibody.bearing.ball import ball_centre, floors, followed, groove_centres, potential
 
 KEPT = 8
@@ -114,11 +114,13 @@ def ring_load(
                 slopes[3, j] += sin * G[2, j]
                 slopes[4, j] -= cos * G[2, j]
     if keeps:
-        memory[0], memory[1:6] = 1.0, q
+        memory[0] = 1.0
+        for m in range(5):
+            memory[1 + m] = q[m]
     return energy, -1, 0.0
 
 
-@njit(cache=True)
+@inner
 def _add_form(xx: float, xr: float, rr: float, Y: np.ndarray, stiff: np.ndarray) -> None:
     """stiff (3, 3) += Yᵀ [xx xr; xr rr] Y."""
     for m in range(3):
@@ -128,7 +130,7 @@ def _add_form(xx: float, xr: float, rr: float, Y: np.ndarray, stiff: np.ndarray)
             stiff[n, m] = stiff[m, n]
 
 
-@njit(cache=True)
+@inner
 def _add_tangent(stiff: np.ndarray, cos: float, sin: float, tangent: np.ndarray) -> None:
     """tangent += Bᵀ stiff B,  B = [1 0 0 0 0; 0 cos sin 0 0; 0 0 0 sin −cos]."""
     row = (0, 1, 1, 2, 2)
@@ -140,7 +142,7 @@ def _add_tangent(stiff: np.ndarray, cos: float, sin: float, tangent: np.ndarray)
                 tangent[n, m] = tangent[m, n]
 
 
-@njit(cache=True)
+@inner
 def ball_slopes(
     table: np.ndarray,
     push_slope: float,
@@ -210,7 +212,8 @@ def each_ball(
         centre[i, 0], centre[i, 1], excess = ball_centre(table, c, push, soft, loose, state)
         if not excess <= 1:
             return centre, arm, i, excess
-        arm[i] = c - centre[i]
+        for k in range(4):
+            arm[i, k, 0], arm[i, k, 1] = c[k, 0] - centre[i, 0], c[k, 1] - centre[i, 1]
     return centre, arm, -1, 0.0
 
 

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from strainsight.multibody.bodies import modes, moves
+from strainsight.multibody.products import Relations
 
 if TYPE_CHECKING:
     from strainsight.multibody.system import System
@@ -18,21 +19,42 @@ MOTIONS = 6
 """Minimal coordinates of a body that moves before its modal ones: a displacement, a turn."""
 
 
+class Moments(NamedTuple):
+    """Moments (nm): on: the body, its loads, their directions, the rotation shapes."""
+
+    on: np.ndarray
+    inputs: np.ndarray
+    direction: np.ndarray
+    rotation: np.ndarray
+
+
+class Pattern(NamedTuple):
+    """What the matrix of a step needs: body, dt and feels of `Arrays`; joints: how many are held; tied, pushed (nb, any): the
+    bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those that a row of the matrix reaches
+    through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix the unknowns (nt, μ, λ) stand; low
+    (N,): the last row that a column can reach."""
+
+    body: np.ndarray
+    dt: np.ndarray
+    feels: np.ndarray
+    joints: int
+    tied: np.ndarray
+    pushed: np.ndarray
+    reached: np.ndarray
+    held: np.ndarray
+    place: np.ndarray
+    low: np.ndarray
+
+
 class Arrays(NamedTuple):
-    """What a system is made of, by number.
+    """What a system is made of, by number; compiled functions take the part that they need, for each array is an argument.
 
     Bodies (nb): body (nb, 6): whether it moves, its first natural and its first minimal coordinate, modes, where its inertia
     begins in `inertia` (−1: it is constant, in `mass`), number of minimal coordinates; d (n,), dt (nt,): diagonal scale of the
-    mass, natural and minimal. Carried vectors (nc): on: their body (−1: none), felt: modes, t, c, C.
-    Relations but those of rigidity (nr), the joints' first: part, sign, value, feels (nr, 4): their bodies (−1: none); joints:
-    how many are held; weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
+    mass, natural and minimal. weights (nr,) of the weight; input_row, input_which: which load acts along which relation.
     Elements (ne): element (ne, 4): first row, rows, parameters and loads, where its memory begins; element_feels;
-    element_parameter: places in (θ, u). Moments (nm): moment_on: the body, its loads, their directions, the rotation shapes.
-    tied, pushed (nb, any): the bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those
-    that a row of the matrix reaches through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix
-    the unknowns (nt, μ, λ) stand; low (N,): the last row that a column can reach. rigid: constraints before the joints';
-    drive (k, 4): row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p
-    begins in u, how many.
+    element_parameter: places in (θ, u). joints: how many constraints are held, rigid: how many come before theirs; drive (k, 4):
+    row of a driven constraint, of its second relation or −1, which drive, power; drive_at, drives: where p begins in u, how many.
     """
 
     body: np.ndarray
@@ -40,32 +62,15 @@ class Arrays(NamedTuple):
     dt: np.ndarray
     mass: np.ndarray
     inertia: np.ndarray
-    on: np.ndarray
-    felt: np.ndarray
-    t: np.ndarray
-    c: np.ndarray
-    C: np.ndarray
-    part: np.ndarray
-    sign: np.ndarray
-    value: np.ndarray
-    feels: np.ndarray
-    joints: int
+    relations: Relations
     weights: np.ndarray
     input_row: np.ndarray
     input_which: np.ndarray
     element: np.ndarray
     element_feels: np.ndarray
     element_parameter: np.ndarray
-    moment_on: np.ndarray
-    moment_input: np.ndarray
-    moment_direction: np.ndarray
-    moment_rotation: np.ndarray
-    tied: np.ndarray
-    pushed: np.ndarray
-    reached: np.ndarray
-    held: np.ndarray
-    place: np.ndarray
-    low: np.ndarray
+    moments: Moments
+    joints: int
     rigid: int
     drive: np.ndarray
     drive_at: int
@@ -88,8 +93,27 @@ class Point(NamedTuple):
     numbers: np.ndarray
 
 
-def arrays(system: System, memory: Sequence[int]) -> Arrays:
-    """memory: numbers that every element's law keeps from one trial state to the next."""
+class Terms(NamedTuple):
+    """The equations of a step at a trial state: r₁, r₂ (nt,), r₃, r₄ (joints,), ∇ρ, ∂ρ̇ (nr, nt), X, A, K (nt, nt) of `scaled`,
+    TᵀM (nt, 12 + most modes), ∂r₂/∂(θ, u) of the elements (nt, nθ + all of u), by_drive (k, nt + 2) of `drive_relations`; without
+    tangents ∂ρ̇, X, A, K, TᵀM and ∂r₂/∂(θ, u) are empty."""
+
+    r1: np.ndarray
+    r2: np.ndarray
+    r3: np.ndarray
+    r4: np.ndarray
+    g: np.ndarray
+    gr: np.ndarray
+    X: np.ndarray
+    A: np.ndarray
+    K: np.ndarray
+    TM: np.ndarray
+    by_parameters: np.ndarray
+    by_drive: np.ndarray
+
+
+def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Pattern]:
+    """Over minimal coordinates. memory: numbers that every element's law keeps from one trial state to the next."""
     names = [body.name for body in system.bodies]
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
     t0, begin, dt = 0, 0, []
@@ -104,15 +128,8 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
             body[k, 4] = begin
             flat += [np.array([x.mass]), *(np.ravel(field) for field in x[2:])]
             begin = sum(len(part) for part in flat)
-    products, rigid = system.products, system.rigid
-    starts = body[:, 1]
-    on = np.full(len(products.t), -1, dtype=np.int64)
-    for i in range(len(on)):
-        first = products.place[i] if products.place[i] >= 0 else products.eta[i]
-        if first >= 0:
-            on[i] = np.searchsorted(starts, first, side="right") - 1
-    part = products.part[rigid:]
-    feels = [sorted({int(on[i]) for i in row if i >= 0 and on[i] >= 0}) for row in part]
+    relations, rigid, starts = system.products.relations, system.rigid, body[:, 1]
+    feels = [[int(k) for k in row if k >= 0] for row in relations.feels[rigid:]]
     joints, drives = system.constrained - rigid, system.drives
     driven = np.stack([drives.row, drives.across, drives.which, drives.power], axis=1).astype(np.int64)
     driven[:, :1] -= rigid
@@ -138,17 +155,49 @@ def arrays(system: System, memory: Sequence[int]) -> Arrays:
     table = np.zeros((len(elements), 4), dtype=np.int64)
     for k, (first, rows, parameters) in enumerate(elements):
         table[k] = first, rows, parameters, sum(memory[:k])
-    return Arrays(
-        body, np.ascontiguousarray(system.metric), np.concatenate(dt), np.ascontiguousarray(system.mass),
-        np.concatenate(flat), on, products.modes.astype(np.int64), products.t, np.ascontiguousarray(products.c),
-        np.ascontiguousarray(products.C), np.ascontiguousarray(part, dtype=np.int64),
-        np.ascontiguousarray(products.sign[rigid:]), np.ascontiguousarray(products.value[rigid:]),
-        _padded(feels, 4), joints, np.ascontiguousarray(system.weights[rigid:]),
-        (system.input_rows[0] - rigid).astype(np.int64), system.input_rows[1].astype(np.int64), table,
-        _padded(element_feels), _padded([[*e.parameters, *(len(system.parameters) + e.inputs)] for e in system.elements]),
-        np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]), direction,
-        rotation, _padded(tied), _padded(pushed), _padded(near), _padded(held), place, _reach(body, near, feels[:joints], place),
-        rigid, driven, drives.at, len(drives.names),
+    feeling, scale = _padded(feels, 4), np.concatenate(dt)
+    made = Arrays(
+        body, np.ascontiguousarray(system.metric), scale, np.ascontiguousarray(system.mass), np.concatenate(flat),
+        relations._replace(
+            part=relations.part[rigid:], sign=relations.sign[rigid:], value=relations.value[rigid:], feels=feeling
+        ),
+        np.ascontiguousarray(system.weights[rigid:]), (system.input_rows[0] - rigid).astype(np.int64),
+        system.input_rows[1].astype(np.int64), table, _padded(element_feels),
+        _padded([[*e.parameters, *(len(system.parameters) + e.inputs)] for e in system.elements]),
+        Moments(
+            np.array(moment_on, dtype=np.int64), _padded([m.inputs.tolist() for m in moments], direction.shape[2]),
+            direction, rotation,
+        ),
+        joints, rigid, driven, drives.at, len(drives.names),
+    )  # fmt: skip
+    pattern = Pattern(
+        body,
+        scale,
+        feeling,
+        joints,
+        _padded(tied),
+        _padded(pushed),
+        _padded(near),
+        _padded(held),
+        place,
+        _reach(body, near, feels[:joints], place),
+    )
+    return made, pattern
+
+
+def natural(system: System, s: Arrays) -> Arrays:
+    """The same over natural coordinates, in which the rigidity of bodies is a constraint: `balance`."""
+    rigid, products = system.rigid, system.products
+    body = products.body.copy()
+    body[:, 4] = s.body[:, 4]
+    element, drive = s.element.copy(), s.drive.copy()
+    element[:, 0] += rigid
+    drive[:, 0] += rigid
+    drive[:, 1] += np.where(drive[:, 1] >= 0, rigid, 0)
+    return s._replace(
+        body=body, dt=s.d, relations=products.relations, weights=np.ascontiguousarray(system.weights),
+        input_row=s.input_row + rigid, element=element, joints=system.constrained, rigid=0,
+        drive=drive,
     )  # fmt: skip
 
 

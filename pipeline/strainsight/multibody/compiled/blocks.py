@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.compiled import inner, joined
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Point, Terms
 from strainsight.multibody.inertia import Inertia, add_inertia
 
 
-@inner
-def natural_velocity(s: Arrays, q: np.ndarray, z: np.ndarray) -> np.ndarray:
+@joined
+def natural_velocity(body: np.ndarray, q: np.ndarray, z: np.ndarray) -> np.ndarray:
     """v = T ζ (n,): Ṙ_β = ω × R_β."""
     v = np.empty(len(q))
-    for k in range(len(s.body)):
-        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+    for k in range(len(body)):
+        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
         if moving:
             w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
             for a in range(3):
@@ -85,9 +85,9 @@ def _add_turned(g: np.ndarray, R: np.ndarray, at: int, K: np.ndarray) -> None:
 
 
 @inner
-def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
-    """The invariants of a body of n modes from `Arrays.inertia`, where they begin at `at`."""
-    x, f = at, s.inertia
+def inertia_of(f: np.ndarray, at: int, n0: int, n: int) -> Inertia:
+    """The invariants of a body of n modes from `Arrays.inertia` f, where they begin at `at`."""
+    x = at
     first = f[x + 1 : x + 4]
     x += 4
     first_modal = f[x : x + 3 * n].reshape(3, n)
@@ -102,19 +102,14 @@ def inertia_of(s: Arrays, at: int, n0: int, n: int) -> Inertia:
     return Inertia(n0, f[at], first, first_modal, second, coupling, coupling_modal, modal)
 
 
-@inner
+@joined
 def add_bodies(
     s: Arrays,
     p: Point,
     q: np.ndarray,
     z: np.ndarray,
     v: np.ndarray,
-    r1: np.ndarray,
-    r2: np.ndarray,
-    X: np.ndarray,
-    A: np.ndarray,
-    K: np.ndarray,
-    TM: np.ndarray,
+    terms: Terms,
     tangents: bool,
 ) -> None:
     """r₁ = TᵀD²((q' − q)/h − v'), r₂ = Tᵀ(M a + c + K q + C v + moments − w) (nt,), and the blocks of every body of
@@ -125,14 +120,27 @@ def add_bodies(
 
         ∂(Tᵀg) = Tᵀ∂g + Σ (ε × R_β) × g_β,     ∂v = T δζ + ω × (ε × R_β)
     """
-    h = p.h
+    h, r1, r2, X, A, K = p.h, terms.r1, terms.r2, terms.X, terms.A, terms.K
     a = np.empty(len(v))
     for i in range(len(v)):
         a[i] = (v[i] - p.v[i]) / h
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
         if moving == 0:
-            _add_clamped(s, p, n0, t0, modes, q, v, a, r1, r2, X, A, K, TM, tangents)
+            # its frame is the ground's: its coordinates are minimal
+            for i in range(modes):
+                square, force = s.d[n0 + i] ** 2, -p.w[n0 + i] if len(p.w) else 0.0
+                r1[t0 + i] = square * ((q[n0 + i] - p.q[n0 + i]) / h - v[n0 + i])
+                for j in range(modes):
+                    Mij, Kij, Cij = s.mass[n0 + i, n0 + j], p.K[n0 + i, n0 + j], p.C[n0 + i, n0 + j]
+                    force += Mij * a[n0 + j] + Kij * q[n0 + j] + Cij * v[n0 + j]
+                    if tangents:
+                        terms.TM[t0 + i, j] = Mij
+                        A[t0 + i, t0 + j] += Mij / h + Cij
+                        K[t0 + i, t0 + j] += Kij
+                if tangents:
+                    X[t0 + i, t0 + i] += square / h
+                r2[t0 + i] += force
             continue
         size = 12 + modes
         R = q[n0 + 3 : n0 + 12]
@@ -159,7 +167,7 @@ def add_bodies(
         M, g = np.zeros((size, size)), np.zeros(size)
         Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
         if s.body[k, 4] >= 0:
-            add_inertia(inertia_of(s, s.body[k, 4], n0, modes), q, v, a, tangents, M, g, Gq, Gv)
+            add_inertia(inertia_of(s.inertia, s.body[k, 4], n0, modes), q, v, a, tangents, M, g, Gq, Gv)
         else:
             for i in range(size):
                 for j in range(size):
@@ -190,7 +198,7 @@ def add_bodies(
         project_rows(M, R, modes, whole)
         for i in range(width):
             for j in range(size):
-                TM[t0 + i, j] = whole[i, j]
+                terms.TM[t0 + i, j] = whole[i, j]
         AT, KT = np.empty((size, width)), np.empty((size, width))
         square_block = np.empty((width, width))
         project_columns(Gv, R, modes, AT)
@@ -210,57 +218,50 @@ def add_bodies(
         project_rows(KT, R, modes, square_block)
         _add_block(square_block, t0, K)
         _add_turned(column, R, t0 + 3, K)
-    _add_moments(s, p, q, r2, K, tangents)
+    _add_moments(s.body, s.moments, p.u, q, r2, K, tangents)
 
 
 @inner
-def _add_clamped(
-    s: Arrays,
-    p: Point,
-    n0: int,
-    t0: int,
-    modes: int,
-    q: np.ndarray,
-    v: np.ndarray,
-    a: np.ndarray,
-    r1: np.ndarray,
-    r2: np.ndarray,
-    X: np.ndarray,
-    A: np.ndarray,
-    K: np.ndarray,
-    TM: np.ndarray,
-    tangents: bool,
+def add_natural_bodies(
+    s: Arrays, p: Point, q: np.ndarray, v: np.ndarray, a: np.ndarray, terms: Terms, tangents: bool
 ) -> None:
-    """The same of a body whose frame is the ground's: its coordinates are minimal."""
-    for i in range(modes):
-        square = s.d[n0 + i] ** 2
-        r1[t0 + i] = square * ((q[n0 + i] - p.q[n0 + i]) / p.h - v[n0 + i])
-        force = -p.w[n0 + i] if len(p.w) else 0.0
-        for j in range(modes):
-            M, Kij, Cij = s.mass[n0 + i, n0 + j], p.K[n0 + i, n0 + j], p.C[n0 + i, n0 + j]
-            force += M * a[n0 + j] + Kij * q[n0 + j] + Cij * v[n0 + j]
-            if tangents:
-                TM[t0 + i, j] = M
-                A[t0 + i, t0 + j] += M / p.h + Cij
-                K[t0 + i, t0 + j] += Kij
-        if tangents:
-            X[t0 + i, t0 + i] += square / p.h
-        r2[t0 + i] += force
+    """r₂ = M a + c + K q + C v (n,), K += ∂r₂/∂q, A += ∂r₂/∂v, and the blocks of M, of every body."""
+    for k in range(len(s.body)):
+        n0, modes, size = s.body[k, 1], s.body[k, 3], s.body[k, 5]
+        M, g = np.zeros((size, size)), np.zeros(size)
+        Gq, Gv = np.zeros((size, size)), np.zeros((size, size))
+        if s.body[k, 4] >= 0:
+            add_inertia(inertia_of(s.inertia, s.body[k, 4], n0, modes), q, v, a, size > 0, M, g, Gq, Gv)
+        for i in range(size):
+            for j in range(size):
+                if s.body[k, 4] < 0:
+                    M[i, j] = s.mass[n0 + i, n0 + j]
+                    g[i] += M[i, j] * a[n0 + j]
+                terms.TM[n0 + i, j] = M[i, j]
+                Gq[i, j] += p.K[n0 + i, n0 + j]
+                Gv[i, j] += p.C[n0 + i, n0 + j]
+                g[i] += p.K[n0 + i, n0 + j] * q[n0 + j] + p.C[n0 + i, n0 + j] * v[n0 + j]
+                if tangents:
+                    terms.K[n0 + i, n0 + j] += Gq[i, j]
+                    terms.A[n0 + i, n0 + j] += Gv[i, j]
+            terms.r2[n0 + i] += g[i]
 
 
 @inner
-def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarray, tangents: bool) -> None:
+def _add_moments(
+    body: np.ndarray, moments: Moments, u: np.ndarray, q: np.ndarray, r2: np.ndarray, K: np.ndarray, tangents: bool
+) -> None:
     """Of the virtual work T·δθ, δθ = ε + RΨ δη:  rows ε: −T,   rows η: −ΨᵀRᵀT,  whose change is −ΨᵀRᵀ(T × ε)."""
     T = np.empty(3)
-    for m in range(len(s.moment_on)):
-        T[:] = 0.0
-        for j in range(s.moment_input.shape[1]):
-            which = s.moment_input[m, j]
+    for m in range(len(moments.on)):
+        T[0] = T[1] = T[2] = 0.0
+        for j in range(moments.inputs.shape[1]):
+            which = moments.inputs[m, j]
             if which >= 0:
                 for a in range(3):
-                    T[a] += s.moment_direction[m, a, j] * p.u[which]
-        k = s.moment_on[m]
-        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+                    T[a] += moments.direction[m, a, j] * u[which]
+        k = moments.on[m]
+        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
         if moving:
             for a in range(3):
                 r2[t0 + 3 + a] -= T[a]
@@ -272,8 +273,8 @@ def _add_moments(s: Arrays, p: Point, q: np.ndarray, r2: np.ndarray, K: np.ndarr
                 across = (y * T[2] - z * T[1], z * T[0] - x * T[2], x * T[1] - y * T[0])
                 for i in range(modes if tangents else 0):
                     for a in range(3):
-                        K[t0 + 6 + i, t0 + 3 + a] -= s.moment_rotation[m, beta, i] * across[a]
+                        K[t0 + 6 + i, t0 + 3 + a] -= moments.rotation[m, beta, i] * across[a]
             else:
                 on = T[beta]
             for i in range(modes):
-                r2[t0 + 6 * moving + i] -= s.moment_rotation[m, beta, i] * on
+                r2[t0 + 6 * moving + i] -= moments.rotation[m, beta, i] * on

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays
+from strainsight.multibody.compiled.arrays import Pattern, Terms
 
 TINY = float(np.finfo(float).tiny)
 
 
 @inner
-def scaled(
-    s: Arrays, h: float, g: np.ndarray, gr: np.ndarray, X: np.ndarray, A: np.ndarray, K: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scaled(s: Pattern, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X̂ = h D⁻¹X D⁻¹, Â = h D⁻¹A D⁻¹ (in X and A); the matrix Z of
 
         D²(y/h − ζ) + … = X y − D²ζ + Jᵀμ = r₁,     K y + A ζ − Jᵀλ = r₂,     J_r y + J ζ = r₃,     J y = r₄
@@ -27,6 +25,7 @@ def scaled(
         [Ĵ                   0      0 ]
     """
     nt, m, count = len(s.dt), s.joints, len(s.body)
+    g, gr, X, A, K = terms.g, terms.gr, terms.X, terms.A, terms.K
     Z = np.zeros((nt + 2 * m, nt + 2 * m))
     J, S = np.zeros((m, nt)), np.empty(m)
     down = 1.0 / s.dt
@@ -128,7 +127,7 @@ def scaled(
 
 @inner
 def right_side(
-    s: Arrays, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
+    s: Pattern, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
     r4: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """r̂₁ = h D⁻¹r₁ (nt, k) and the right side (N, k) of Z:  h²D⁻¹r₂ + Âr̂₁,  h S r₃ + Ĵr̂₁,  S r₄  at their places."""
@@ -240,7 +239,7 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
 
 @inner
 def expanded(
-    s: Arrays, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
+    s: Pattern, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """y, ζ (nt, k), μ, λ (joints, k) from the solution z (N, k) of Z."""
     nt, m, k = len(s.dt), s.joints, z.shape[1]

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays, Point
-from strainsight.multibody.compiled.blocks import natural_velocity
+from strainsight.multibody.compiled.arrays import Arrays, Pattern, Point
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -41,6 +40,7 @@ TINY = float(np.finfo(float).tiny)
 @inner
 def newton(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     theta: np.ndarray,
     memory: np.ndarray,
@@ -49,8 +49,8 @@ def newton(
     mu: np.ndarray,
     lam: np.ndarray,
     corrections: np.ndarray,
-) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """How it ended, iterations, and q, v (n,), ζ (nt,), μ, λ (m,), from a trial q, v that is put on the rotations first.
+) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """How it ended, iterations, and q (n,), ζ (nt,), μ, λ (m,), from a trial q, v that is put on the rotations first.
 
     Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
     (3,): the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
@@ -58,35 +58,36 @@ def newton(
     is the only one. They are brought up to date, and the second counts for twice as much every time it is believed.
     """
     nt, m = len(s.dt), s.joints
-    q, z = on_rotations(s, q, v)
+    q, z = on_rotations(s.body, nt, q, v)
     before, share, begun, again = np.inf, 1.0, False, False
     y, dz, dmu, dlam = np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1))
     last_q, last_z, last_mu, last_lam = q, z, mu, lam
     iteration = 0
     while iteration < ITERATIONS:
         iteration += 1
-        state, r1, r2, r3, r4, g, gr, X, A, K, _, _, _ = equations(s, p, theta, memory, q, z, mu, lam, not again)
+        state, terms = equations(s, p, theta, memory, q, z, mu, lam, not again)
+        r1, r2, r3, r4 = terms.r1, terms.r2, terms.r3, terms.r4
         if state == BROKEN:
-            return state, iteration, q, natural_velocity(s, q, z), z, mu, lam
+            return state, iteration, q, z, mu, lam
         if state == NO_LOAD:
             share *= 0.5
             if not begun or share < LEAST:
-                return state, iteration, q, natural_velocity(s, q, z), z, mu, lam
-            q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+                return state, iteration, q, z, mu, lam
+            q, z, mu, lam = moved(s.body, s.rigid, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
             again = False
             continue
         size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
-                Z, J, S = scaled(s, p.h, g, gr, X, A, K)
-                regular, pivots, last = factorise(Z, s.low)
+                Z, J, S = scaled(pattern, p.h, terms)
+                regular, pivots, last = factorise(Z, pattern.low)
                 if not regular:
-                    return SINGULAR, iteration, q, natural_velocity(s, q, z), z, mu, lam
-                old_X, old_A = X, A
-            own, right = right_side(s, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
-            substitute(Z, s.low, pivots, last, right)
-            new_y, new_dz, new_dmu, new_dlam = expanded(s, p.h, old_X, J, S, own, right)
-            size, of_all = correction(s, p.h, q, z, new_y, new_dz)
+                    return SINGULAR, iteration, q, z, mu, lam
+                old_X, old_A = terms.X, terms.A
+            own, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
+            substitute(Z, pattern.low, pivots, last, right)
+            new_y, new_dz, new_dmu, new_dlam = expanded(pattern, p.h, old_X, J, S, own, right)
+            size, of_all = correction(s.body, s.d, s.dt, p.h, q, z, new_y, new_dz)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
             # the matrix of the iteration before is no good here
@@ -96,20 +97,20 @@ def newton(
         if begun and (failed or (size > 2 * before and size > 1e-3)):
             share *= 0.5
             if share < LEAST:
-                return ENDLESS, iteration, q, natural_velocity(s, q, z), z, mu, lam
-            q, z, mu, lam = moved(s, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+                return ENDLESS, iteration, q, z, mu, lam
+            q, z, mu, lam = moved(s.body, s.rigid, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
             continue
         if failed:
-            return INFINITE, iteration, q, natural_velocity(s, q, z), z, mu, lam
+            return INFINITE, iteration, q, z, mu, lam
         y, dz, dmu, dlam, begun = new_y, new_dz, new_dmu, new_dlam, True
         last_q, last_z, last_mu, last_lam = q, z, mu, lam
-        q, z, mu, lam = moved(s, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
+        q, z, mu, lam = moved(s.body, s.rigid, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
         if iteration == 1:
             usual = size <= min(SMALL, corrections[0], USUAL * corrections[2])
             corrections[2] = size
             if usual and corrections[1] * (size / corrections[0]) ** 2 <= BELIEVED * CONVERGED:
                 corrections[1] *= 2
-                return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
+                return SOLVED, iteration, q, z, mu, lam
         if iteration == 2 and share == 1.0:
             corrections[0], corrections[1] = before, max(size, LAST_DIGIT)
         beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
@@ -118,11 +119,11 @@ def newton(
             iteration > 2 and size > 0.3 * before and (size < ROUNDING or (of_all < DIGITS and size < OF_ITS_OWN))
         )
         if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
-            return SOLVED, iteration, q, natural_velocity(s, q, z), z, mu, lam
+            return SOLVED, iteration, q, z, mu, lam
         # so near the end the change of the matrix is one of the next order
         again = size < CLOSE
         before, share = size, 1.0
-    return ENDLESS, ITERATIONS, q, natural_velocity(s, q, z), z, mu, lam
+    return ENDLESS, ITERATIONS, q, z, mu, lam
 
 
 @inner
@@ -144,15 +145,15 @@ def total(r: np.ndarray) -> float:
 
 
 @inner
-def on_rotations(s: Arrays, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def on_rotations(body: np.ndarray, nt: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """q (n,) with the nearest rotations for R, and the ζ (nt,) nearest to v: ω = ½ Σ R_β × V_β.
 
     R ← ½(R + R⁻ᵀ) (Higham), whose quadratic convergence ends at the polar factor of any regular R.
     """
-    q, z = q.copy(), np.empty(len(s.dt))
+    q, z = q.copy(), np.empty(nt)
     C = np.empty(9)
-    for k in range(len(s.body)):
-        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+    for k in range(len(body)):
+        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
         for m in range(modes):
             z[t0 + 6 * moving + m] = v[n0 + 12 * moving + m]
         if moving == 0:
@@ -192,7 +193,8 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
 
 @inner
 def moved(
-    s: Arrays,
+    body: np.ndarray,
+    rigid: int,
     q: np.ndarray,
     z: np.ndarray,
     mu: np.ndarray,
@@ -206,8 +208,8 @@ def moved(
     """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
     q = q.copy()
     turn = np.empty(3)
-    for k in range(len(s.body)):
-        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
+    for k in range(len(body)):
+        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
         for m in range(modes):
             q[n0 + 12 * moving + m] += share * y[t0 + 6 * moving + m, 0]
         if moving == 0:
@@ -237,7 +239,10 @@ def moved(
                     dot -= 1.0
                 for a in range(3):
                     R[3 * i + a] -= 0.5 * dot * C[3 * j + a]
-    return q, z + share * dz[:, 0], further(mu, dmu, share, s.rigid), further(lam, dlam, share, s.rigid)
+    z = z.copy()
+    for i in range(len(z)):
+        z[i] += share * dz[i, 0]
+    return q, z, further(mu, dmu, share, rigid), further(lam, dlam, share, rigid)
 
 
 @inner
@@ -250,26 +255,37 @@ def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np
 
 
 @inner
-def correction(s: Arrays, h: float, q: np.ndarray, z: np.ndarray, y: np.ndarray, dz: np.ndarray) -> tuple[float, float]:
+def correction(
+    body: np.ndarray,
+    d: np.ndarray,
+    dt: np.ndarray,
+    h: float,
+    q: np.ndarray,
+    z: np.ndarray,
+    y: np.ndarray,
+    dz: np.ndarray,
+) -> tuple[float, float]:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
     coordinates and velocities beside the coordinates of the whole system, [-]."""
-    count = len(s.body)
-    squares, whole = np.zeros((count, 4)), 0.0
+    count = len(body)
+    squares, whole, moved_by, speed = np.zeros((count, 4)), 0.0, 0.0, 0.0
     for k in range(count):
-        moving, n0, t0, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 5]
+        moving, n0, t0, width = body[k, 0], body[k, 1], body[k, 2], body[k, 5]
         for i in range(width):
-            d = s.dt[t0 + i]
-            squares[k, 0] += (d * y[t0 + i, 0]) ** 2
-            squares[k, 1] += (h * d * dz[t0 + i, 0]) ** 2
-            squares[k, 3] += (h * d * (z[t0 + i] + dz[t0 + i, 0])) ** 2
-        for i in range(12 * moving + s.body[k, 3]):
-            squares[k, 2] += (s.d[n0 + i] * q[n0 + i]) ** 2
+            size = dt[t0 + i]
+            squares[k, 0] += (size * y[t0 + i, 0]) ** 2
+            squares[k, 1] += (h * size * dz[t0 + i, 0]) ** 2
+            squares[k, 3] += (h * size * (z[t0 + i] + dz[t0 + i, 0])) ** 2
+        for i in range(12 * moving + body[k, 3]):
+            squares[k, 2] += (d[n0 + i] * q[n0 + i]) ** 2
         whole += squares[k, 2]
-    if not np.isfinite(squares.sum()):
+        moved_by += squares[k, 0] + squares[k, 1]
+        speed += squares[k, 3]
+    if not np.isfinite(whole + moved_by + speed):
         return np.inf, np.inf
     largest = 0.0
     for k in range(count):
         own = max(squares[k, 2], STILL**2 * whole)
         largest = max(largest, squares[k, 0] / max(own, TINY))
         largest = max(largest, squares[k, 1] / max(squares[k, 3], SLOW**2 * own, TINY))
-    return float(np.sqrt(largest)), float(np.sqrt((squares[:, 0].sum() + squares[:, 1].sum()) / max(whole, TINY)))
+    return float(np.sqrt(largest)), float(np.sqrt(moved_by / max(whole, TINY)))

@@ -1,50 +1,50 @@
-"""Relations in minimal coordinates: values, rates, gradients and what changes of a gradient."""
+"""Relations in minimal coordinates, and what changes of their gradients in either."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays
+from strainsight.compiled import inner, joined
+from strainsight.multibody.products import Relations
 
 
-@inner
+@joined
 def carried(
-    s: Arrays, q: np.ndarray, z: np.ndarray
+    r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """b (nc, 3), its rate, J (nc, 3, 6 + k) = ∂b, ∂(rate) under q alone, and R(c + Cη) (nc, 3).
 
     b = t r + R y,  y = c + C η;     δb = t δr + ε × Ry + RC δη
     rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)
     """
-    nc, most = len(s.t), s.C.shape[2]
+    nc, most = len(r.t), r.C.shape[2]
     b, rate, turned = np.zeros((nc, 3)), np.zeros((nc, 3)), np.zeros((nc, 3))
     J, Jr = np.zeros((nc, 3, 6 + most)), np.zeros((nc, 3, 6 + most))
     y, yr, ry, ryr, RC = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for i in range(nc):
         for a in range(3):
-            b[i, a] = s.c[i, a]
-        if s.on[i] < 0:
+            b[i, a] = r.c[i, a]
+        if r.on[i] < 0:
             continue
-        moving, n0, t0, felt = s.body[s.on[i], 0], s.body[s.on[i], 1], s.body[s.on[i], 2], s.felt[i]
+        moving, n0, t0, felt = body[r.on[i], 0], body[r.on[i], 1], body[r.on[i], 2], r.felt[i]
         eta, etar = n0 + 12 * moving, t0 + 6 * moving
         for a in range(3):
-            y[a], yr[a] = s.c[i, a], 0.0
+            y[a], yr[a] = r.c[i, a], 0.0
             for k in range(felt):
-                y[a] += s.C[i, a, k] * q[eta + k]
-                yr[a] += s.C[i, a, k] * z[etar + k]
+                y[a] += r.C[i, a, k] * q[eta + k]
+                yr[a] += r.C[i, a, k] * z[etar + k]
         if moving == 0:
             for a in range(3):
                 b[i, a], rate[i, a] = y[a], yr[a]
                 for k in range(felt):
-                    J[i, a, k] = s.C[i, a, k]
+                    J[i, a, k] = r.C[i, a, k]
             continue
         for a in range(3):
             R = n0 + 3 + a
             ry[a] = q[R] * y[0] + q[R + 3] * y[1] + q[R + 6] * y[2]
             ryr[a] = q[R] * yr[0] + q[R + 3] * yr[1] + q[R + 6] * yr[2]
         w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
-        t = s.t[i]
+        t = r.t[i]
         rate[i, 0] = t * z[t0] + w1 * ry[2] - w2 * ry[1] + ryr[0]
         rate[i, 1] = t * z[t0 + 1] + w2 * ry[0] - w0 * ry[2] + ryr[1]
         rate[i, 2] = t * z[t0 + 2] + w0 * ry[1] - w1 * ry[0] + ryr[2]
@@ -62,7 +62,7 @@ def carried(
         for k in range(felt):
             for a in range(3):
                 R = n0 + 3 + a
-                RC[a] = q[R] * s.C[i, 0, k] + q[R + 3] * s.C[i, 1, k] + q[R + 6] * s.C[i, 2, k]
+                RC[a] = q[R] * r.C[i, 0, k] + q[R + 3] * r.C[i, 1, k] + q[R + 6] * r.C[i, 2, k]
                 J[i, a, 6 + k] = RC[a]
             Jr[i, 0, 6 + k] = w1 * RC[2] - w2 * RC[1]
             Jr[i, 1, 6 + k] = w2 * RC[0] - w0 * RC[2]
@@ -82,50 +82,9 @@ def _turn(a: np.ndarray, J: np.ndarray) -> None:
 
 
 @inner
-def rows(
-    s: Arrays,
-    b: np.ndarray,
-    rate: np.ndarray,
-    J: np.ndarray,
-    Jr: np.ndarray,
-    rho: np.ndarray,
-    rho_dot: np.ndarray,
-    g: np.ndarray,
-    gr: np.ndarray,
-    x: np.ndarray,
-) -> None:
-    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
-    xr, moving = np.empty((2, 3)), len(gr) > 0
-    for row in range(len(rho)):
-        x[row], xr[:] = 0.0, 0.0
-        for p in range(4):
-            i = s.part[row, p]
-            if i >= 0:
-                for a in range(3):
-                    x[row, p // 2, a] += s.sign[row, p] * b[i, a]
-                    xr[p // 2, a] += s.sign[row, p] * rate[i, a]
-        rho[row], rho_dot[row] = -s.value[row], 0.0
-        for a in range(3):
-            rho[row] += x[row, 0, a] * x[row, 1, a]
-            rho_dot[row] += xr[0, a] * x[row, 1, a] + x[row, 0, a] * xr[1, a]
-        for p in range(4):
-            i = s.part[row, p]
-            if i < 0 or s.on[i] < 0:
-                continue
-            o, sign = 1 - p // 2, s.sign[row, p]
-            f0, f1, f2 = sign * x[row, o, 0], sign * x[row, o, 1], sign * x[row, o, 2]
-            r0, r1, r2 = sign * xr[o, 0], sign * xr[o, 1], sign * xr[o, 2]
-            t0 = s.body[s.on[i], 2]
-            for k in range(6 * s.body[s.on[i], 0] + s.felt[i]):
-                g[row, t0 + k] += J[i, 0, k] * f0 + J[i, 1, k] * f1 + J[i, 2, k] * f2
-            for k in range(6 * s.body[s.on[i], 0] + s.felt[i] if moving else 0):
-                gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
-                gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
-
-
-@inner
 def add_curvature(
-    s: Arrays,
+    r: Relations,
+    body: np.ndarray,
     row: int,
     weight: float,
     J: np.ndarray,
@@ -133,36 +92,44 @@ def add_curvature(
     x: np.ndarray,
     K: np.ndarray,
 ) -> None:
-    """K (nt, nt) += weight ∂(∇ρᵀ) of one relation:  ∂(Jᵀf) = Jᵀ∂f + ∂Jᵀ f,  rows ε: (ε × Ry + RC δη) × f,  rows η: (ε × RC)·f."""
+    """K += weight ∂(∇ρᵀ) of one relation:  ∂(Jᵀf) = Jᵀ∂f + ∂Jᵀ f,  rows ε: (ε × Ry + RC δη) × f,  rows η: (ε × RC)·f;
+    in natural coordinates  rows R_β: f C_β δη,  rows η: C_βᵀ f·δR_β."""
     for p in range(4):
-        i = s.part[row, p]
-        if i < 0 or s.on[i] < 0:
+        i = r.part[row, p]
+        if i < 0 or r.on[i] < 0:
             continue
-        k, o = s.on[i], 1 - p // 2
-        moving, t0, width = s.body[k, 0], s.body[k, 2], 6 * s.body[k, 0] + s.felt[i]
+        k, o = r.on[i], 1 - p // 2
+        moving, t0, lead = body[k, 0], body[k, 2], body[k, 5] - body[k, 3]
         for other in range(2 * o, 2 * o + 2):
-            j = s.part[row, other]
-            if j < 0 or s.on[j] < 0:
+            j = r.part[row, other]
+            if j < 0 or r.on[j] < 0:
                 continue
-            u0, wide = s.body[s.on[j], 2], 6 * s.body[s.on[j], 0] + s.felt[j]
-            both = weight * s.sign[row, p] * s.sign[row, other]
-            for m in range(width):
+            u0, wide = body[r.on[j], 2], body[r.on[j], 5] - body[r.on[j], 3] + r.felt[j]
+            both = weight * r.sign[row, p] * r.sign[row, other]
+            for m in range(lead + r.felt[i]):
                 a0, a1, a2 = both * J[i, 0, m], both * J[i, 1, m], both * J[i, 2, m]
                 for n in range(wide):
                     K[t0 + m, u0 + n] += a0 * J[j, 0, n] + a1 * J[j, 1, n] + a2 * J[j, 2, n]
         if moving == 0:
             continue
-        own = weight * s.sign[row, p]
+        own = weight * r.sign[row, p]
         f0, f1, f2 = own * x[row, o, 0], own * x[row, o, 1], own * x[row, o, 2]
         f = (f0, f1, f2)
+        if lead == 12:
+            for m in range(9):
+                for n in range(r.felt[i]):
+                    h = f[m % 3] * r.C[i, m // 3, n]
+                    K[t0 + 3 + m, t0 + 12 + n] += h
+                    K[t0 + 12 + n, t0 + 3 + m] += h
+            continue
         along = turned[i, 0] * f0 + turned[i, 1] * f1 + turned[i, 2] * f2
         for m in range(3):
             K[t0 + 3 + m, t0 + 3 + m] -= along
             for n in range(3):
                 K[t0 + 3 + m, t0 + 3 + n] += turned[i, m] * f[n]
-        for n in range(s.felt[i]):
+        for n in range(r.felt[i]):
             c0, c1, c2 = J[i, 0, 6 + n], J[i, 1, 6 + n], J[i, 2, 6 + n]
-            h = (c1 * f2 - c2 * f1, c2 * f0 - c0 * f2, c0 * f1 - c1 * f0)
+            across = (c1 * f2 - c2 * f1, c2 * f0 - c0 * f2, c0 * f1 - c1 * f0)
             for m in range(3):
-                K[t0 + 3 + m, t0 + 6 + n] += h[m]
-                K[t0 + 6 + n, t0 + 3 + m] += h[m]
+                K[t0 + 3 + m, t0 + 6 + n] += across[m]
+                K[t0 + 6 + n, t0 + 3 + m] += across[m]

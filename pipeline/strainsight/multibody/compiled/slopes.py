@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Pattern, Point
 from strainsight.multibody.compiled.equations import FILES, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -13,6 +13,7 @@ from strainsight.multibody.compiled.matrix import expanded, factorise, right_sid
 @kept(*FILES)
 def step_slopes(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     theta: np.ndarray,
     memory: np.ndarray,
@@ -30,8 +31,9 @@ def step_slopes(
     n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(theta)
     # no literal, for which numba would make all of the equations once more
     tangents = nt > 0
-    _, _, _, _, _, g, gr, X, A, K, TM, by, by_drive = equations(s, p, theta, memory, q, z, mu, lam, tangents)
-    Z, J, S = scaled(s, h, g, gr, X, A, K)
+    _, terms = equations(s, p, theta, memory, q, z, mu, lam, tangents)
+    by_drive, TM = terms.by_drive, terms.TM
+    Z, J, S = scaled(pattern, h, terms)
     columns = 2 * nt + 2 * nd
     r1, r2, r3, r4 = np.zeros((nt, columns)), np.zeros((nt, columns)), np.zeros((m, columns)), np.zeros((m, columns))
     for i in range(nt):
@@ -46,17 +48,16 @@ def step_slopes(
         r3[row, at] -= rate
         r3[row, at + nd] -= by_drive[k, nt]
         r4[row, at] -= by_drive[k, nt]
-    own, right = right_side(s, h, A, J, S, r1, r2, r3, r4)
-    regular, pivots, last = factorise(Z, s.low)
+    own, right = right_side(pattern, h, terms.A, J, S, r1, r2, r3, r4)
+    regular, pivots, last = factorise(Z, pattern.low)
     if regular:
-        substitute(Z, s.low, pivots, last, right)
-    y, zeta, _, _ = expanded(s, h, X, J, S, own, right)
-    whole = natural_rows(s, q, z, y, zeta)
+        substitute(Z, pattern.low, pivots, last, right)
+    y, zeta, _, _ = expanded(pattern, h, terms.X, J, S, own, right)
+    whole = natural_rows(s.body, q, z, y, zeta)
     first, second = whole[:, :nt], whole[:, nt : 2 * nt]
-    by_all, by_u = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, len(p.u)))
-    by_w = np.zeros((2 * n, n))
-    _times_columns(s, q, first, s.d**2 / h, by_all)
-    _times_columns(s, q, second, np.ones(n), by_w)
+    by_all, by_w = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, n))
+    _times_columns(s.body, q, first, s.d**2 / h, by_all)
+    _times_columns(s.body, q, second, np.ones(n), by_w)
     for k in range(len(s.body)):
         moving, n0, t0, modes, width = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3], s.body[k, 5]
         size = 12 * moving + modes
@@ -65,34 +66,34 @@ def step_slopes(
                 value = second[i, t0 + b] / h
                 for j in range(size):
                     by_all[i, n + n0 + j] += value * TM[t0 + b, j]
-    F = by.copy()
+    F = terms.by_parameters.copy()
     for k in range(len(s.input_row)):
         row = s.input_row[k]
-        body = s.feels[row, 0]
+        body = s.relations.feels[row, 0]
         if body >= 0:
             for i in range(s.body[body, 2], s.body[body, 2] + s.body[body, 5]):
-                F[i, count + s.input_which[k]] -= g[row, i]
-    _moment_slopes(s, q, F[:, count:])
+                F[i, count + s.input_which[k]] -= terms.g[row, i]
+    _moment_slopes(s.body, s.moments, q, F[:, count:])
     for k in range(len(s.body)):
         moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
         for i in range(modes):
             for j in range(count):
                 F[t0 + 6 * moving + i, j] += elastic[n0 + 12 * moving + i, j]
     found = -(np.ascontiguousarray(second) @ F)
-    by_theta = found[:, :count].copy()
-    by_u[:] = found[:, count:]
-    for k in range(2 * nd):
-        by_u[:, s.drive_at + k] += whole[:, 2 * nt + k]
+    by_theta, by_u = found[:, :count].copy(), found[:, count:].copy()
+    for i in range(2 * n):
+        for k in range(2 * nd):
+            by_u[i, s.drive_at + k] += whole[i, 2 * nt + k]
     return regular, by_all, by_u, by_theta, by_w
 
 
 @inner
-def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: np.ndarray) -> np.ndarray:
+def natural_rows(body: np.ndarray, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: np.ndarray) -> np.ndarray:
     """δq, δv (2n, k) of y, ζ (nt, k):  δR_β = ε × R_β,   δṘ_β = δω × R_β + ω × (ε × R_β)."""
     n, k = len(q), y.shape[1]
     out = np.empty((2 * n, k))
-    for b in range(len(s.body)):
-        moving, n0, t0, modes = s.body[b, 0], s.body[b, 1], s.body[b, 2], s.body[b, 3]
+    for b in range(len(body)):
+        moving, n0, t0, modes = body[b, 0], body[b, 1], body[b, 2], body[b, 3]
         for i in range(modes):
             for c in range(k):
                 out[n0 + 12 * moving + i, c] = y[t0 + 6 * moving + i, c]
@@ -118,11 +119,11 @@ def natural_rows(s: Arrays, q: np.ndarray, z: np.ndarray, y: np.ndarray, zeta: n
 
 
 @inner
-def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
+def _times_columns(body: np.ndarray, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
     """The first n columns of out (r, :) = W Tᵀ diag(scale), of W (r, nt)."""
     for i in range(len(W)):
-        for b in range(len(s.body)):
-            moving, n0, t0, modes = s.body[b, 0], s.body[b, 1], s.body[b, 2], s.body[b, 3]
+        for b in range(len(body)):
+            moving, n0, t0, modes = body[b, 0], body[b, 1], body[b, 2], body[b, 3]
             for k in range(modes):
                 out[i, n0 + 12 * moving + k] = W[i, t0 + 6 * moving + k] * scale[n0 + 12 * moving + k]
             if moving == 0:
@@ -139,21 +140,21 @@ def _times_columns(s: Arrays, q: np.ndarray, W: np.ndarray, scale: np.ndarray, o
 
 
 @inner
-def _moment_slopes(s: Arrays, q: np.ndarray, F: np.ndarray) -> None:
+def _moment_slopes(body: np.ndarray, moments: Moments, q: np.ndarray, F: np.ndarray) -> None:
     """F (nt, nu) += ∂r₂/∂u of the moments:  −d_k in rows ε,  −ΨᵀRᵀd_k in rows η."""
-    for m in range(len(s.moment_on)):
-        k = s.moment_on[m]
-        moving, n0, t0, modes = s.body[k, 0], s.body[k, 1], s.body[k, 2], s.body[k, 3]
-        for j in range(s.moment_input.shape[1]):
-            which = s.moment_input[m, j]
+    for m in range(len(moments.on)):
+        k = moments.on[m]
+        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
+        for j in range(moments.inputs.shape[1]):
+            which = moments.inputs[m, j]
             if which < 0:
                 continue
             for beta in range(3):
-                on = s.moment_direction[m, beta, j]
+                on = moments.direction[m, beta, j]
                 if moving:
                     F[t0 + 3 + beta, which] -= on
                     on = 0.0
                     for a in range(3):
-                        on += q[n0 + 3 + 3 * beta + a] * s.moment_direction[m, a, j]
+                        on += q[n0 + 3 + 3 * beta + a] * moments.direction[m, a, j]
                 for i in range(modes):
-                    F[t0 + 6 * moving + i, which] -= s.moment_rotation[m, beta, i] * on
+                    F[t0 + 6 * moving + i, which] -= moments.rotation[m, beta, i] * on

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Point
+from strainsight.multibody.compiled.arrays import Arrays, Pattern, Point
+from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED
 from strainsight.multibody.compiled.newton import newton
 
@@ -60,6 +61,7 @@ def nothing(stages: int, n: int) -> Past:
 @kept(*FILES, "multibody/compiled/newton.py")
 def solve_stages(
     s: Arrays,
+    pattern: Pattern,
     p: Point,
     u: np.ndarray,
     carried: float,
@@ -81,20 +83,20 @@ def solve_stages(
     ends, ends_v = np.empty((count, n)), np.empty((count, n))
     motions, kept_memory = np.empty((count, len(s.dt))), np.empty((count, len(memory)))
     mus, lams = np.empty((count, len(mu))), np.empty((count, len(lam)))
-    rate, given = np.zeros((2, n)), len(past.rate) > 0
-    if given:
-        rate[:] = past.rate
+    given = len(past.rate) > 0
+    rate = past.rate.copy() if given else np.zeros((2, n))
     differences, known, corrections = past.differences.copy(), past.known.copy(), past.corrections.copy()
     q0, v0, end = p.q.copy(), p.v.copy(), np.empty((2, n))
     if not goes_on(past.end, q0, v0):
         # from elsewhere, in other directions, corrections fall otherwise
-        corrections[:] = 0.0
+        corrections = np.zeros((count, 3))
     for i in range(count):
-        starts[i], starts_v[i] = q0, v0
+        copy(q0, starts[i])
+        copy(v0, starts_v[i])
         q, v = q0 + h * v0, v0.copy()
         if i == count - 1 and len(near):
-            q[:], v[:] = near[0], near[1]
-            corrections[i] = 0.0
+            q, v = near[0].copy(), near[1].copy()
+            corrections[i, 0] = corrections[i, 1] = corrections[i, 2] = 0.0
         elif given:
             ahead = foreseen(s.d, h, differences[i], known[i])
             for j in range(n):
@@ -102,8 +104,12 @@ def solve_stages(
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
         at = Point(q0, v0, h, u[i], p.K, p.C, p.w, p.address, p.begin, p.numbers)
         memory = memory.copy()
-        ended, iterations[i], q, v, z, mu, lam = newton(s, at, theta, memory, q, v, mu, lam, corrections[i])
-        ends[i], ends_v[i], motions[i], mus[i], lams[i], kept_memory[i] = q, v, z, mu, lam, memory
+        ended, iterations[i], q, z, mu, lam = newton(s, pattern, at, theta, memory, q, v, mu, lam, corrections[i])
+        v = natural_velocity(s.body, q, z)
+        for state, kept_state in (
+            (q, ends[i]), (v, ends_v[i]), (z, motions[i]), (mu, mus[i]), (lam, lams[i]), (memory, kept_memory[i]),
+        ):  # fmt: skip
+            copy(state, kept_state)
         if ended != SOLVED:
             break
         change = rate.copy()
@@ -118,9 +124,17 @@ def solve_stages(
         for j in range(n):
             q0[j] += carried * (q[j] - q0[j])
             v0[j] += carried * (v[j] - v0[j])
-    end[0], end[1] = ends[count - 1], ends_v[count - 1]
+    copy(ends[count - 1], end[0])
+    copy(ends_v[count - 1], end[1])
     new = Past(end, rate, differences, known, corrections)
     return Stages(ended, iterations, starts, starts_v, ends, ends_v, motions, mus, lams, kept_memory, new)
+
+
+@inner
+def copy(a: np.ndarray, out: np.ndarray) -> None:
+    """out ← a (n,); numba would make a message of its own for shapes that do not fit."""
+    for j in range(len(a)):
+        out[j] = a[j]
 
 
 @inner

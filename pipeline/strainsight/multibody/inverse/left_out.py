@@ -8,15 +8,24 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
+from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.accelerations import instant
-from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
+from strainsight.multibody.advance import Method, linear_step
 from strainsight.multibody.equations import input_slopes
-from strainsight.multibody.inverse.loads import SHORT, LoadProcess, step_responses
+from strainsight.multibody.inverse.loads import LoadProcess, doublings_of, step_responses
+from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
 
 ROUNDING = 1e-12
 """Share of its variance that is left of a motion when the load's ends are known, below which it is rounding."""
+WIDTH = 1e-4
+"""Of the differences by parameters, whose coordinates are logarithms, or µm of preload."""
+CHECKED = 4
+"""Every how many steps the error that is left of `linearised` is estimated anew: half of what its cost would be in each."""
+KEPT, CLOSE = 8, 0.05
+"""How many steps a linearisation serves at most; twice as many as before where at its end it is off by less than CLOSE of σ of
+what no state tells, one where it is not."""
 
 
 class Start(NamedTuple):
@@ -106,7 +115,7 @@ def linearised(
     z, c = slice(0, 2 * r), slice(2 * r, 2 * r + k)
     constant, ramp = units[z, None] * constant[z], units[z, None] * ramp[z]
 
-    through, first, last = _step(M, C, K, h, method)
+    through, first, last = linear_step(M, C, K, h, method)
     by_state = phi[z, z] - through
     by_load = phi[z, c] - first @ unknown - last @ (unknown @ loads.transition)
     known = _by_ends(gathered[z, c], loads.drawn)
@@ -141,7 +150,7 @@ def change_at(
     phi, _, by_constant, by_ramp = step_responses(flow.F, None, G, h / 2**flow.doublings, flow.doublings)
     begun = np.concatenate([np.zeros(r), speed, start.c])
     exact = flow.units[: 2 * r] * ((phi @ begun) + by_constant[:, 0] + by_ramp[:, 1])[: 2 * r]
-    through, first, last = _step(flow.mass, flow.damping, flow.stiffness, h, method)
+    through, first, last = linear_step(flow.mass, flow.damping, flow.stiffness, h, method)
     by_step = through[:, r:] @ speed + first @ (flow.unknown @ start.c + constant)
     by_step += last @ (flow.unknown @ (loads.transition @ start.c) + constant + ramp)
     return _out(T, (exact - by_step)[:, None])[:, 0]
@@ -186,7 +195,7 @@ def _flow(
     F[r : 2 * r, :r], F[r : 2 * r, r : 2 * r] = -per[:, :r] / omega, -per[:, r : 2 * r]
     F[r : 2 * r, 2 * r :] = per[:, 2 * r : -r]
     F[2 * r :, 2 * r :], Q[2 * r :, 2 * r :] = loads.A, loads.Q
-    doublings = max(0, int(np.ceil(np.log2(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))) / SHORT))))
+    doublings = doublings_of(h * max(omega, float(np.linalg.norm(per[:, r : 2 * r]))))
     units = np.ones(size)
     units[:r] = 1 / omega
     return _Flow(T, T * (d * d)[:, None], M, C, K, B, unknown, F, Q, per[:, -r:], units, doublings)
@@ -219,20 +228,6 @@ def _back(X: np.ndarray, along: np.ndarray) -> np.ndarray:
     return found
 
 
-def _step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: Method) -> tuple[np.ndarray, ...]:
-    """The step of (y, ẏ) (2r, 2r), and of the forces at its start and end (2r, r), straight between, by `advance`."""
-    r, own = len(M), h * INSTANTS[method][0]
-    velocity = np.linalg.solve(M / own + C + own * K, np.column_stack([-K, M / own, np.eye(r)]))
-    whole = np.vstack([own * velocity, velocity])
-    whole[:r, :r] += np.eye(r)
-    X, b = whole[:, : 2 * r], whole[:, 2 * r :]
-    if method == "thesis":
-        return X, np.zeros_like(b), b
-    carried = CARRIED * X
-    between = carried @ b
-    return carried @ X + (1 - CARRIED) * X, (1 - GAMMA) * between, b + GAMMA * between
-
-
 def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
     """A factor (n, n) of P (n, n), which is what is left of these variances (n,): less than their rounding counts as none."""
     scale = np.sqrt(np.where(variance > 0, variance, 1.0))
@@ -256,3 +251,88 @@ def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:
     scaled = own[np.ix_(there, there)] / np.outer(size[there], size[there])
     known[:, there] = np.linalg.solve(scaled, (cross[:, there] / size[there]).T).T / size[there]
     return known
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """Step k begins where left.change was found; by_xi (2n, p): slopes of that by the parameters; stale (2n, 2n): mean square of
+    what it changes by when linearised where it was not; left None: it cannot be had. at: what the step is linearised as, since
+    step `since`, for `serves` steps.
+    """
+
+    k: int
+    x: np.ndarray
+    left: LeftOut | None
+    by_xi: np.ndarray
+    stale: np.ndarray
+    at: Linearised | None = None
+    since: int = 0
+    serves: int = 1
+
+    def noises(self, k: int) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Parts of the covariance (2n, 2n) of the motion that no state tells of step k, None of none: the same arrays as long as
+        a linearisation serves."""
+        return (None, None) if self.k != k else (None if self.left is None else self.left.noise, self.stale)
+
+
+def begun(
+    system: System,
+    method: Method,
+    loads: LoadProcess,
+    inputs: np.ndarray,
+    coordinates: ParameterCoordinates,
+    x: np.ndarray,
+    xi: np.ndarray,
+    k: int,
+    start: Start,
+    ahead: tuple[np.ndarray, np.ndarray],
+    rest: bool,
+    before: Begun | None,
+) -> Begun:
+    """Of step k from x, linearised half-way between its start and `ahead`, q' and v' of the step alone; xi (p,) of x.
+
+    rest: whether it begins in the equilibrium under its loads and parameters: then nothing is left out whatever they are, but of
+    the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while it
+    serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the error.
+    """
+    n, p = 2 * system.size, len(xi)
+    by_xi = np.zeros((n, p))
+    if before is not None and before.k != k - 1:
+        before = None
+    stale = np.zeros((n, n)) if before is None else before.stale
+    if before is not None and before.left is None:
+        before = None
+    old = None if before is None else before.at
+    middle = 0.5 * (start.q + ahead[0]), 0.5 * (start.v + ahead[1])
+    try:
+        if before is not None and old is not None and k < before.since + before.serves:
+            left = replace(old.left, change=old.change(system, loads.h, start))
+            return replace(before, k=k, x=x.copy(), left=left)
+        at = linearised(system, method, loads, inputs, start, middle)
+        left = at.left
+        for j in range(0 if rest else p):
+            moved = xi.copy()
+            moved[j] += WIDTH
+            there = start._replace(theta=coordinates.theta(moved)[0])
+            by_xi[:, j] = (change_at(system, method, loads, inputs, there, middle) - left.change) / WIDTH
+        serves, apart = 1, []
+        if old is not None and before is not None:
+            d = left.change - old.change(system, loads.h, start)
+            sigma = np.sqrt(np.diag(left.noise))
+            serves = min(2 * before.serves, KEPT) if np.all(np.abs(d) <= CLOSE * sigma) else 1
+            if before.serves > 1:
+                apart.append(d)
+        if apart or k % CHECKED == 0:
+            apart.append(left.change - change_at(system, method, loads, inputs, start, (start.q, start.v)))
+        if apart:
+            off = np.array(apart)
+            new = off.T @ off
+            stale = 0.5 * (stale + new) if stale.any() else new
+    except (NumericalError, UserError):
+        return Begun(k, x.copy(), None, np.zeros((n, p)), stale)
+    if rest:
+        by_load = left.by_load.copy()
+        by_load[:, loads.first] = 0.0
+        left = replace(left, by_state=np.zeros_like(left.by_state), by_load=by_load)
+        return Begun(k, x.copy(), left, by_xi, stale)
+    return Begun(k, x.copy(), left, by_xi, stale, at, k, serves)

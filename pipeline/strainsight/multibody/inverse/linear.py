@@ -9,9 +9,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.fem.modes import signs, turned
-from strainsight.multibody.advance import CARRIED, GAMMA, INSTANTS, Method
+from strainsight.multibody.advance import Method, linear_step
 from strainsight.multibody.equations import input_slopes, parameter_slopes
-from strainsight.multibody.inverse.loads import SHORT, step_noise
+from strainsight.multibody.inverse.loads import doublings_of, step_noise
 from strainsight.multibody.inverse.start import white_force
 from strainsight.multibody.spectrum import tangent_space
 from strainsight.multibody.system import System
@@ -150,21 +150,14 @@ def in_steps(
     energy = np.linalg.norm(bench.B * bench.increment / frequency[:, None], axis=0).max(initial=0.0) or 1.0
     scale = np.concatenate([energy / frequency, np.full(r, energy), bench.increment])
     shaken = bench.T.T * (acceleration * np.sqrt(bench.force))
-    X, b = _stage(bench, bench.h * INSTANTS[bench.method][0])
-    through, start, end, force = X, np.zeros((2 * r, nu)), b @ bench.B, b @ shaken
-    if bench.method == "second_order":
-        carried = CARRIED * X
-        through = carried @ X + (1 - CARRIED) * X
-        start, end = (1 - GAMMA) * carried @ b @ bench.B, end + GAMMA * carried @ b @ bench.B
-        force = force + carried @ force
+    through, first, last = linear_step(np.eye(r), bench.C, np.diag(bench.stiffness), bench.h, bench.method)
+    force = (first + last) @ shaken
     if bench.corrected:
         # sampled exactly, as the filter has it; the white force acts in the step as before
         F, Q = in_time(bench, 0.0, own_drawn)
         units = np.concatenate([frequency, np.ones(r + nu)])
         F, Q = units[:, None] * F / units, units[:, None] * Q * units
-        parts = max(
-            0, int(np.ceil(np.log2(bench.h * max(float(np.linalg.norm(F[: 2 * r, : 2 * r], 2)), 1 / bench.h) / SHORT)))
-        )
+        parts = doublings_of(max(bench.h * float(np.linalg.norm(F[: 2 * r, : 2 * r], 2)), 1.0))
         A, gathered = step_noise(F, Q, bench.h / 2**parts, parts)
         A, gathered = A / units[:, None] * units, gathered / units[:, None] / units
         white = np.zeros((2 * r + nu, shaken.shape[1]))
@@ -172,9 +165,9 @@ def in_steps(
         own = scale[:, None] * _factor(gathered / scale[:, None] / scale)
         return A / scale[:, None] * scale, np.hstack([own, white]) / scale[:, None], scale
     A, N = np.eye(2 * r + nu), np.zeros((2 * r + nu, nu + shaken.shape[1]))
-    A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, start + end
+    A[: 2 * r, : 2 * r], A[: 2 * r, 2 * r :] = through, (first + last) @ bench.B
     N[: 2 * r, :nu], N[2 * r :, :nu], N[: 2 * r, nu:] = (
-        0.0 if bench.printed else end * own_drawn,
+        0.0 if bench.printed else last @ bench.B * own_drawn,
         np.diag(own_drawn),
         force,
     )
@@ -186,13 +179,3 @@ def _factor(P: np.ndarray) -> np.ndarray:
     size = np.sqrt(np.where(np.diag(P) > 0, np.diag(P), 1.0))
     values, vectors = np.linalg.eigh(P / np.outer(size, size))
     return np.asarray(size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def _stage(bench: LinearBench, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """X (2r, 2r), b (2r, r) of implicit Euler:  η̇' = S⁻¹(η̇/h − diag(λ) η + f),   η' = η + h η̇',   S = 1/h + C + h diag λ."""
-    r = len(bench.stiffness)
-    S = np.eye(r) / h + bench.C + h * np.diag(bench.stiffness)
-    velocity = np.linalg.solve(S, np.hstack([-np.diag(bench.stiffness), np.eye(r) / h, np.eye(r)]))
-    whole = np.vstack([h * velocity, velocity])
-    whole[:r, :r] += np.eye(r)
-    return whole[:, : 2 * r], whole[:, 2 * r :]

@@ -48,7 +48,7 @@ class LoadProcess:
     @cached_property
     def drawn(self) -> np.ndarray:
         """Covariance (k, k) of δ, by the nilpotent or short series of A over small parts of the step, doubled."""
-        parts = max(0, int(np.ceil(np.log2(max(np.abs(self.A).max(initial=0.0) * self.h, 1e-300) / SHORT))))
+        parts = doublings_of(np.abs(self.A).max(initial=0.0) * self.h)
         return step_noise(self.A, self.Q, self.h / 2**parts, parts)[1]
 
 
@@ -61,6 +61,11 @@ _REMAINDER = _SERIES[2:].reshape(FOURTHS, 4)
 _AT, _WEIGHTS = (0.5 * (np.polynomial.legendre.leggauss(NODES)[i] + shift) for i, shift in ((0, 1.0), (1, 0.0)))
 _EXPONENTIALS = np.sqrt(_WEIGHTS)[:, None] * _AT[:, None] ** np.arange(4 * FOURTHS) * _SERIES[:-2]
 """√weight · eˢˣ at the nodes s of the rule (NODES, 4 · FOURTHS), by powers of x."""
+
+
+def doublings_of(radians: float) -> int:
+    """How often a step of so many radians is halved into parts of SHORT."""
+    return max(0, int(np.ceil(np.log2(max(radians, 1e-300) / SHORT))))
 
 
 def step_noise(F: np.ndarray, Q: np.ndarray, part: float, doublings: int) -> tuple[np.ndarray, np.ndarray]:

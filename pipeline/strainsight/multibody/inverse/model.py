@@ -11,11 +11,9 @@ import numpy as np
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.accelerations import measured
 from strainsight.multibody.advance import Advance, Method, advance, slopes
-from strainsight.multibody.initial import constraints_at
-from strainsight.multibody.inverse.begun import Begun, begun
-from strainsight.multibody.inverse.left_out import Start
+from strainsight.multibody.initial import constraints_at, nearest_state
+from strainsight.multibody.inverse.left_out import Begun, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
-from strainsight.multibody.inverse.nearest import nearest_state
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.inverse.start import static_response
 from strainsight.multibody.inverse.zeroed import Zero

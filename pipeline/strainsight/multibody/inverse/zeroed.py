@@ -89,12 +89,12 @@ def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> R
 
 def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest | None:
     d, n, m = system.metric, system.size, system.constrained
-    q, lam, elastic = known.q + known.by_theta @ (theta - known.theta), known.lam, system.at(theta)
+    q, lam = known.q + known.by_theta @ (theta - known.theta), known.lam
     still, none, before = np.zeros(n), np.zeros(m), np.inf
     right = np.zeros((n + m, 1 + len(theta)))
     for _ in range(STEPS):
         try:
-            at = balance(system, q, still, still, none, lam, u, theta, elastic)
+            at = balance(system, q, still, still, none, lam, u, theta)
             K, B, s = in_the_metric(at, d)
             right[:n, 0], right[n:, 0] = -at.load / d, -s * at.phi
             right[:n, 1:] = -parameter_slopes(system, at, q, still) / d[:, None]

@@ -14,8 +14,8 @@ from strainsight.cases.bench.inverse.unknowns import Unknowns, asked, corrects, 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.multibody.band import followed, missed
+from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.inverse.observed import indistinct
-from strainsight.multibody.spectrum import coupled_frequencies
 
 INSTANTS = 5
 """Of the run, evenly, at which the sensors are asked whether they tell the unknowns."""
@@ -82,7 +82,7 @@ def _missed(
     x = mean[0]
     u = np.array(model.known[0], dtype=float)
     u[model.inputs] = x[model.u]
-    frequency = coupled_frequencies(bench.system, x[model.q], x[model.v], u, bench.theta)
+    frequency = coupled_modes(bench.system, x[model.q], x[model.v], u, bench.theta).held_frequency
     h, method = model.h, config.simulate.method
     if not len(frequency) or not np.isfinite(mean).all():
         return
