@@ -178,6 +178,17 @@ def mass_of(mesh):
     return build_model(mesh).mass.constant.toarray()
 
 
+@pytest.mark.parametrize("components", [(0, 1, 2), (0, 1, 2, 3, 4, 5)])
+def test_an_offset_is_a_rigid_arm_to_a_node_that_follows_in_rotation(bar, components):
+    n = len(bar.position) - 2
+    with_offset = replace(bar, point_masses=(PointMass(4, n, 500.0, OFFSET, INERTIA),))
+    arm = RigidElement(2, n, np.array([n + 1]), components)
+    on_arm = replace(bar, rigid=(*bar.rigid, arm), point_masses=(PointMass(4, n + 1, 500.0, inertia=INERTIA),))
+    expected, mass = mass_of(with_offset), mass_of(on_arm)
+    follows = len(components) == 6
+    assert np.allclose(mass, expected, rtol=0, atol=1e-12 * np.abs(expected).max()) == follows
+
+
 def test_energy_of_a_turning_body_has_its_inertia_and_that_of_its_centre(bar):
     """ωᵀJω + m |ω × (x + d)|² beside that of the bar."""
     free = replace(bar, fixed=np.zeros((0, 2), dtype=np.int64), position=bar.position - 1.0)
