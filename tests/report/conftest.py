@@ -28,7 +28,7 @@ from strainsight.report.suite.data import PlacementRun, Suite
 
 ONE, TWENTY = (0.00169, 3.21), (0.555, 1.49)
 """Bands of one draw and of twenty."""
-HELD = Claim(1, 0.000523 / 0.000814, ONE, "consistent", "test")
+HELD = Claim("test", 1, 0.000523 / 0.000814, ONE, "consistent")
 BUDGET = {
     "tip": {"noise": 0.52, "process noise": 0.25, "start": 0.0, "gain": 0.23},
     "E": {"noise": 0.06, "process noise": 0.14, "start": 1e-9, "gain": 0.8},
@@ -140,14 +140,14 @@ def report(**changes):
     load = 1e4 * np.sin(2 * np.pi * 20 * time)
     strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
     spread, narrow, wide = np.linspace(-0.004, 0.004, 401), norm(-4e-4, 8e-4), norm(-0.1, 0.1)
-    load_claims = tuple(Claim(1, ratio, ONE, "consistent", kind) for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
+    load_claims = tuple(Claim(kind, 1, ratio, ONE, "consistent") for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
         unknowns=(
             Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04, load_claims),
             Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
-                    claims=(Claim(20, 6.64, TWENTY, "overconfident", "repeats"), HELD),
+                    claims=(Claim("repeats", 20, 6.64, TWENTY, "overconfident"), HELD),
                     repeats=Repeats(np.linspace(-0.003, 0.01, 20), np.full(20, 0.0008), False)),
         ),
         layout=layout(),
@@ -225,7 +225,7 @@ def suite_report(**changes):
     """The runs of the small placement report: E alone; tip and E, not identified; the same, overconfident; observed."""
     full = report()
     load, modulus = full.unknowns
-    agree = Claim(20, 0.875, TWENTY, "consistent", "repeats")
+    agree = Claim("repeats", 20, 0.875, TWENTY, "consistent")
     agreed = Repeats(np.full(20, 0.0007), np.full(20, 0.0008), True)
     done = PlacementRun(
         "beam-E", "E, 20 Hz", page="../beam-E/report.html", reached="report",
