@@ -152,6 +152,15 @@ def test_the_parts_are_the_whole(parameters, free):
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)
 
 
+def test_without_parameters_and_tolerances_it_is_that_of_the_kalman_filter():
+    model = chain()
+    own = no_nuisances(model)
+    bank, filtered = (of(model, nominal(), forces(), start(), own) for of in (bank_claim, covariance_recursion))
+    np.testing.assert_allclose(bank.std, filtered.std, rtol=1e-9)
+    for name, part in filtered.budget.items():
+        np.testing.assert_allclose(bank.budget[name], part, rtol=1e-7, atol=1e-15, err_msg=name)
+
+
 def test_known_constants_and_samples_without_end_leave_nothing():
     model = replace(chain(("k1",)), Q=np.zeros((6, 6)))
     P = np.zeros((6, 6))
@@ -254,10 +263,11 @@ def test_what_constants_add_is_the_slope_of_the_error():
     total = slope("stiffer", 1.0) ** 2
     np.testing.assert_allclose(budget["stiffness"] / total.max(axis=0), total / total.max(axis=0), atol=2e-4)
     sets = replace(model, r=model.r * np.array([[1.0, 1.0], [1.0, 1e12]]))
-    side_by_side = covariance_recursion(sets, nominal(), forces(), P, constants(model)).std
+    side_by_side = covariance_recursion(sets, nominal(), forces(), P, constants(model))
     for own, r in enumerate(sets.r):
         alone = covariance_recursion(replace(model, r=r), nominal(), forces(), P, constants(model)).std
-        np.testing.assert_allclose(side_by_side[:, own], alone[:, 0], rtol=1e-9)
+        np.testing.assert_allclose(side_by_side.std[:, own], alone[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(sum(side_by_side.budget.values()), side_by_side.std[:, 0] ** 2, rtol=1e-9)
 
 
 @pytest.fixture
