@@ -120,9 +120,11 @@ class Evidence:
     def overconfident(self) -> Iterator[str]:
         """A sentence for every claim that does not hold."""
         for name in self.names:
-            for claim in (self.claims.get(name), self.claims.get(smoothed_name(name))):
+            smoothed = f"the smoothed estimate of {name}"
+            for subject, key in ((name, name), (smoothed, smoothed_name(name))):
+                claim = self.claims.get(key)
                 if claim is not None and claim.overconfident:
-                    yield f"{name} is {claim.words(number)}"
+                    yield f"{subject} is {claim.words(number)}"
 
     def warnings(self) -> Iterator[str]:
         """Where the claim of an estimate does not hold, and why."""
