@@ -9,7 +9,7 @@ VENV := .venv
 # Where venv puts the commands.
 BIN := $(if $(filter Windows_NT,$(OS)),Scripts,bin)
 LOWEST := build/lowest
-KERNELS := mesh fem rom gauges signals augmentation placement estimation multibody damage
+KERNELS := mesh fem rom foreign sensors loads placement estimation multibody damage
 READY := $(VENV)/.ready
 STAGES := import modes rom train screen observe place spectrum validate report
 # A config that takes a guess from another run comes after those that do not.
@@ -90,7 +90,7 @@ shard: $(READY)
 	@$(TESTS) --shard $(N) $(ARGS)
 
 pages: $(READY)
-	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/pages $(ARGS)
+	@$(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q tests/browser $(ARGS)
 	@echo 'pictures of the pages: build/pages'
 
 # Compiled code is invisible to the measurement: the multibody tests run without the compiler, which takes long. What is odd
@@ -112,7 +112,7 @@ lowest:
 	@$(LOWEST)/$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-index --no-build-isolation --editable .
 	@$(ONE_THREAD) NUMBA_CACHE_DIR=$(LOWEST)/numba $(LOWEST)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -m 'not slow' \
 		--deselect tests/config/test_load.py::test_the_committed_schema_is_that_of_the_models $(KERNELS:%=tests/%) \
-		tests/config tests/decks tests/measurements tests/report tests/cli tests/workflow tests/sweep $(ARGS)
+		tests/config tests/decks tests/measurements tests/pages tests/cli tests/runner tests/parallel $(ARGS)
 	@$(LOWEST)/$(BIN)/strainsight run configs/cantilever-youngs-modulus.yaml --results $(LOWEST)/results
 
 # atheris has wheels for some systems only; without one that part is left out.

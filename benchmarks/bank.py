@@ -15,13 +15,13 @@ from dataclasses import replace
 import numpy as np
 from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
 
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
-from strainsight.sweep.where import Where, opened
+from strainsight.loads.unknowns import Unknowns
+from strainsight.runner.where import Where, opened
 
 THIRDS = ("E1", "E2", "E3")
 CONSTANTS = 26

@@ -14,10 +14,10 @@ import numpy as np
 from benchmarks.bench_sigma import FINE, SIZE, SMOOTH, drawn, motion
 from tests.multibody.inverse.benches import bench
 
-from strainsight.augmentation.input_models import InputModel, Matern, RandomWalk
-from strainsight.cases.bench.inverse.truth import drawn as drawn_truth
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.experiment.bench.inverse.truth import drawn as drawn_truth
+from strainsight.loads.input_models import InputModel, Matern, RandomWalk
 from strainsight.multibody.inverse.loads import load_process
 from strainsight.multibody.inverse.model import AugmentedStep
 

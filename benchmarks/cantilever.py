@@ -38,7 +38,7 @@ def product_seconds(n: int = 2000) -> float:
 def elimination_seconds(results: Path, name: str) -> tuple[float, str]:
     """The elimination of a finished run once more, first scenario only, and what it removed."""
     from strainsight.placement.elimination import Scenario, eliminate
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.runner.artefact import Artefact
 
     place = Artefact(results / name / "place.h5")
     F, H, Q, R, weight = (place[f"/augmented/{key}"][0] for key in ("F", "H", "Q", "R", "weight"))

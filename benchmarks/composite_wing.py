@@ -24,7 +24,7 @@ from benchmarks.scaling import STAGES, spent
 from benchmarks.wing_by_calculix import RECORD as MADE
 from benchmarks.wing_by_calculix import responses
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 ROOT = Path(__file__).resolve().parent.parent
 ELEMENTS = (42, 168, 9)

@@ -19,16 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure.damage import Places, asked_places, damage_at, theta_at
-from strainsight.cases.structure.damage_drawn import may_walk_otherwise, walking, walks
-from strainsight.cases.structure.nuisances import Tolerated, nuisances_of, tolerated
-from strainsight.cases.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
-from strainsight.cases.structure.settings import parameters_of
-from strainsight.cases.structure.start import loading_of
-from strainsight.cases.structure.surface import Displaced, skin_of
-from strainsight.cases.structure.tolerated_loads import field_beyond
-from strainsight.cases.structure.trial import sample_noise, trial_of
-from strainsight.cases.structure.truth import ModalMotion, truth_of
 from strainsight.config.damage import DamageSettings
 from strainsight.damage.intervals import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank
@@ -38,6 +28,16 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.settled import Settled
+from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
+from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
+from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
+from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
+from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.start import loading_of
+from strainsight.experiment.structure.surface import Displaced, skin_of
+from strainsight.experiment.structure.tolerated_loads import field_beyond
+from strainsight.experiment.structure.trial import sample_noise, trial_of
+from strainsight.experiment.structure.truth import ModalMotion, truth_of
 
 ROOT = Path(__file__).resolve().parent.parent
 SLOPES = (3.0, 8.0)

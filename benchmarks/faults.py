@@ -21,23 +21,23 @@ from unittest.mock import patch
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure import drawn as drawn_installations
-from strainsight.cases.structure import truth as truths
-from strainsight.cases.structure.filtered_test import Filtering
-from strainsight.cases.structure.measured import Measured
-from strainsight.cases.structure.nuisances import Tolerated, tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
-from strainsight.cases.structure.suspected import Turning, suspect_of, turning_of
-from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.fault_search import Finding
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
 from strainsight.estimation.suspect import Suspect
-from strainsight.gauges.installation import Installation
+from strainsight.experiment.structure import drawn as drawn_installations
+from strainsight.experiment.structure import truth as truths
+from strainsight.experiment.structure.filtered_test import Filtering
+from strainsight.experiment.structure.measured import Measured
+from strainsight.experiment.structure.nuisances import Tolerated, tolerated
+from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
+from strainsight.experiment.structure.suspected import Turning, suspect_of, turning_of
+from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
+from strainsight.sensors.installation import Installation
 
 ROOT = Path(__file__).resolve().parent.parent
 NOISE = 0.01

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.sigma_point import run_sigma_points
+from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 
 ROOT = Path(__file__).resolve().parent.parent
 DURATION, RAMP, HERTZ, AMPLITUDE = 0.5, 0.2, 20.0, 1e4

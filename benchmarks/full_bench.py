@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.bench.bench import Bench, bench_of
-from strainsight.cases.bench.sensors import sensors_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.load import load_config
+from strainsight.experiment.bench.bench import Bench, bench_of
+from strainsight.experiment.bench.sensors import sensors_of
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.initial import project_position, state
 from strainsight.multibody.sensors import Readings, RelationSensor, readings
@@ -20,10 +20,10 @@ from strainsight.multibody.static import static_equilibrium
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages.bench.import_bodies import IMPORT
 from strainsight.stages.bench.reduce import REDUCE
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 

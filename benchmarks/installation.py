@@ -20,11 +20,11 @@ import numpy as np
 from benchmarks.sigma import CASES, ROOT, Drawn, none, one
 
 from strainsight import api
-from strainsight.cases.structure.nuisances import tolerated
-from strainsight.cases.structure.placement import Placement
-from strainsight.cases.structure.problem import problem_of
-from strainsight.cases.structure.trial import trial_of
-from strainsight.cases.structure.truth import truth_of
+from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.placement import Placement
+from strainsight.experiment.structure.problem import problem_of
+from strainsight.experiment.structure.trial import trial_of
+from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from ruamel.yaml import YAML
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 ROOT = Path(__file__).resolve().parent.parent
 COMMAND = str(Path(sys.executable).parent / "strainsight")

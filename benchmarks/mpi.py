@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from strainsight.contrib.mpi.programs import LAUNCHER
+from strainsight.contrib.mpi.session import WORKER, OverMpi
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
-from strainsight.fem.mpi.programs import LAUNCHER
-from strainsight.fem.mpi.session import WORKER, OverMpi
 from strainsight.processes import peak_memory
 
 ROOT = Path(__file__).parents[1]

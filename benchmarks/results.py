@@ -77,12 +77,12 @@ def _rows(file, ids, values) -> None:
 
 def measured(step: str, path: Path) -> dict[str, float]:
     """One step in this process."""
-    from strainsight.cases.structure.mesh import mesh_of
-    from strainsight.cases.structure.results import model_of_results
     from strainsight.config.loads import Load
     from strainsight.config.mesh import MeshFile
     from strainsight.decks.reader import read_mesh
-    from strainsight.decks.results.reader import read_responses
+    from strainsight.experiment.structure.mesh import mesh_of
+    from strainsight.experiment.structure.results import model_of_results
+    from strainsight.foreign.results.reader import read_responses
 
     start = time.perf_counter()
     found = 0.0

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure.nuisances import tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
-from strainsight.cases.structure.start import Loading
-from strainsight.cases.structure.trial import Trial, sample_noise, trial_of
-from strainsight.cases.structure.truth import Motion, truth_of
+from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
+from strainsight.experiment.structure.start import Loading
+from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
+from strainsight.experiment.structure.truth import Motion, truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training

@@ -22,16 +22,16 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from strainsight import api
-from strainsight.cases.structure.channels import readings
-from strainsight.cases.structure.problem import problem_of, sample_std
-from strainsight.cases.structure.start import Loading, motion_of
 from strainsight.errors import ContradictionError, UserError
+from strainsight.experiment.structure.channels import readings
+from strainsight.experiment.structure.problem import problem_of, sample_std
+from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.loads.histories import Tones, instant_values, tones_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
 from strainsight.rom.steady import hold_of_tones
-from strainsight.signals.histories import Tones, instant_values, tones_of
 
 MOST = 4.0
 """σ that an error may be."""

@@ -118,7 +118,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, list[psutil.Process]]]:
 
 def timed(stage: str, folder: Path, workers: list[psutil.Process], *options: str) -> tuple[np.ndarray, str]:
     """Seconds of the stage alone, run anew, processor seconds of its process and of the busiest other; its artefact's digest."""
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.runner.artefact import Artefact
 
     words = [stage, str(folder / "beam.yaml"), "--results", str(folder / "results"), "--force", *options]
     code = "from strainsight_cli.main import main; main()"

@@ -16,11 +16,11 @@ from pathlib import Path
 
 from strainsight.config.load import load_config
 from strainsight.config.suite import SuiteConfig
+from strainsight.pages.suite.data import Statement, unexplained
+from strainsight.pages.suite.statements import measured, target
 from strainsight.records.record import read
 from strainsight.records.suite import SuiteNumbers
-from strainsight.report.suite.data import Statement, unexplained
-from strainsight.report.suite.statements import measured, target
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 DOCS = Path(__file__).parent
 CONFIGS = DOCS.parent / "configs"

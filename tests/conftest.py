@@ -6,9 +6,9 @@ import fcntl
 import math
 import os
 import resource
+import sys
 import zlib
 from collections import defaultdict
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -36,8 +36,8 @@ _spent = 0.0
 @pytest.fixture(scope="session", autouse=True)
 def sweeps_stay_here():
     """A worker of pytest-xdist has one core: a sweep by two more processes would take their start and imports on top, a second
-    or two each, and the core of the other. Tests of such processes ask for them (`eager` in tests/sweep)."""
-    from strainsight.sweep import processes
+    or two each, and the core of the other. Tests of such processes ask for them (`eager` in tests/parallel)."""
+    from strainsight.parallel import processes
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(processes, "WORTH", math.inf)
@@ -83,9 +83,15 @@ def pytest_make_collect_report(collector):
     if isinstance(collector, pytest.Module):
         path = collector.path
         if not any((path.parent / "__pycache__").glob(f"{path.stem}.*-pytest-*.pyc")):
-            with path.open() as stream, suppress(Exception, pytest.skip.Exception):  # which collecting it raises again
+            before = set(sys.modules)
+            with path.open() as stream:
                 fcntl.flock(stream, fcntl.LOCK_EX)
-                _ = collector.obj
+                try:
+                    _ = collector.obj
+                except (Exception, pytest.skip.Exception):  # collecting it raises that again, unless half a module is there
+                    for name in set(sys.modules) - before:
+                        if getattr(sys.modules[name], "__file__", None) == str(path):
+                            del sys.modules[name]
 
 
 def pytest_collection_finish(session):

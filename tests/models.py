@@ -12,7 +12,7 @@ from typing import Any
 
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from .robustness.small import write_project

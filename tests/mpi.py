@@ -6,8 +6,8 @@ import os
 
 import pytest
 
+from strainsight.contrib.mpi.programs import programs
 from strainsight.errors import UserError
-from strainsight.fem.mpi.programs import programs
 
 ALLOWED = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",

@@ -23,14 +23,14 @@ import pytest
 
 import strainsight
 import strainsight_cli
-from strainsight.cases.structure import placement
 from strainsight.config.load import load_config
+from strainsight.experiment.structure import placement
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
+from strainsight.runner.stage import Stage
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
-from strainsight.workflow.stage import Stage
 
 ROOT = Path(__file__).parents[1]
 KEPT = ROOT / "build" / "test-artefacts"

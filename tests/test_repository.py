@@ -2,8 +2,10 @@
 
 import ast
 import importlib
+import os
 import re
 import subprocess
+import sys
 import tomllib
 
 import pytest
@@ -144,3 +146,11 @@ def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words,
     assert [name for name, *_ in words.hits(tmp_path, words.changed(tmp_path))] == ["NEW.md", "README.md"]
     commit(".ci/words.toml")
     assert words.changed(tmp_path) is None
+
+
+def test_a_test_file_that_cannot_be_imported_is_an_error(tmp_path):
+    (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "test_x.py").write_text("from math import no_such\ndef test_a(): pass\n", encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-c", os.devnull, "--rootdir", ".", "--import-mode=importlib"]
+    done = subprocess.run([*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == pytest.ExitCode.INTERRUPTED and "cannot import name 'no_such'" in done.stdout

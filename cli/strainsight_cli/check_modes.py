@@ -39,11 +39,11 @@ def check_modes(
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
-        from strainsight.cases.structure.modes_compared import modes_compared, modes_of_file
         from strainsight.config.placement import PlacementConfig
         from strainsight.errors import ConfigError
+        from strainsight.experiment.structure.modes_compared import modes_compared, modes_of_file
         from strainsight.records.mesh import mesh_from
-        from strainsight.workflow.output import Table
+        from strainsight.runner.output import Table
 
         work = pipelines.work_of_one(config, results, overrides, "import")
         model = work.job.model

@@ -53,7 +53,7 @@ def check_solver() -> list[Finding]:
 
 def check_mpi() -> list[Finding]:
     """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
-    from strainsight.fem.mpi.programs import programs
+    from strainsight.contrib.mpi.programs import programs
 
     try:
         found = programs()
@@ -75,7 +75,7 @@ def check_rendering() -> list[Finding]:
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[Finding]:
     """Cores of this process, and the variables that numerical libraries read."""
-    from strainsight.sweep.processes import cores as usable
+    from strainsight.parallel.processes import cores as usable
 
     there = cores or usable()
     findings = [Finding("cores", GOOD, f"{there} for this process")]

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from strainsight.workflow.plan import Job
-    from strainsight.workflow.stage import Stage
+    from strainsight.runner.plan import Job
+    from strainsight.runner.stage import Stage
 
 LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
 """Before that, what a stage has done says nothing of what it has still to do."""
@@ -55,7 +55,7 @@ def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
 def seconds_for(artefact: Path) -> float | None:
     """How long the stage took for the file that is there [s]; None without one."""
     from strainsight.errors import ArtefactError
-    from strainsight.workflow.artefact import header_of
+    from strainsight.runner.artefact import header_of
 
     try:
         return header_of(artefact).seconds

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from strainsight_cli.clock import spelt
 
 if TYPE_CHECKING:
-    from strainsight.cases.structure.cost import Cost, Size
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.experiment.structure.cost import Cost, Size
+    from strainsight.runner.artefact import Artefact
     from strainsight_cli.work import Work
 
 GIB = 2.0**30
@@ -43,9 +43,9 @@ def costs_of(
     work: Work, pending: Collection[str], imported: Artefact | None
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
     """The size, and the cost of every stage that has a law; empty where none will run; None where the size is not known."""
-    from strainsight.cases.structure.cost import SOLVES, cost_of
-    from strainsight.cases.structure.cost_of_place import cost_of_place
     from strainsight.config.placement import PlacementConfig
+    from strainsight.experiment.structure.cost import SOLVES, cost_of
+    from strainsight.experiment.structure.cost_of_place import cost_of_place
 
     config = work.job.model
     if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None:
@@ -64,7 +64,7 @@ def costs_of(
 
 def size_in(imported: Artefact) -> Size:
     """Of the mesh in import.h5; a node of shells or beams counts twice, as it has rotations."""
-    from strainsight.cases.structure.cost import size_of
+    from strainsight.experiment.structure.cost import size_of
     from strainsight.records.mesh import mesh_from
 
     mesh = mesh_from(imported)

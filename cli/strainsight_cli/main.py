@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from strainsight.processes import SAFE_PATH
-from strainsight.sweep.where import Where
+from strainsight.runner.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.check_modes import check_modes

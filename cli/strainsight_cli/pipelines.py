@@ -12,7 +12,7 @@ from strainsight_cli.work import Work, note
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
     from strainsight.config.overrides import Override
-    from strainsight.workflow.stage import Stage
+    from strainsight.runner.stage import Stage
 
 STAGES = {
     "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
@@ -66,7 +66,7 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
         return loaded
     from strainsight.config.overrides import Override
     from strainsight.errors import ArtefactError
-    from strainsight.workflow.artefact import header_of
+    from strainsight.runner.artefact import header_of
 
     try:
         last = header_of(artefact).config.get("estimate") or {}
@@ -92,7 +92,7 @@ def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> Loa
 
 def work_of(config: LoadedConfig, results: Path) -> Work:
     """All stages of a config that is no suite."""
-    from strainsight.workflow.plan import Job
+    from strainsight.runner.plan import Job
 
     data: dict[str, Any] = config.data
     return Work(stages_of(data), Job(data, config.path.parent, results, config.locate, config.model))

@@ -11,10 +11,10 @@ from strainsight.errors import printable
 from strainsight_cli.printing import json_line
 
 if TYPE_CHECKING:
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.output import Table
-    from strainsight.workflow.plan import Status
-    from strainsight.workflow.runner import Event
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.output import Table
+    from strainsight.runner.plan import Status
+    from strainsight.runner.runner import Event
 
 WIDTH_OF_A_FILE = 200
 """Columns of a stage's table that goes to a file or a pipe."""

@@ -20,7 +20,7 @@ from strainsight_cli.failures import LAST_WORDS, same_text
 from strainsight_cli.placeless import placeless
 
 if TYPE_CHECKING:
-    from strainsight.workflow.plan import Job
+    from strainsight.runner.plan import Job
 
 NAME = "run.log"
 MOST, KEPT = 1 << 20, 1 << 19

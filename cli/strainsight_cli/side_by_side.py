@@ -19,7 +19,7 @@ from strainsight_cli.failures import Failure, failure_of, plain_warnings, warn
 from strainsight_cli.work import Progress, Work, bring_up_to_date, makers, note
 
 if TYPE_CHECKING:
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.runner.artefact import Artefact
 
 LOOK = 0.2
 """[s] between two looks at what the processes say."""

@@ -12,7 +12,7 @@ from strainsight_cli.printing import say
 from strainsight_cli.work import Work, elsewhere, note, refuse_taken, show_warnings
 
 if TYPE_CHECKING:
-    from strainsight.workflow.plan import Status
+    from strainsight.runner.plan import Status
 
 HEAD = ("stage", "status", "took", "what came out, or why it runs")
 LEAST = (9, 11, 8, 0)
@@ -22,8 +22,8 @@ COLOURS = {"up to date": "green", "will run": "yellow"}
 
 def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
     """What would run and why; verbose: every reason, not only the first three."""
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.plan import WILL_RUN, plan
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.plan import WILL_RUN, plan
     from strainsight_cli.forecast import forecast
 
     refuse_taken(work)
@@ -58,7 +58,7 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
 
 def sum_of(statuses: Sequence[Status]) -> str:
     """`5 of 9 stages up to date; the other 4 took 12.3 s when last run`"""
-    from strainsight.workflow.plan import UP_TO_DATE
+    from strainsight.runner.plan import UP_TO_DATE
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
     text = f"{len(statuses) - len(pending)} of {len(statuses)} stages up to date"
@@ -77,7 +77,7 @@ def _took(status: Status) -> str:
 
 
 def _why(status: Status, verbose: bool) -> str:
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.runner.artefact import Artefact
 
     if status.reasons:
         return ", ".join(status.reasons) if verbose else status.reason

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from strainsight.errors import ConfigError, did_you_mean
-from strainsight.sweep.where import Where
+from strainsight.runner.where import Where
 from strainsight_cli import pipelines, render
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.failures import tell
@@ -32,8 +32,8 @@ from strainsight_cli.work import (
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
     from strainsight.config.suite_runs import PlannedRun
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.stage import Stage
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.stage import Stage
 
 
 def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> list[Work]:
@@ -58,7 +58,7 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
 def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
     """How many runs go on at a time, and where the sweeps of each run: `--jobs` are the runs; else the suite says how many,
     and they share the cores."""
-    from strainsight.sweep.processes import cores
+    from strainsight.parallel.processes import cores
 
     at_once = jobs or int(suite.data["jobs"])
     return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)
@@ -66,9 +66,9 @@ def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple
 
 def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work], results: Path) -> Work:
     """The suite's own stage, on the numbers of its runs."""
+    from strainsight.runner.plan import Job
     from strainsight.stages.pages.suite_entries import suite_config
     from strainsight.stages.suite import SUITE
-    from strainsight.workflow.plan import Job
 
     config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
     return Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
@@ -76,7 +76,7 @@ def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work]
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
     """Raise ConfigError where a file that a run takes from another one is not made, or later."""
-    from strainsight.workflow.plan import files_of
+    from strainsight.runner.plan import files_of
 
     files = {key: path for stage in works[i].stages for key, path in files_of(stage, works[i].job).items()}
     for key, j in makers(works[i], works).items():
@@ -130,7 +130,7 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
     """What would run and why, run by run; the page follows wherever a run will do anything."""
-    from strainsight.workflow.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
+    from strainsight.runner.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
 
     pending = []
     for work in works[:-1]:
@@ -227,7 +227,7 @@ def _heading(work: Work) -> str:
 
 def _look_for_inputs(works: Sequence[Work]) -> None:
     """Look for the input files of all runs before the first one starts, but for what they give each other."""
-    from strainsight.workflow.plan import inputs_of
+    from strainsight.runner.plan import inputs_of
 
     for work in works:
         coming = makers(work, works)

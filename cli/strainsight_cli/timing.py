@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from strainsight import processes
 
 if TYPE_CHECKING:
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.output import Table
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.output import Table
 
 Computed = tuple[str, str, float | None]
 """Key, digest and seconds: a reused artefact is the same to the last digit."""
@@ -21,7 +21,7 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
     Which run it was is known of what was reused just now; of what was there before, the first run is taken to be it.
     page: the suite's own artefact, in a row of its own.
     """
-    from strainsight.workflow.output import Table
+    from strainsight.runner.output import Table
 
     stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
     by: dict[Computed, int] = {}

@@ -74,7 +74,7 @@ def view(
         names = [stage.name for stage in stages]
         shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value, record)
         say_stale(loaded, results, read, "view")
-        from strainsight.report.view import viewing
+        from strainsight.pages.view import viewing
         from strainsight.writing import write_file
 
         if screenshot is None:
@@ -114,7 +114,7 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
 
 def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], command: str) -> None:
     """Print and log the warnings of the stages whose results are shown; a note says where these are older than the config."""
-    from strainsight.workflow.plan import UP_TO_DATE, plan
+    from strainsight.runner.plan import UP_TO_DATE, plan
 
     work = pipelines.work_of(loaded, results)
     statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
@@ -130,7 +130,7 @@ def figures(
     config: ConfigFile, results: Results = DEFAULT_RESULTS, overrides: Set = None, verbose: Verbose = False
 ) -> None:
     with reported(verbose):
-        from strainsight.report.chart.files import write_figures
+        from strainsight.pages.chart.files import write_figures
         from strainsight.stages.figures import figures_of
 
         loaded = pipelines.with_last_test(config, overrides, results)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from strainsight.sweep.where import Where, opened
+from strainsight.runner.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
 from strainsight_cli.failures import same_text, warn
@@ -17,10 +17,10 @@ from strainsight_cli.printing import say
 from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.plan import Job, Status
-    from strainsight.workflow.runner import Event
-    from strainsight.workflow.stage import Stage
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.plan import Job, Status
+    from strainsight.runner.runner import Event
+    from strainsight.runner.stage import Stage
 
 Say = Callable[[str], None]
 Progress = Callable[[str, str, str, float, Left], None]
@@ -47,7 +47,7 @@ class Work:
 
 def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
     """Dotted key of an input file → place of the run, of the others, in whose folder it lies and which makes it anew."""
-    from strainsight.workflow.plan import files_of
+    from strainsight.runner.plan import files_of
 
     folders = {other.job.folder.resolve(): i for i, other in enumerate(others) if other is not work}
     files = {key: path.parent.resolve() for stage in work.stages for key, path in files_of(stage, work.job).items()}
@@ -95,8 +95,8 @@ def bring_up_to_date(
         note(text)
     from strainsight.errors import StrainsightError
     from strainsight.memory import available_memory
-    from strainsight.workflow.runner import RUNNING
-    from strainsight.workflow.runner import run as run_stages
+    from strainsight.runner.runner import RUNNING
+    from strainsight.runner.runner import run as run_stages
 
     artefacts: list[Artefact] = []
     at_work, started, following, said = "", time.time(), None, False
@@ -146,7 +146,7 @@ def bring_up_to_date(
 
 
 def _forecast(work: Work, forced: Collection[str], first: Artefact) -> str:
-    from strainsight.workflow.plan import WILL_RUN, plan
+    from strainsight.runner.plan import WILL_RUN, plan
     from strainsight_cli.forecast import forecast
 
     pending = [status.stage for status in plan(work.stages, work.job, forced) if status.status == WILL_RUN]
@@ -162,8 +162,8 @@ def _spent(event: Event) -> str:
 
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
     """The tables of the stages named, with one of all warnings at the end, and the files that were written for a reader."""
-    from strainsight.workflow.artefact import GRID
-    from strainsight.workflow.output import WARNINGS, warnings_in, warnings_table
+    from strainsight.runner.artefact import GRID
+    from strainsight.runner.output import WARNINGS, warnings_in, warnings_table
 
     found = [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
     warned = [table for table in found if table.title == WARNINGS]
@@ -189,8 +189,8 @@ def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ..
 
 def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
     """Print the warnings of the config, and of the artefacts that a command which computes nothing reads or lists."""
-    from strainsight.workflow.artefact import Artefact
-    from strainsight.workflow.plan import UP_TO_DATE
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.plan import UP_TO_DATE
 
     artefacts = [Artefact(status.artefact) for status in statuses if status.status == UP_TO_DATE]
     imported = next((own for own in artefacts if own.header.stage == "import"), None)
@@ -201,7 +201,7 @@ def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
 def refuse_warned(work: Work) -> None:
     """Raise UserError where the config or the import of a run has warnings, with the first three."""
     from strainsight.errors import UserError
-    from strainsight.workflow.artefact import Artefact
+    from strainsight.runner.artefact import Artefact
 
     imported = Artefact(work.job.folder / "import.h5")
     said = (*config_warnings(work.job, imported), *imported.warnings)

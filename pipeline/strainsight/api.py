@@ -23,23 +23,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from strainsight.cases.resources import silent
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
+from strainsight.experiment.resources import silent
 from strainsight.mesh.model import Mesh
+from strainsight.parallel.sweep import Sweep, serial
 from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.runs import BenchRun, Run, open_bench, open_run, to_pyvista
-from strainsight.sweep.sweep import Sweep, serial
 
 if TYPE_CHECKING:
-    from strainsight.cases.layout.expectation import Expectation
-    from strainsight.cases.structure.campaign import Campaign
-    from strainsight.cases.structure.estimation import Estimation
-    from strainsight.cases.structure.placement import Placement
-    from strainsight.cases.structure.validation import Validation
+    from strainsight.experiment.layout.expectation import Expectation
+    from strainsight.experiment.structure.campaign import Campaign
+    from strainsight.experiment.structure.estimation import Estimation
+    from strainsight.experiment.structure.placement import Placement
+    from strainsight.experiment.structure.validation import Validation
 
 Gauges = Sequence[int] | np.ndarray
 """Numbers of gauges, as train.h5 counts the candidates; `gauges` of a placement are those of its layout, G1 first."""
@@ -90,8 +90,8 @@ def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
 
     Raises ConfigError that lists every problem with file:line:column, key and remedy.
     """
+    from strainsight.runner.plan import Job, inputs_of
     from strainsight.stages.placement import stages_for
-    from strainsight.workflow.plan import Job, inputs_of
 
     loaded = load_config(path, overrides)
     config = loaded.model
@@ -111,7 +111,7 @@ def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
 
 def mesh(case: Case) -> Mesh:
     """The deck with what the config adds, checked, in SI units. Raises DeckError with file:line."""
-    from strainsight.cases.structure.mesh import checked, mesh_of
+    from strainsight.experiment.structure.mesh import checked, mesh_of
 
     found = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
     checked(found, case.config.mesh)
@@ -120,35 +120,35 @@ def mesh(case: Case) -> Mesh:
 
 def modes(case: Case, mesh: Mesh) -> Modes:
     """Natural frequencies and shapes of the whole model at the guess."""
-    from strainsight.cases.structure.reduction import modes_of
+    from strainsight.experiment.structure.reduction import modes_of
 
     return modes_of(case.config, mesh, case)
 
 
 def reduce(case: Case, mesh: Mesh, modes_at_guess: Modes | None = None) -> Reduced:
     """The model reduced to a few coordinates, affine in the parameters; its modes are found first where they are not given."""
-    from strainsight.cases.structure.reduction import reduced_of
+    from strainsight.experiment.structure.reduction import reduced_of
 
     return reduced_of(case.config, mesh, modes(case, mesh) if modes_at_guess is None else modes_at_guess, case)
 
 
 def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
     """The training run, and what every candidate reads of it."""
-    from strainsight.cases.structure.training import trained
+    from strainsight.experiment.structure.training import trained
 
     return trained(case.config, mesh, reduced, case).training
 
 
 def screen(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Screened:
     """The clearance from edges, supports and loads, the noise of every channel, and which candidates go on."""
-    from strainsight.cases.structure.screening import screened_of
+    from strainsight.experiment.structure.screening import screened_of
 
     return screened_of(case.config, case.files, mesh, reduced, training)
 
 
 def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:
     """Which loads, moduli and densities the pool could tell, for all cases and excitations."""
-    from strainsight.cases.structure.observation import observed_of
+    from strainsight.experiment.structure.observation import observed_of
 
     return observed_of(case.config, reduced, training, screened, case)
 
@@ -160,8 +160,8 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     its scale, `.hot_spots` as of `hot_spots`, `.at_gauges` gradient and room at each of them, `.advice` sentences.
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    from strainsight.cases.structure.placement import placement_of
-    from strainsight.cases.structure.problem import problem_of
+    from strainsight.experiment.structure.placement import placement_of
+    from strainsight.experiment.structure.problem import problem_of
 
     problem = problem_of(case.config, case.files, reduced, training, screened)
     return placement_of(case.config, mesh, reduced, problem, training, screened, case)
@@ -175,9 +175,9 @@ def expect(
     `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn, `.budget` the shares of the
     variance by source.
     """
-    from strainsight.cases.structure.expectation import expectation
-    from strainsight.cases.structure.nuisances import tolerated
-    from strainsight.cases.structure.problem import problem_of
+    from strainsight.experiment.structure.expectation import expectation
+    from strainsight.experiment.structure.nuisances import tolerated
+    from strainsight.experiment.structure.problem import problem_of
 
     problem = problem_of(case.config, case.files, reduced, training, screened)
     own = np.asarray(gauges, dtype=int)
@@ -190,7 +190,7 @@ def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gaug
     `.refined` and `.spread` are changes over the RMS reading in training, when the mesh around a gauge is refined and when forces
     on nodes there are spread; `.hot` which are beyond `.share`. None where the model is not that of a mesh.
     """
-    from strainsight.cases.structure.hot_spots import tested_hot_spots
+    from strainsight.experiment.structure.hot_spots import tested_hot_spots
 
     return tested_hot_spots(case.config, mesh, reduced, training, np.asarray(gauges, dtype=int))
 
@@ -203,8 +203,8 @@ def validate(
     `.accuracy` says of every unknown how far it is off and what is claimed, `.validated` has the histories and studies as
     validate.h5 has them.
     """
-    from strainsight.cases.structure.reduction import spectrum_of
-    from strainsight.cases.structure.validation import validation_of
+    from strainsight.experiment.structure.reduction import spectrum_of
+    from strainsight.experiment.structure.validation import validation_of
 
     modal = case.config.validation.truth.model in ("modes", "rich")
     spectrum = spectrum_of(case.config, mesh, case) if modal else None
@@ -237,6 +237,6 @@ def campaign(
     `.records` has by the name of each what `estimate` gives of one, with parameters by all of them; `.damage` is that of all,
     `.together` what each says of the parameters alone. Arguments and errors as of `estimate`.
     """
-    from strainsight.cases.structure.campaign import campaign_of
+    from strainsight.experiment.structure.campaign import campaign_of
 
     return campaign_of(case.config, mesh, reduced, training, screened, np.asarray(gauges, dtype=int), case)

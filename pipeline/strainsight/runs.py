@@ -23,7 +23,7 @@ from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 if TYPE_CHECKING:
     import pyvista

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.cases.structure.modes_compared import modes_of_file
 from strainsight.decks.reader import read_mesh
-from strainsight.decks.results.printed import printed_modes
 from strainsight.errors import DeckError
+from strainsight.experiment.structure.modes_compared import modes_of_file
+from strainsight.foreign.results.printed import printed_modes
 from strainsight_cli.main import app
 
 from ..edges.beam import TIP, bricks

@@ -8,8 +8,8 @@ import sys
 import pytest
 import typer
 
-from strainsight.workflow.plan import Job
-from strainsight.workflow.stage import Stage
+from strainsight.runner.plan import Job
+from strainsight.runner.stage import Stage
 from strainsight_cli.failures import reported
 from strainsight_cli.suites import _all_runs
 from strainsight_cli.work import Work
@@ -18,7 +18,7 @@ TOYS = """
 import os, signal, time
 import numpy as np
 from strainsight.errors import InfeasibleError
-from strainsight.workflow.output import Dataset, Output
+from strainsight.runner.output import Dataset, Output
 
 def good(context):
     return Output({"/x": Dataset(np.ones(3), "m", "x")}, {}, "three numbers")

@@ -14,9 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.errors import InfeasibleError
-from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.plan import Job
-from strainsight.workflow.stage import Stage
+from strainsight.runner.output import Dataset, Output
+from strainsight.runner.plan import Job
+from strainsight.runner.stage import Stage
 from strainsight_cli import runlog
 from strainsight_cli.levels import Level, now
 from strainsight_cli.main import app
@@ -139,7 +139,7 @@ def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function
     log = (work(good).job.folder / "run.log").read_text(encoding="utf-8")
     said = texts(log)
     assert re.match(rf"{function.__name__} fails after \d\.\d s", next(text for text in said if "fails" in text))
-    assert any('File "strainsight/workflow/runner.py", line ' in text for text in said)
+    assert any('File "strainsight/runner/runner.py", line ' in text for text in said)
     assert any(error.__name__ in text for text in said)
     assert not re.search(r"(?<![\w.…)/])/\w", log), log
     for place in (Path.cwd(), Path.home(), Path(sys.prefix)):

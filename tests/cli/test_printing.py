@@ -17,7 +17,7 @@ import pytest
 import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
 from strainsight.processes import SAFE_PATH
-from strainsight.workflow.output import Table
+from strainsight.runner.output import Table
 from strainsight_cli.clock import ends_at
 from strainsight_cli.failures import failure_of, plain_warnings, tell
 from strainsight_cli.main import main

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..robustness import small

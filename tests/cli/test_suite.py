@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 from strainsight_cli.suites import works_of
 from strainsight_cli.work import makers

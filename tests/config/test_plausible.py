@@ -9,7 +9,6 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from strainsight.cases.structure.damage import curve_of
 from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.damage import DamageSettings, MeanStress, SNCurve, damage_problems
@@ -21,6 +20,7 @@ from strainsight.config.plausible import Marker, Plausible, PlausibleBy, Unbound
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.errors import ConfigError
+from strainsight.experiment.structure.damage import curve_of
 
 from ..refusals import expect_refusal
 from ..robustness.small import BENCH, PLACEMENT

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from strainsight.cases.structure.mesh import checked, mesh_of
-from strainsight.cases.structure.mesh_tables import assumed_table
 from strainsight.config.mesh import MeshFile, Tie
 from strainsight.errors import DeckError
+from strainsight.experiment.structure.mesh import checked, mesh_of
+from strainsight.experiment.structure.mesh_tables import assumed_table
 from strainsight.mesh.sanity import sanity_warnings
 
 from ..wrong.decks import bar, inp

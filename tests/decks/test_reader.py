@@ -10,10 +10,10 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.mesh import mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ConfigError, DeckError, UserError
+from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.sanity import sanity_warnings
 from strainsight.mesh.thin import ShellSection

@@ -15,15 +15,15 @@ import numpy as np
 import yaml
 
 from strainsight import api
-from strainsight.cases.structure import placement
-from strainsight.cases.structure.placement import Placement
-from strainsight.cases.structure.validation import Validation
 from strainsight.config.load import load_config
+from strainsight.experiment.structure import placement
+from strainsight.experiment.structure.placement import Placement
+from strainsight.experiment.structure.validation import Validation
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 from ..shared import once
 

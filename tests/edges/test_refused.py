@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from strainsight.errors import UserError, at_least, at_most
-from strainsight.workflow.runner import run
+from strainsight.runner.runner import run
 
 from ..shared import job_of, stages_of
 from .beam import BENCH_CONFIG, PLACEMENT_CONFIG, RHO, bricks, config_of, finished, of_material

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
+from strainsight.loads.unknowns import Unknowns
 from strainsight.rom.model import Damping, ReducedModel
 
 KAPPA, H, STEPS, RATIO = 30.0, 0.02, 40, 0.03

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from strainsight.augmentation.input_models import InputModel, input_intensity
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
-from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.loads.input_models import InputModel, input_intensity
+from strainsight.loads.unknowns import Unknowns
 from strainsight.rom.model import Damping, ReducedModel
+from strainsight.sensors.candidates import ACCELERATION, STRAIN
 
 from ..structures import beam_curvature, beam_matrices, clamped_beam
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.augmentation.input_models import Oscillator
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.claim import covariance_recursion
@@ -21,6 +20,7 @@ from strainsight.estimation.conditional import (
 )
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.motion import measure
+from strainsight.loads.input_models import Oscillator
 from strainsight.rom.modal_step import simulate
 
 from ..shared import slowly

@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import mahalanobis
 from scipy.stats import binom, chi2
 
-from strainsight.augmentation.input_models import Matern, Oscillator
 from strainsight.estimation.consistency import nees, nis, verdict, whiteness, whiteness_band
 from strainsight.estimation.decision import (
     ALLOWED,
@@ -35,7 +34,8 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.metrics import after_start
 from strainsight.estimation.smoother import smooth
-from strainsight.report.text import number
+from strainsight.loads.input_models import Matern, Oscillator
+from strainsight.pages.text import number
 
 from ..shared import slowly
 from .conftest import make_beam, make_filter, sine

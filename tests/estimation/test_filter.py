@@ -10,8 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh, solve_continuous_are, solve_discrete_are
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
-from strainsight.augmentation.linearisation import linearise
 from strainsight.errors import NumericalError
 from strainsight.estimation.belief import belief_of
 from strainsight.estimation.claim import covariance_recursion
@@ -21,6 +19,8 @@ from strainsight.estimation.motion import step
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import covariance_factor, pivoted_factors
+from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
+from strainsight.loads.linearisation import linearise
 
 from .conftest import drawn, make_beam, make_filter, prior, sine
 

@@ -7,14 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.augmentation.input_models import (
-    WALK,
-    IntegratedRandomWalk,
-    Matern,
-    Oscillator,
-    RandomWalk,
-    line_intensity,
-)
 from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
@@ -23,6 +15,14 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.noise_alone import noise_alone
+from strainsight.loads.input_models import (
+    WALK,
+    IntegratedRandomWalk,
+    Matern,
+    Oscillator,
+    RandomWalk,
+    line_intensity,
+)
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, joint, log_normal, start
 from .conftest import plain_models

@@ -10,15 +10,6 @@ from scipy.integrate import quad_vec
 from scipy.linalg import expm
 from scipy.stats import norm
 
-from strainsight.augmentation.input_models import (
-    IntegratedRandomWalk,
-    Matern,
-    Oscillator,
-    RandomWalk,
-    input_intensity,
-    rate_matrix,
-)
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation import tuning
 from strainsight.estimation.draws import covariance_factor, draw_truth
@@ -30,6 +21,15 @@ from strainsight.estimation.posterior import marginal, peaks_of
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.tuning import scale_noise, tune
 from strainsight.estimation.update import predict
+from strainsight.loads.input_models import (
+    IntegratedRandomWalk,
+    Matern,
+    Oscillator,
+    RandomWalk,
+    input_intensity,
+    rate_matrix,
+)
+from strainsight.loads.unknowns import Unknowns
 
 from .conftest import drawn, make_beam, make_filter, prior, sine
 

@@ -16,7 +16,7 @@ from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
 from strainsight.estimation.draws import draw_truth
 from strainsight.fem.affine import AffineOperator
-from strainsight.gauges.candidates import ACCELERATION
+from strainsight.sensors.candidates import ACCELERATION
 
 from ..shared import slowly
 from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, chain, driven_chain, forces, joint, log_normal, start

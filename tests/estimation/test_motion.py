@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
@@ -17,9 +16,10 @@ from strainsight.estimation.motion import constant_acceleration, constant_step, 
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
-from strainsight.gauges.candidates import ACCELERATION, STRAIN
+from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import damping_matrix
+from strainsight.sensors.candidates import ACCELERATION, STRAIN
 
 from .chain import REFERENCE, ROWS, H, driven_chain, forces
 from .conftest import make_beam, make_filter, sine

@@ -19,7 +19,7 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.linear import plain_motion
 from strainsight.estimation.parallel_filters import advance, filters_of
 from strainsight.estimation.step_bank import StepBank, filter_constants
-from strainsight.sweep.where import Where, opened
+from strainsight.runner.where import Where, opened
 
 from .conftest import StepToy, plain_models
 from .two_masses import REFERENCE, chain, constants

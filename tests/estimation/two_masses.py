@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
+from strainsight.loads.unknowns import Unknowns
 
 from .chain import MASSES, RATIO, REFERENCE, ROWS, STIFFNESS, H
 

@@ -22,11 +22,11 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.zones import NormalCone
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.units import to_si
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.zones import NormalCone
 
 from ..frd import calculix
 from .conftest import make_mesh

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.cases.structure.damage import surface_places
-from strainsight.cases.structure.settings import load_slopes
 from strainsight.config.loads import Load
 from strainsight.errors import UserError
+from strainsight.experiment.structure.damage import surface_places
+from strainsight.experiment.structure.settings import load_slopes
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model
 from strainsight.fem.recovery import facet_strain

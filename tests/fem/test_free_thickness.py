@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.cases.structure.settings import load_slopes
-from strainsight.cases.structure.thick_rows import rows_along
 from strainsight.config.loads import Load
 from strainsight.errors import UserError
+from strainsight.experiment.structure.settings import load_slopes
+from strainsight.experiment.structure.thick_rows import rows_along
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain, strain_matrix
 from strainsight.fem.thin import thin_operators
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows, fits
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_rows, fits
 
 from .laminate_models import assert_made_anew
 from .shell_models import sheet

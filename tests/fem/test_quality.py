@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.mesh import mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.errors import ConfigError
+from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.fem.assembly import assemble
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.quality import element_quality

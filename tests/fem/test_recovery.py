@@ -15,13 +15,13 @@ from strainsight.fem.patch_forces import tractions
 from strainsight.fem.recovery import bubble_amplitudes, facet_strain
 from strainsight.fem.stress import principal, surface_model, surface_state, von_mises
 from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_matrix
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.hexahedra import HEX8
 from strainsight.mesh.model import Mesh
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_matrix
 
 from ..bodies import body, held, moved, with_nodes
 from ..shared import slowly

@@ -12,14 +12,14 @@ from strainsight.errors import DeckError
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.walk import skin_of
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.model import Material
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.walk import skin_of
 
 from .shell_models import SECOND, isotropic, on_line, rigid_motions, rows, sheet, stiffness, summed, unit_square
 from .test_shell_elements import bent, motions

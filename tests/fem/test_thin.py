@@ -19,8 +19,6 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_stiffnesses
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.forces import BodyForce
@@ -29,6 +27,8 @@ from strainsight.mesh.model import Material, Mesh, Region
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.suspension import face_springs
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_rows
 
 from ..beams import axes_of
 from ..shared import slowly

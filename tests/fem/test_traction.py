@@ -18,8 +18,6 @@ from strainsight.fem.loads import PointLoad, input_shape, nodal_forces
 from strainsight.fem.misaligned import MISALIGNMENTS, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.gauges.clearance import obstacles
-from strainsight.gauges.faces import Pick, faces_of, picked
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement, Springs
@@ -28,6 +26,8 @@ from strainsight.mesh.scaling import scaled
 from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.units import to_si
 from strainsight.rom.snapshots import only_scales
+from strainsight.sensors.clearance import obstacles
+from strainsight.sensors.faces import Pick, faces_of, picked
 
 from ..bodies import NU, RHO, E, body, held, with_nodes
 from ..mesh.boxes import both

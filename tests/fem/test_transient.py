@@ -22,14 +22,14 @@ from strainsight.fem.model import FiniteElementModel, build_model
 from strainsight.fem.steady import steady_state
 from strainsight.fem.transient import DEGREES, choose, free_rows, pade, transient
 from strainsight.fem.viscous import ViscousDamping, modal_damping
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_matrix
+from strainsight.loads.histories import Constant, MultiSine, Sine, hold_coefficients, instant_values, tones_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.rom.modal_step import simulate
 from strainsight.rom.model import Damping
 from strainsight.rom.reduction import modal_model
-from strainsight.signals.histories import Constant, MultiSine, Sine, hold_coefficients, instant_values, tones_of
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_matrix
 
 from ..bodies import with_nodes
 from ..shared import slowly

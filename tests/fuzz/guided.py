@@ -74,14 +74,14 @@ def _run(name: str, made: Path, seconds: int, seed: int, out: Path) -> None:
 
     warnings.simplefilter("ignore")
     with atheris.instrument_imports(include=["strainsight"]):
-        import strainsight.cases.recorded
         import strainsight.config.load
         import strainsight.config.suite_runs
         import strainsight.decks.abaqus.deck
         import strainsight.decks.gmsh.mesh
-        import strainsight.decks.matrices.files
         import strainsight.decks.nastran.deck
-        import strainsight.decks.results.reader
+        import strainsight.experiment.recorded
+        import strainsight.foreign.matrices.files
+        import strainsight.foreign.results.reader
         import strainsight.measurements.assemble
         import strainsight.measurements.reader
         import strainsight.stages.import_mesh  # noqa: F401

@@ -28,8 +28,8 @@ def read_config(path: Path, choice: int) -> None:
 
 
 def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
-    from strainsight.decks.matrices.files import read_matrix, read_numbering, symmetric
     from strainsight.decks.other import mesh as other
+    from strainsight.foreign.matrices.files import read_matrix, read_numbering, symmetric
 
     ending = path.with_suffix("").suffix if path.suffix == ".gz" else path.suffix
     if ending in (".op4", ".mtx", ".npz"):
@@ -37,10 +37,10 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
     elif ending == ".csv":
         read_numbering(path)
     else:
-        from strainsight.cases.structure.mesh import checked, mesh_of
         from strainsight.config.mesh import Material, MeshFile
         from strainsight.decks.other.load import load
         from strainsight.decks.other.sandbox import load_sandboxed
+        from strainsight.experiment.structure.mesh import checked, mesh_of
 
         if path.suffix == ".h5":
             path = path.with_name("case-of-h5.xdmf")
@@ -58,8 +58,8 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
 
 def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
-    from strainsight.cases.recorded import recorded
     from strainsight.config.loads import Recorded
+    from strainsight.experiment.recorded import recorded
     from strainsight.measurements import hdf5_file
     from strainsight.measurements.assemble import assemble
     from strainsight.measurements.calibration import ChannelSettings
@@ -85,7 +85,7 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
 
 
 def read_results(path: Path, choice: int, sandboxed: bool = True) -> None:
-    from strainsight.decks.results.reader import read_responses
+    from strainsight.foreign.results.reader import read_responses
 
     for response in read_responses(path):
         assert response.motion.shape[0] == response.node_ids.size

@@ -272,7 +272,7 @@ def _decks(folder: Path) -> None:
 def _matrices(folder: Path) -> None:
     from scipy.io import mmwrite
 
-    from ..decks.matrices.test_op4 import write
+    from ..foreign.matrices.test_op4 import write
 
     A = sparse.random_array((9, 9), density=0.3, rng=np.random.default_rng(0), format="csr")
     A = sparse.csr_array(A + A.T)
@@ -311,11 +311,11 @@ def _measurements(folder: Path) -> None:
 
 
 def _results(folder: Path) -> None:
-    from ..decks.results import test_op2, test_punch, test_universal
+    from ..foreign.results import test_op2, test_punch, test_universal
 
     for name, w in {"own.op2": test_op2.Writer(), "long.op2": test_op2.Writer(">", 8)}.items():
         (folder / name).write_bytes(w.file(w.lama([(1, 4e4, 2.5)]), w.modes(), w.static(3)))
     rows = test_punch.rows()
     test_punch.written(folder, test_punch.mode(1, 4e4), rows, test_punch.comments("DISPLACEMENTS"), rows)
     test_universal.written(folder, test_universal.dataset55(), test_universal.dataset2414(analysis=9), name="own.unv")
-    (folder / "own.frd").write_bytes((ROOT / "tests/decks/results/data/column.frd").read_bytes())
+    (folder / "own.frd").write_bytes((ROOT / "tests/foreign/results/data/column.frd").read_bytes())

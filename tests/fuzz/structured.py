@@ -24,15 +24,15 @@ from typing import Any
 
 import yaml
 
-from strainsight.cases.structure.mesh import mesh_of
 from strainsight.config.load import LoadedConfig, load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import StrainsightError
+from strainsight.experiment.structure.mesh import mesh_of
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.import_mesh import looked_at
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 from ..edges.beam import BENCH_CONFIG, PLACEMENT_CONFIG
 from ..edges.beam import bricks as beam

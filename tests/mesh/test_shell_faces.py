@@ -12,18 +12,18 @@ from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.turning import turning_nodes
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.edges import sharp_edges
-from strainsight.gauges.faces import faces_of
-from strainsight.gauges.rows import channel_rows
-from strainsight.gauges.walk import skin_of, walk
-from strainsight.gauges.zones import OnElements, ShellFace, inside
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.section_shapes import section_of_shape
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.edges import sharp_edges
+from strainsight.sensors.faces import faces_of
+from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.walk import skin_of, walk
+from strainsight.sensors.zones import OnElements, ShellFace, inside
 
 from ..fem.shell_models import shells
 from ..fem.test_thin import NU, E, L, line, straight

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, matrix_balance, solve_continuous_lyapunov
 
-from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
-from strainsight.augmentation.noise import gauge_intensity, process_intensity
 from strainsight.fem.affine import AffineOperator
+from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
+from strainsight.loads.noise import gauge_intensity, process_intensity
 from strainsight.placement.elimination import Scenario, whole_pool_weight
 from strainsight.placement.scenario import solve_pool
 from strainsight.rom.model import Damping, ReducedModel

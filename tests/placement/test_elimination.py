@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
-from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
-from strainsight.augmentation.noise import process_intensity
 from strainsight.errors import InfeasibleError
+from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
+from strainsight.loads.noise import process_intensity
 from strainsight.placement import choice, elimination
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria.criterion import Criterion

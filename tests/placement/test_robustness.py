@@ -8,9 +8,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from strainsight.augmentation.linearisation import Unknowns, augment_rows, linearise
-from strainsight.augmentation.noise import gauge_intensity, process_intensity
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
+from strainsight.loads.noise import gauge_intensity, process_intensity
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate, eliminate_from, whole_pool_weight
 from strainsight.placement.exchange import exchange

@@ -18,10 +18,10 @@ import scipy.linalg  # noqa: F401
 
 from strainsight.config.load import load_config
 from strainsight.fem import pardiso
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 MKL_CBWR_COMPATIBLE = 3
 PAGES = ("report", "test")

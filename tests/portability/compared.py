@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 SAME = 1e-7
 """What an array may differ by, of its largest number."""

@@ -18,9 +18,9 @@ from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import MeshColumns, mesh_from
 from strainsight.records.record import Place, dataset, group, read, record, written
 from strainsight.rom.inertia import InertiaInvariants
-from strainsight.workflow.artefact import Artefact, Header
-from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.store import write_artefact
+from strainsight.runner.artefact import Artefact, Header
+from strainsight.runner.output import Dataset, Output
+from strainsight.runner.store import write_artefact
 
 
 @record

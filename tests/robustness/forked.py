@@ -20,7 +20,7 @@ NEEDED = (
     "strainsight.stages.estimate",
     *(f"strainsight.stages.bench.{name}" for name in ("pipeline", "import_bodies", "reduce", "place", "simulate")),
     *(f"strainsight.stages.bench.{name}" for name in ("estimate", "field", "report")),
-    "strainsight.workflow.runner",
+    "strainsight.runner.runner",
     "strainsight.fem.pardiso",
     "rich.console",
     "rich.table",

@@ -1,6 +1,6 @@
 """Artefacts that are made up, or damaged by a byte: commands refuse or report them with the file and the remedy.
 
-What the reader itself refuses is in tests/workflow/test_store.py.
+What the reader itself refuses is in tests/runner/test_store.py.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.errors import ArtefactError
-from strainsight.workflow.artefact import Artefact, file_digest
-from strainsight.workflow.seal import seal
+from strainsight.runner.artefact import Artefact, file_digest
+from strainsight.runner.seal import seal
 from strainsight_cli.main import app
 
 from .small import BENCH, PLACEMENT

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from ..edges import beam
 from . import small

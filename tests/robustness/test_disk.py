@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.fem.mpi.programs import LACKING
+from strainsight.contrib.mpi.programs import LACKING
 from strainsight.processes import SAFE_PATH
 
 from .small import command
@@ -108,7 +108,7 @@ def test_a_read_only_folder_is_reported_and_can_be_looked_at(mounts, project, re
 
 COMMAND = """
 import sys
-from strainsight.sweep import processes
+from strainsight.parallel import processes
 processes.WORTH = 0.0  # other processes at once, however little there is to do
 from strainsight_cli.main import main
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from .processes import of_session, until
 from .whole import LOG, compared, names
@@ -46,7 +46,7 @@ with reported():
 """
 WORKERS = """
 import math, os, sys, time
-from strainsight.sweep import processes
+from strainsight.parallel import processes
 
 def task(folder, point):
     if point:

@@ -23,8 +23,8 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
-from strainsight.sweep import processes
-from strainsight.workflow.artefact import Artefact
+from strainsight.parallel import processes
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..estimation.conftest import make_beam, make_filter

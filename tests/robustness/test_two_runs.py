@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from strainsight.workflow.artefact import header_of
+from strainsight.runner.artefact import header_of
 from strainsight.writing import TEMPORARY
 
 from .processes import PATIENCE, Launcher, of_session, until

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight.writing import TEMPORARY
 
 LOG, LOCK = "run.log", ".lock"

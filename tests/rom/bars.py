@@ -10,11 +10,11 @@ from scipy.linalg import eigvalsh
 
 from strainsight.fem.assembly import assemble
 from strainsight.fem.model import nodal
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.model import Mesh
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.rows import channel_rows
 
 from ..bodies import with_nodes
 from ..fem.conftest import make_box

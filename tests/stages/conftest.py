@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 from strainsight_cli.main import app
 
 from ..shared import BENCHES, COARSE, ROOT, SHORT, UNSTUDIED, job_of, made, without_hot_spots  # noqa: F401  for the tests beside

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.cases.structure.nuisances import tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of, sample_std
-from strainsight.cases.structure.trial import sample_noise, trial_of
-from strainsight.cases.structure.truth import truth_of
+from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
+from strainsight.experiment.structure.trial import sample_noise, trial_of
+from strainsight.experiment.structure.truth import truth_of
 
 from ..edges.beam import bricks, prepared
 

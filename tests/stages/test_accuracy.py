@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.artefact import Artefact
 
 from .conftest import ROOT, UNSTUDIED, finished, job_of
 

@@ -16,10 +16,10 @@ from typer.testing import CliRunner
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import api
-from strainsight.cases.structure.given_gauges import read_given
 from strainsight.errors import ArtefactError, ConfigError, DeckError, InfeasibleError, UserError
-from strainsight.gauges.given import without
-from strainsight.gauges.zones import Box, NearEdges
+from strainsight.experiment.structure.given_gauges import read_given
+from strainsight.sensors.given import without
+from strainsight.sensors.zones import Box, NearEdges
 from strainsight_cli.main import app
 
 from .conftest import COARSE, LOADS, ROOT

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from strainsight.cases.bench.reduction import body_damping
 from strainsight.errors import StrainsightError
+from strainsight.experiment.bench.reduction import body_damping
 from strainsight.fem.affine import AffineOperator
 from strainsight.rom.craig_bampton import CraigBampton
 from strainsight.rom.model import Damping

@@ -20,8 +20,8 @@ from strainsight.multibody.forces import Load, RelativeElement
 from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.relations import offset
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact
 
 from ..models import Ended, ended
 from .conftest import ROOT, finished, job_of

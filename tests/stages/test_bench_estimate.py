@@ -7,11 +7,11 @@ import re
 import numpy as np
 import pytest
 
-from strainsight.cases.bench.inverse.numbers import ratio_numbers
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
+from strainsight.experiment.bench.inverse.numbers import ratio_numbers
+from strainsight.runner.stage import Context
 from strainsight.stages.bench.report import run as report
-from strainsight.workflow.stage import Context
 
 from ..models import ended
 from ..shared import slowly

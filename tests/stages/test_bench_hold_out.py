@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.bench import estimate
-from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..models import ended, project

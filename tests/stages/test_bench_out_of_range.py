@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from strainsight.rom import reach
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.bench import report
 from strainsight.stages.bench.pipeline import bench_stages
-from strainsight.workflow.artefact import Artefact
 
 from ..edges.beam import BENCH_CONFIG, E, bricks, config_of
 from ..shared import once

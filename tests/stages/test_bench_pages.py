@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.report.bench.data import BenchEstimate, BenchRun
+from strainsight.pages.bench.data import BenchEstimate, BenchRun
 from strainsight.stages.pages import suite
 from strainsight.stages.pages.suite import statements_of
 

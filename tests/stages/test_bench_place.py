@@ -10,16 +10,16 @@ import pytest
 import pyvista
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
-from strainsight.cases.bench.surface_field import Motion, instants, points
-from strainsight.cases.bench.surface_field import pictures as field_of
-from strainsight.cases.resources import silent
 from strainsight.config.bench.bench import SurfaceField
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
+from strainsight.experiment.bench.surface_field import Motion, instants, points
+from strainsight.experiment.bench.surface_field import pictures as field_of
+from strainsight.experiment.resources import silent
+from strainsight.parallel.sweep import serial
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
-from strainsight.sweep.sweep import serial
 
 from ..edges.beam import BENCH_CONFIG, bricks
 from ..edges.beam import finished as small

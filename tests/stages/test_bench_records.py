@@ -9,15 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
-from strainsight.cases.bench.bench import bench_of
-from strainsight.cases.bench.sensors import sensors_of
-from strainsight.cases.bench.start import start_of
 from strainsight.config.load import load_config
+from strainsight.experiment.bench.bench import bench_of
+from strainsight.experiment.bench.sensors import sensors_of
+from strainsight.experiment.bench.start import start_of
 from strainsight.multibody.equations import balance
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..models import ended

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strainsight.cases.structure.nuisances import nuisances_of
-from strainsight.cases.structure.problem import filter_model, sample_std
-from strainsight.cases.structure.settings import parameters_of
-from strainsight.cases.structure.start import loading_of
-from strainsight.cases.structure.tolerated_loads import field_beyond
-from strainsight.cases.structure.trial import sample_noise
-from strainsight.cases.structure.truth import truth_of
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import linear_models
+from strainsight.experiment.structure.nuisances import nuisances_of
+from strainsight.experiment.structure.problem import filter_model, sample_std
+from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.start import loading_of
+from strainsight.experiment.structure.tolerated_loads import field_beyond
+from strainsight.experiment.structure.trial import sample_noise
+from strainsight.experiment.structure.truth import truth_of
 from strainsight.fem.misaligned import axes_across
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
+from strainsight.sensors.rows import channel_rows
 
 from .drawn_truths import NOTHING, beam_in, trial
 from .test_load_tolerances import OF_A_LOAD, SIDE, strain_under

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table
-from strainsight.cases.layout.names import layout_labels
-from strainsight.cases.layout.output import gauge_csv
-from strainsight.cases.structure.bonded_file import read_bonded
 from strainsight.errors import UserError
+from strainsight.experiment.layout.datum import deck_frame
+from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table
+from strainsight.experiment.layout.names import layout_labels
+from strainsight.experiment.layout.output import gauge_csv
+from strainsight.experiment.structure.bonded_file import read_bonded
 
 from ..shared import slowly
 from .tested_beam import KNOWN, changed, estimated, result

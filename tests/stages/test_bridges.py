@@ -15,17 +15,17 @@ import yaml
 from typer.testing import CliRunner
 
 from strainsight import api
-from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
-from strainsight.cases.layout.exports.element_sets import elements_of
-from strainsight.cases.layout.gauge_lines import gauge_lines
-from strainsight.cases.layout.workshop import Workshop
-from strainsight.cases.structure.bonded_file import read_bonded
-from strainsight.cases.structure.bonded_gauges import bonded_gauges
-from strainsight.cases.structure.placed import placement_output
 from strainsight.errors import ConfigError, UserError
-from strainsight.gauges.edge_dimensions import no_edges
-from strainsight.workflow.artefact import Artefact
+from strainsight.experiment.layout.datum import deck_frame
+from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table, labview_table
+from strainsight.experiment.layout.exports.element_sets import elements_of
+from strainsight.experiment.layout.gauge_lines import gauge_lines
+from strainsight.experiment.layout.workshop import Workshop
+from strainsight.experiment.structure.bonded_file import read_bonded
+from strainsight.experiment.structure.bonded_gauges import bonded_gauges
+from strainsight.experiment.structure.placed import placement_output
+from strainsight.runner.artefact import Artefact
+from strainsight.sensors.edge_dimensions import no_edges
 from strainsight_cli.main import app
 
 from ..edges.beam import NU, PLACEMENT_CONFIG, SIZE, E, bricks, config_of

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from .tested_beam import changed, table, write

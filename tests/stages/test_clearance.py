@@ -9,18 +9,18 @@ import pytest
 import yaml
 
 from strainsight import api
-from strainsight.cases.structure.clearance import (
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.experiment.structure.clearance import (
     CHOICE,
     clearance_in_words,
     clearance_of,
     clearance_warning,
     loaded_nodes,
 )
-from strainsight.errors import InfeasibleError, UserError
-from strainsight.gauges.clearance import carrier_clearance
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.forces import NodalForces
+from strainsight.sensors.clearance import carrier_clearance
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
 from ..mesh.test_shell_faces import plate, strip

@@ -12,10 +12,10 @@ from scipy.sparse.linalg import eigsh, splu
 
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.model import build_model, nodal
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.record import read
 from strainsight.records.training import Training
+from strainsight.sensors.rows import channel_rows
 from strainsight.stages.placement import PLACEMENT
 
 from ..shared import PLACED_EXACTLY, strains

@@ -12,12 +12,12 @@ import yaml
 from typer.testing import CliRunner
 
 from strainsight import api
-from strainsight.cases.structure.contact import contact_warnings, held_below
 from strainsight.config.load import load_config
 from strainsight.config.template import template
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.faces import faces_of
+from strainsight.experiment.structure.contact import contact_warnings, held_below
 from strainsight.mesh.facets import exterior_facets
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.faces import faces_of
 from strainsight.stages.suggestion import suggestion
 from strainsight_cli.main import app
 

@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from ..shared import slowly
 from .tested_beam import BLIND, KNOWN, changed, estimated, result, table, write

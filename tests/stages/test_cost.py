@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.cases.structure.cost import (
+from strainsight.config.load import load_config
+from strainsight.experiment.structure.cost import (
     BULK_AND_THIN,
     OF_A_PROCESS,
     Size,
     cost_of,
     size_of,
 )
-from strainsight.cases.structure.cost_of_place import (
+from strainsight.experiment.structure.cost_of_place import (
     cost_of_place,
     of_pool_in_words,
     scenarios_of,
     states_of,
 )
-from strainsight.config.load import load_config
 from strainsight.mesh.kinds import ELEMENTS
 
 ROOT = Path(__file__).parents[2]

@@ -7,13 +7,13 @@ import pytest
 import rainflow
 
 from strainsight import api
-from strainsight.cases.structure.damage import Asked, Places, Recorded, damage_in_test
-from strainsight.cases.structure.damage_drawn import DECISIVE, walking, walks
 from strainsight.config.damage import DamageSettings, SNCurve
 from strainsight.estimation.bank_paths import Paths
 from strainsight.estimation.smoother import Smoothed
+from strainsight.experiment.structure.damage import Asked, Places, Recorded, damage_in_test
+from strainsight.experiment.structure.damage_drawn import DECISIVE, walking, walks
 from strainsight.fem.affine import AffineOperator
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from ..estimation.chain import loaded_chain
 from .tested_beam import ALONE, BLIND, CONFIG, ROOT, changed, estimated

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.nuisances import exact_frequencies_in_words
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
+from strainsight.experiment.structure.nuisances import exact_frequencies_in_words
 
 from ..edges.beam import E, bricks, finished
 from ..shared import ROOT

@@ -10,7 +10,7 @@ import pyvista
 from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import memory
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from ..measurements.written import mdf, signal
 from ..shared import slowly

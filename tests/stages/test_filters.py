@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.filters_compared import comparison_table, disagreements_in_words, ratios
-from strainsight.cases.structure import compared
-from strainsight.cases.structure import expectation as expecting
-from strainsight.cases.structure.problem import exactly_damped, filter_model, initial_covariance, problem_of
-from strainsight.cases.structure.scenarios import placed_instants
-from strainsight.cases.structure.start import ringing_in_words
-from strainsight.cases.structure.withheld import excluded, excluded_in_words
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.gauges.candidates import ACCELERATION
+from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.structure import compared
+from strainsight.experiment.structure import expectation as expecting
+from strainsight.experiment.structure.problem import exactly_damped, filter_model, initial_covariance, problem_of
+from strainsight.experiment.structure.scenarios import placed_instants
+from strainsight.experiment.structure.start import ringing_in_words
+from strainsight.experiment.structure.withheld import excluded, excluded_in_words
+from strainsight.sensors.candidates import ACCELERATION
 
 from ..edges.beam import PLACEMENT_CONFIG, E, apart, bricks, prepared
 from ..shared import FEW, HUB

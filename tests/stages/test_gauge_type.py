@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_of
 from strainsight.errors import InfeasibleError
-from strainsight.gauges.screening import BEND
-from strainsight.gauges.surface import facet_centres
+from strainsight.experiment.structure.clearance import bent_gauges, bent_warning, clearance_of
 from strainsight.mesh.facets import exterior_facets, facet_key
+from strainsight.sensors.screening import BEND
+from strainsight.sensors.surface import facet_centres
 
 from ..edges.beam import SIZE, bricks, prepared
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.layout.datum import deck_frame
-from strainsight.cases.layout.output import gauge_csv
-from strainsight.cases.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
-from strainsight.cases.structure.bonded_file import read_bonded
-from strainsight.cases.structure.hot_spots import at_guess
-from strainsight.gauges.candidates import candidates
-from strainsight.gauges.walk import skin_of
-from strainsight.gauges.zones import NormalCone
+from strainsight.experiment.layout.datum import deck_frame
+from strainsight.experiment.layout.output import gauge_csv
+from strainsight.experiment.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
+from strainsight.experiment.structure.bonded_file import read_bonded
+from strainsight.experiment.structure.hot_spots import at_guess
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.placed import AtGauges
+from strainsight.sensors.candidates import candidates
+from strainsight.sensors.walk import skin_of
+from strainsight.sensors.zones import NormalCone
 
 from ..bodies import body
 from ..edges.beam import SIZE, E, bricks, placed, prepared

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..shared import HUB, ROOT, UNSTUDIED, made

@@ -8,19 +8,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.cases.structure import filtered_test
-from strainsight.cases.structure.diagnosed import judgement_of
-from strainsight.cases.structure.filtered_test import Filtering, filtered_by_verdict
-from strainsight.cases.structure.measured import common_part
-from strainsight.cases.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
-from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
 from strainsight.estimation.draws import draw_truth
+from strainsight.experiment.structure import filtered_test
+from strainsight.experiment.structure.diagnosed import judgement_of
+from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict
+from strainsight.experiment.structure.measured import common_part
+from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
+from strainsight.experiment.structure.records_of_test import records_of
 from strainsight.measurements.assemble import Signals
-from strainsight.report.text import number
+from strainsight.pages.text import number
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect

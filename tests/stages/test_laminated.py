@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.cases.structure.mesh import mesh_of, with_additions
 from strainsight.config.load import load_config
 from strainsight.config.mesh import MeshFile
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
+from strainsight.experiment.structure.mesh import mesh_of, with_additions
 from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.cases.layout.advice import best_possible
-from strainsight.cases.layout.layout import layout_of
-from strainsight.cases.layout.task import root_of
-from strainsight.cases.structure.installation_noise import COHERENCE
 from strainsight.errors import InfeasibleError
+from strainsight.experiment.layout.advice import best_possible
+from strainsight.experiment.layout.layout import layout_of
+from strainsight.experiment.layout.task import root_of
+from strainsight.experiment.structure.installation_noise import COHERENCE
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.elimination import eliminate

@@ -10,18 +10,18 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from strainsight import api
-from strainsight.cases.structure.drawn import installation_of, load_error_of
-from strainsight.cases.structure.full_model import full_model
-from strainsight.cases.structure.nuisances import nuisances_of, on_average, tolerated
-from strainsight.cases.structure.problem import filter_model, problem_of
-from strainsight.cases.structure.settings import parameters_of
-from strainsight.cases.structure.suspected import suspect_of, turning_of
 from strainsight.estimation.conditional import linear_models
+from strainsight.experiment.structure.drawn import installation_of, load_error_of
+from strainsight.experiment.structure.full_model import full_model
+from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
+from strainsight.experiment.structure.problem import filter_model, problem_of
+from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.suspected import suspect_of, turning_of
 from strainsight.fem.misaligned import axes_across
 from strainsight.fem.model import nodal
-from strainsight.gauges.misplaced import misplaced
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
+from strainsight.sensors.misplaced import misplaced
+from strainsight.sensors.rows import channel_rows
 
 from ..edges.beam import TIP, E, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, spread, trial

@@ -11,7 +11,7 @@ import yaml
 from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 from ..edges.beam import (
     BENCH_CONFIG,

@@ -8,9 +8,9 @@ import shutil
 import numpy as np
 import pytest
 
-from strainsight.cases.structure import training
+from strainsight.experiment.structure import training
+from strainsight.runner.plan import plan
 from strainsight.stages.placement import PLACEMENT
-from strainsight.workflow.plan import plan
 
 from .conftest import COARSE, ROOT, SHORT, UNSTUDIED, finished, job_of
 

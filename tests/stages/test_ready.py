@@ -17,13 +17,13 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
-from strainsight.gauges.rows import channel_matrix
 from strainsight.records.record import read
 from strainsight.records.training import Training
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
+from strainsight.sensors.rows import channel_matrix
 from strainsight_cli.main import app
 
-from ..fem.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form
+from ..foreign.test_ready import AREA, HEIGHT, IY, LENGTH, RHO, E, beam_matrices, closed_form
 from ..shared import PLACED_EXACTLY, stages_of, strains
 from .conftest import ROOT, SHORT, UNSTUDIED, finished, job_of, made
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.cases.recorded import LOADS, QUANTITY, recorded
-from strainsight.cases.structure.mesh_tables import found_tables
-from strainsight.cases.structure.references import on_one_node
 from strainsight.config.loads import UNITS, Load, Recorded
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
+from strainsight.experiment.recorded import LOADS, QUANTITY, recorded
+from strainsight.experiment.structure.mesh_tables import found_tables
+from strainsight.experiment.structure.references import on_one_node
 
 from ..edges.beam import TIP, bricks, finished
 from ..fem.test_thin import straight

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 import yaml
 
-from strainsight.cases.recorded_channels import _calibration
-from strainsight.cases.structure.diagnosed import judgement_of
-from strainsight.cases.structure.records_of_test import records_of
 from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
+from strainsight.experiment.recorded_channels import _calibration
+from strainsight.experiment.structure.diagnosed import judgement_of
+from strainsight.experiment.structure.records_of_test import records_of
 from strainsight.measurements.calibration import calibrate
 from strainsight.measurements.delay import shifted
 from strainsight.measurements.records import Recording

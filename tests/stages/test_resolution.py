@@ -7,8 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.channels import listed_gauges
-from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates, unresolved_gauges
+from strainsight.experiment.structure.channels import listed_gauges
+from strainsight.experiment.structure.resolution import (
+    loud_noise,
+    quiet_noise,
+    unresolved_candidates,
+    unresolved_gauges,
+)
 
 from ..edges.beam import bricks, prepared
 

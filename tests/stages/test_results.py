@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from strainsight.cases.structure.results import model_of_results
 from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
-from strainsight.decks.results.frd import frd_responses
-from strainsight.decks.results.reader import READERS
 from strainsight.errors import StrainsightError
+from strainsight.experiment.structure.results import model_of_results
+from strainsight.foreign.results.frd import frd_responses
+from strainsight.foreign.results.reader import READERS
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced

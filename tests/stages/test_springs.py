@@ -7,9 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from strainsight.cases.structure.mesh import checked, mesh_of
 from strainsight.config.mesh import MeshFile
 from strainsight.errors import ConfigError, DeckError, StrainsightError
+from strainsight.experiment.structure.mesh import checked, mesh_of
 
 from ..edges.beam import BENCH_CONFIG, TIP, bricks, finished, placed, prepared, validated
 

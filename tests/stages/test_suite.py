@@ -10,14 +10,14 @@ import pytest
 
 from strainsight.config.load import load_config
 from strainsight.config.suite_runs import runs_of
-from strainsight.report.placement.data import Repeats, Unknown
-from strainsight.report.suite.data import PlacementRun, Suite
+from strainsight.pages.placement.data import Repeats, Unknown
+from strainsight.pages.suite.data import PlacementRun, Suite
+from strainsight.runner.plan import Job
+from strainsight.runner.runner import run
 from strainsight.stages import suite as suite_stage
 from strainsight.stages.pages.suite import numbers_of, suite_tables
 from strainsight.stages.pages.suite_entries import suite_config
 from strainsight.stages.suite import SUITE
-from strainsight.workflow.plan import Job
-from strainsight.workflow.runner import run
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.cases.structure.surface import largest_principal, largest_reading
 from strainsight.errors import UserError
+from strainsight.experiment.structure.surface import largest_principal, largest_reading
 from strainsight.fem.element_matrices import SHEARS
 from strainsight.records.estimated import Estimated
 from strainsight.records.record import read
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.view.views import view_of
-from strainsight.workflow.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..shared import strains

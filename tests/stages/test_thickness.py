@@ -7,10 +7,10 @@ import pytest
 import yaml
 from scipy.linalg import eigh, solve_continuous_are
 
-from strainsight.cases.structure.scenarios import placed_instants
 from strainsight.errors import UserError
-from strainsight.signals.histories import instant_values
-from strainsight.workflow.artefact import Artefact
+from strainsight.experiment.structure.scenarios import placed_instants
+from strainsight.loads.histories import instant_values
+from strainsight.runner.artefact import Artefact
 
 from ..edges.beam import PLACEMENT_CONFIG, config_of, finished, placed, prepared, validated
 from .tested_beam import estimated

@@ -13,20 +13,20 @@ from scipy.linalg import solve_continuous_are
 from scipy.stats import chi2
 
 from strainsight import api
-from strainsight.cases.layout import placement
-from strainsight.cases.layout.expectation import Expectation, least_expected
-from strainsight.cases.structure.drawn import installation_of, model_of
-from strainsight.cases.structure.installation_noise import installation_variances
-from strainsight.cases.structure.nuisances import on_average, tolerated
-from strainsight.cases.structure.placement import COHERENCE
-from strainsight.cases.structure.problem import filter_model, initial_covariance, problem_of
-from strainsight.cases.structure.trial import trial_of
-from strainsight.cases.structure.truth import truth_of
 from strainsight.estimation.filter import run_filter
+from strainsight.experiment.layout import placement
+from strainsight.experiment.layout.expectation import Expectation, least_expected
+from strainsight.experiment.structure.drawn import installation_of, model_of
+from strainsight.experiment.structure.installation_noise import installation_variances
+from strainsight.experiment.structure.nuisances import on_average, tolerated
+from strainsight.experiment.structure.placement import COHERENCE
+from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
+from strainsight.experiment.structure.trial import trial_of
+from strainsight.experiment.structure.truth import truth_of
 from strainsight.fem.affine import AffineOperator
-from strainsight.gauges.installation import Installation, installed_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.rom.model import Damping, ReducedModel
+from strainsight.sensors.installation import Installation, installed_rows
 
 from ..edges.beam import PLACEMENT_CONFIG, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, trial

@@ -14,14 +14,14 @@ import pytest
 import pyvista as pv
 import vtkmodules.vtkCommonCore
 
-from strainsight.cases.structure.contour import surface_strains
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError
+from strainsight.experiment.structure.contour import surface_strains
+from strainsight.pages.view.viewed import DOTS, FACETS
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
-from strainsight.report.view.viewed import DOTS, FACETS
 from strainsight.stages.bench.pipeline import bench_stages
 from strainsight.stages.figures import figures_of
 from strainsight.stages.report import REPORT

@@ -12,12 +12,12 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.gauges.bonded import BondedEntry, bonded
-from strainsight.gauges.rows import channel_rows
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.units import to_si
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
+from strainsight.sensors.bonded import BondedEntry, bonded
+from strainsight.sensors.rows import channel_rows
 
 from .conftest import invoked
 from .wing_record import CASE, DIVISIONS, GUESS, LOADS, MESHES, RATE, SOFTER, deck_text, loads, record, stored

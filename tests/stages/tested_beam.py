@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from typer.testing import CliRunner
 
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
 from ..shared import made, without_hot_spots

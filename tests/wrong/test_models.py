@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from strainsight.cases.structure.early import check_files
-from strainsight.cases.structure.mesh import mesh_of
-from strainsight.cases.structure.mesh_tables import ASSUMES
-from strainsight.cases.structure.withheld import beyond_ranges, widen
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
+from strainsight.experiment.structure.early import check_files
+from strainsight.experiment.structure.mesh import mesh_of
+from strainsight.experiment.structure.mesh_tables import ASSUMES
+from strainsight.experiment.structure.withheld import beyond_ranges, widen
 from strainsight.records.record import read
 from strainsight.records.validated import Validated
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.import_mesh import looked_at
-from strainsight.workflow.artefact import Artefact
 from strainsight_cli.example import write
 from strainsight_cli.main import app
 

@@ -121,7 +121,7 @@ def _read(
 
             return read_gmsh(path, required=solids, given=given)
         case "frd":
-            from strainsight.decks.results.frd_mesh import read_frd_mesh
+            from strainsight.decks.frd import read_frd_mesh
 
             return read_frd_mesh(path, required=solids)
     from strainsight.decks.other.mesh import read_meshio

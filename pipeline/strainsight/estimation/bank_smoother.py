@@ -32,7 +32,7 @@ from strainsight.estimation.settled import Settled, beginning
 from strainsight.estimation.smoothed import Keeping, Smoothed, Wanted
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import standard_deviation
-from strainsight.signals.histories import instant_values
+from strainsight.loads.histories import instant_values
 
 
 def smooth_bank(

@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.augmentation.input_models import line_intensity
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances, tuned
 from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
 from strainsight.estimation.settled import beginning
+from strainsight.loads.input_models import line_intensity
 
 SLIGHT = 1e-3
 """Change of ln R for slopes in it."""

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm, matrix_balance
 
-from strainsight.augmentation.input_models import RandomWalk
-from strainsight.augmentation.linearisation import linearise
-from strainsight.augmentation.unknowns import Unknowns
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
-from strainsight.gauges.candidates import ACCELERATION
+from strainsight.loads.input_models import RandomWalk
+from strainsight.loads.linearisation import linearise
+from strainsight.loads.unknowns import Unknowns
 from strainsight.rom.model import ReducedModel
 from strainsight.rom.oscillator import HOLD
 from strainsight.rom.schemes import Scheme
+from strainsight.sensors.candidates import ACCELERATION
 
 
 @dataclass(frozen=True)

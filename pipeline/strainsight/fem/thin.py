@@ -17,7 +17,7 @@ from strainsight.fem.shell_sections import resistance_of, shell_weight
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, nodes_along_beams
-from strainsight.sweep.threads import mapped
+from strainsight.parallel.threads import mapped
 
 CHUNK = 2048
 """Elements at a time; of second-order shells fewer, so that they stay in the cache."""

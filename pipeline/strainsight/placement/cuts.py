@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linprog
 
-from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import NumericalError
+from strainsight.loads.observability import undetectable_directions
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, as_limits

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from strainsight.augmentation.observability import undetectable_directions
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.loads.observability import undetectable_directions
 
 ACCEPTED = 1e-9
 """Largest error of a covariance, beside σᵢσⱼ, that is taken as solved."""

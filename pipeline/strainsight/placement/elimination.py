@@ -9,6 +9,7 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import first_of_largest
+from strainsight.parallel.sweep import Sweep, serial
 from strainsight.placement.choice import Step, known_to_go, least_missed
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
@@ -25,7 +26,6 @@ from strainsight.placement.scenario import (
     whole_pool_weight,
 )
 from strainsight.placement.witness import Guard
-from strainsight.sweep.sweep import Sweep, serial
 
 __all__ = ["Elimination", "Scenario", "eliminate", "eliminate_from", "whole_pool_weight"]
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.augmentation.observability import MarginalModes, undetectable_directions
 from strainsight.errors import NumericalError
+from strainsight.loads.observability import MarginalModes, undetectable_directions
 from strainsight.placement.information import information
 from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, lyapunov_in_schur, solve_anew
 

@@ -9,13 +9,13 @@ import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import csr_array, diags_array, vstack
 
-from strainsight.augmentation.observability import (
+from strainsight.errors import InfeasibleError
+from strainsight.loads.observability import (
     MarginalModes,
     least_gauges,
     undetectable_directions,
     undetectable_in_words,
 )
-from strainsight.errors import InfeasibleError
 from strainsight.placement.limits import BUDGET, KEEP, SPACING, Limits
 from strainsight.placement.scenario import Pool
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import schur
 from scipy.linalg.lapack import dgees, dtrsyl
 
-from strainsight.augmentation.observability import balanced_units
 from strainsight.errors import NumericalError
+from strainsight.loads.observability import balanced_units
 from strainsight.placement.information import Information, as_information
 
 ACCEPTED = 1e-10

@@ -9,20 +9,20 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.augmentation.observability import (
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.loads.observability import (
     MarginalModes,
     least_gauges,
     marginal_modes,
     undetectable_directions,
     undetectable_in_words,
 )
-from strainsight.errors import ConfigError, InfeasibleError, NumericalError
+from strainsight.parallel.sweep import Sweep, serial
 from strainsight.placement.criteria.criterion import Criterion
 from strainsight.placement.criteria.trace import Trace
 from strainsight.placement.information import Information, information
 from strainsight.placement.metric import Metric
 from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
-from strainsight.sweep.sweep import Sweep, serial
 
 Aggregate = Literal["mean", "worst"]
 

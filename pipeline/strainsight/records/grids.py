@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.workflow.output import Dataset
+from strainsight.runner.output import Dataset
 
 STRAIN = "m/m"
 UNITS = {

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from strainsight.gauges.faces import Faces
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import group, record
+from strainsight.sensors.faces import Faces
 
 
 @record

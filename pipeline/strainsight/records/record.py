@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from strainsight.columns import columns_of
 from strainsight.errors import ArtefactError
-from strainsight.workflow.output import Dataset
+from strainsight.runner.output import Dataset
 
 Record = TypeVar("Record")
 NAME, UNIT_OF = "<name>", "unit of "

@@ -13,10 +13,10 @@ from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import signs, turned
+from strainsight.parallel.sweep import Sweep, serial
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 from strainsight.rom.samples import Theta, parameter_samples
 from strainsight.rom.snapshots import Snapshots, only_scales, scaled, shared_by_all, snapshots, snapshots_at
-from strainsight.sweep.sweep import Sweep, serial
 
 DEPENDENT = 1e-10
 """A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from strainsight.cases.structure.campaign import campaign_of
-from strainsight.cases.structure.campaign_text import (
+from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.campaign import campaign_of
+from strainsight.experiment.structure.campaign_text import (
     campaign_files,
     campaign_message,
     campaign_numbers,
     campaign_record,
     campaign_tables,
 )
-from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.full_model import FILES, READS
 from strainsight.records.estimated import record_group
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import below, written
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from strainsight.cases.resources import silent
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
-from strainsight.report.chart.drawing import Drawing, kept
-from strainsight.report.chart.files import figure_files
+from strainsight.experiment.resources import silent
+from strainsight.pages.chart.drawing import Drawing, kept
+from strainsight.pages.chart.files import figure_files
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.slices import declared, prune
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.slices import declared, prune
-from strainsight.workflow.stage import Context, Stage
 
 TEST = "test"
 """Name of the stage whose page is of a test, and what the names of its figures begin with."""
@@ -74,7 +74,7 @@ def _missing(page: Stage, folder: Path) -> list[str]:
 
 
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
-    from strainsight.report.placement.figures import placement_figures
+    from strainsight.pages.placement.figures import placement_figures
     from strainsight.stages.pages.page import placement_report
     from strainsight.stages.pages.workshop import workshop_of_run
 
@@ -85,8 +85,8 @@ def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
 def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     """Under names of their own, with the record's where there are several: the page of the placement has an estimate of every
     unknown, too."""
-    from strainsight.report.tested.campaign import campaign_figures
-    from strainsight.report.tested.figures import figures_of_test
+    from strainsight.pages.tested.campaign import campaign_figures
+    from strainsight.pages.tested.figures import figures_of_test
     from strainsight.stages.pages.tested import pages_of
 
     found, drawings = pages_of(context), []
@@ -103,7 +103,7 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:
-    from strainsight.report.bench.page import bench_figures
+    from strainsight.pages.bench.page import bench_figures
     from strainsight.stages.bench.report import bench_run
 
     return [drawing for section in bench_figures(bench_run(context)).values() for drawing in section]

@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.structure.contact import contact_warnings
-from strainsight.cases.structure.early import check_files
-from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.cases.structure.mesh_tables import assumed_table, faces_table, found_tables
-from strainsight.cases.structure.references import READS, beyond_range, check_references, on_one_node
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.reader import format_of
+from strainsight.experiment.structure.contact import contact_warnings
+from strainsight.experiment.structure.early import check_files
+from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.experiment.structure.mesh_tables import assumed_table, faces_table, found_tables
+from strainsight.experiment.structure.references import READS, beyond_range, check_references, on_one_node
 from strainsight.fem.quality import Quality
-from strainsight.gauges.faces import faces_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, size_of
@@ -25,8 +24,9 @@ from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.imported import Imported
 from strainsight.records.mesh import MeshColumns
 from strainsight.records.record import written
-from strainsight.workflow.output import Output, warnings_in
-from strainsight.workflow.stage import Context, Stage
+from strainsight.runner.output import Output, warnings_in
+from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.faces import faces_of
 
 
 def run(context: Context[PlacementConfig]) -> Output:

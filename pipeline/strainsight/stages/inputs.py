@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.structure.problem import Problem, problem_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.problem import Problem, problem_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.workflow.stage import Context
+from strainsight.runner.stage import Context
 
 
 def mesh(context: Context[object]) -> Mesh:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.cases.structure.reduction import modes_of
-from strainsight.cases.structure.settings import WHAT_IS_FREE, reference_value
-from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.full_model import FILES, READS
+from strainsight.experiment.structure.reduction import modes_of
+from strainsight.experiment.structure.settings import WHAT_IS_FREE, reference_value
+from strainsight.experiment.structure.training import hertz
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output, Table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

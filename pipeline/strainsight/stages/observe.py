@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from strainsight.cases.structure.observation import observed_of
 from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.observation import observed_of
 from strainsight.ordering import first_of_largest
 from strainsight.records.placed import Observed
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output, Table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

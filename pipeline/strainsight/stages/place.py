@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from strainsight.cases.structure.placed import placement_output
-from strainsight.cases.structure.placement import placement_of
-from strainsight.cases.structure.settings import KINDS_OF_LOAD, WHAT_IS_FREE
 from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.placed import placement_output
+from strainsight.experiment.structure.placement import placement_of
+from strainsight.experiment.structure.settings import KINDS_OF_LOAD, WHAT_IS_FREE
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from strainsight.runner.stage import Stage
 from strainsight.stages.import_mesh import IMPORT
 from strainsight.stages.modes import MODES
 from strainsight.stages.observe import OBSERVE
@@ -14,7 +15,6 @@ from strainsight.stages.screen import SCREEN
 from strainsight.stages.spectrum import SPECTRUM
 from strainsight.stages.train import TRAIN
 from strainsight.stages.validate import VALIDATE
-from strainsight.workflow.stage import Stage
 
 PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDATE, REPORT)
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.report.picture.scene import drawn_or_why, render
-from strainsight.report.placement.figures import placement_figures
-from strainsight.report.placement.page import placement_page
-from strainsight.report.space.model import Shape
+from strainsight.pages.picture.scene import drawn_or_why, render
+from strainsight.pages.placement.figures import placement_figures
+from strainsight.pages.placement.page import placement_page
+from strainsight.pages.space.model import Shape
+from strainsight.runner.output import Dataset, Output, Scalar, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
 from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
 from strainsight.stages.view.placement import placement_view
 from strainsight.stages.view.strain import strain_shapes, strains_of
-from strainsight.workflow.output import Dataset, Output, Scalar, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.cases.structure.reduction import reduced_of
-from strainsight.cases.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT
-from strainsight.cases.structure.training import hertz
 from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.full_model import FILES, READS
+from strainsight.experiment.structure.reduction import reduced_of
+from strainsight.experiment.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT
+from strainsight.experiment.structure.training import hertz
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Modes
+from strainsight.runner.output import Output, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

@@ -8,19 +8,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from strainsight.cases.structure.channels import training_units
-from strainsight.cases.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
-from strainsight.cases.structure.gauge_practice import type_in_words, type_table
-from strainsight.cases.structure.resolution import loud_noise, quiet_noise
-from strainsight.cases.structure.screening import screened_of
 from strainsight.config.placement import PlacementConfig, Screen
-from strainsight.gauges.candidates import Candidates
-from strainsight.gauges.screening import BEND, BEYOND, CLEARANCE, NEAR
+from strainsight.experiment.structure.channels import training_units
+from strainsight.experiment.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
+from strainsight.experiment.structure.gauge_practice import type_in_words, type_table
+from strainsight.experiment.structure.resolution import loud_noise, quiet_noise
+from strainsight.experiment.structure.screening import screened_of
 from strainsight.records.record import written
 from strainsight.records.training import Screened
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.screening import BEND, BEYOND, CLEARANCE, NEAR
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

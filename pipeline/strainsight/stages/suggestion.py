@@ -9,14 +9,12 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.cases.structure.grounds import free_motions
 from strainsight.config.answers import Lacking, Place, Suggestion
 from strainsight.config.gauge_types import fitting_type
 from strainsight.decks.effects import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
-from strainsight.gauges.contact import contact_faces
-from strainsight.gauges.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.experiment.structure.grounds import free_motions
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
@@ -30,6 +28,8 @@ from strainsight.mesh.properties import without_modulus
 from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import GeneralShell, ShellSection
 from strainsight.mesh.units import to_si
+from strainsight.sensors.contact import contact_faces
+from strainsight.sensors.faces import Faces, Pick, faces_of, picked, pointed_at
 
 CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")
 

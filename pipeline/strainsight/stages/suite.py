@@ -5,16 +5,16 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 
 from strainsight.estimation.decision import FAULTS
+from strainsight.pages.picture.scene import drawn_or_why, look, render_all
+from strainsight.pages.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
+from strainsight.pages.suite.figures import suite_figures
+from strainsight.pages.suite.page import suite_page
+from strainsight.pages.suite.summary import counts, is_estimated, without_benefit
 from strainsight.records.record import written
-from strainsight.report.picture.scene import drawn_or_why, look, render_all
-from strainsight.report.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
-from strainsight.report.suite.figures import suite_figures
-from strainsight.report.suite.page import suite_page
-from strainsight.report.suite.summary import counts, is_estimated, without_benefit
+from strainsight.runner.output import Output
+from strainsight.runner.slices import Slice
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.pages.suite import numbers_of, suite_of, suite_tables
-from strainsight.workflow.output import Output
-from strainsight.workflow.slices import Slice
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[Slice]) -> Output:

@@ -6,15 +6,15 @@ from __future__ import annotations
 from functools import partial
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.report.picture.scene import drawn_or_why
-from strainsight.report.placement.page import TEST_PAGE
-from strainsight.report.tested.campaign import campaign_figures, page_of_campaign
-from strainsight.report.tested.figures import figures_of_test
-from strainsight.report.tested.page import page_of_test, views_of
-from strainsight.report.view.viewing import screenshots
+from strainsight.pages.picture.scene import drawn_or_why
+from strainsight.pages.placement.page import TEST_PAGE
+from strainsight.pages.tested.campaign import campaign_figures, page_of_campaign
+from strainsight.pages.tested.figures import figures_of_test
+from strainsight.pages.tested.page import page_of_test, views_of
+from strainsight.pages.view.viewing import screenshots
+from strainsight.runner.output import Output, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.pages.tested import pages_of
-from strainsight.workflow.output import Output, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

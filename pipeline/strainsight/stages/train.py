@@ -7,19 +7,19 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from strainsight.cases.structure.candidates import OnSurface
-from strainsight.cases.structure.channels import training_units
-from strainsight.cases.structure.inertia import inertia_problems
-from strainsight.cases.structure.resolution import unresolved_candidates
-from strainsight.cases.structure.settings import KINDS_OF_LOAD, load_units
-from strainsight.cases.structure.training import trained
 from strainsight.config.placement import PlacementConfig
-from strainsight.gauges.candidates import Candidates
+from strainsight.experiment.structure.candidates import OnSurface
+from strainsight.experiment.structure.channels import training_units
+from strainsight.experiment.structure.inertia import inertia_problems
+from strainsight.experiment.structure.resolution import unresolved_candidates
+from strainsight.experiment.structure.settings import KINDS_OF_LOAD, load_units
+from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Table
+from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.candidates import Candidates
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output, Table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[PlacementConfig]) -> Output:

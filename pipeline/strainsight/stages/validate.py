@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.filters_compared import comparison_table
-from strainsight.cases.layout.budget import budget_tables
-from strainsight.cases.layout.names import layout_labels
-from strainsight.cases.structure.full_model import FILES, READS
-from strainsight.cases.structure.sweeps import sweep_table
-from strainsight.cases.structure.validation import (
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.decision import WITHHELD, claims_of
+from strainsight.experiment.filters_compared import comparison_table
+from strainsight.experiment.layout.budget import budget_tables
+from strainsight.experiment.layout.names import layout_labels
+from strainsight.experiment.structure.full_model import FILES, READS
+from strainsight.experiment.structure.sweeps import sweep_table
+from strainsight.experiment.structure.validation import (
     measured_csv,
     validated_without_sigma,
     validation_decision,
@@ -18,15 +20,13 @@ from strainsight.cases.structure.validation import (
     validation_of,
     validation_table,
 )
-from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.decision import WITHHELD, claims_of
-from strainsight.gauges.candidates import STRAIN
 from strainsight.records.grids import STRAIN as STRAIN_UNIT
 from strainsight.records.grids import gauge_grid
 from strainsight.records.record import written
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.candidates import STRAIN
 from strainsight.stages import inputs
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
 """Numbers of the summary that σ is in."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from strainsight.augmentation.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.estimation.filter import filter_runs
+from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator, RandomWalk
 from strainsight.multibody.inverse.loads import load_process, step_responses
 
 from .benches import bench, loads, spring_step, springs

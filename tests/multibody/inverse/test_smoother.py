@@ -9,11 +9,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp.rk import DOP853, rk_step
 
-from strainsight.augmentation.input_models import Matern, RandomWalk
-from strainsight.cases.bench.inverse.smoothing import keep_for, smoothed_loads
-from strainsight.cases.bench.inverse.truth import drawn
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.experiment.bench.inverse.smoothing import keep_for, smoothed_loads
+from strainsight.experiment.bench.inverse.truth import drawn
+from strainsight.loads.input_models import Matern, RandomWalk
 from strainsight.multibody.equations import balance
 from strainsight.multibody.inverse.loads import load_process, walks
 

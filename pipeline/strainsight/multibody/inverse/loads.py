@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 from scipy.linalg import expm, solve_continuous_lyapunov
 
-from strainsight.augmentation.input_models import (
+from strainsight.loads.input_models import (
     InputModel,
     IntegratedRandomWalk,
     RandomWalk,

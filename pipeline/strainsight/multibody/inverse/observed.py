@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from strainsight.augmentation.observability import direction_in_words, undetectable_directions
+from strainsight.loads.observability import direction_in_words, undetectable_directions
 from strainsight.multibody.equations import input_slopes, parameter_slopes
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.spectrum import tangent_space

@@ -7,19 +7,19 @@ import math
 
 import numpy as np
 
-from strainsight.cases.bench.at_rest import Rest, at_rest, coupled, modes_in_space, rest_of
-from strainsight.cases.bench.bearings import overloaded
-from strainsight.cases.bench.loads import load_units
-from strainsight.cases.bench.sensors import dataset_units
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
+from strainsight.experiment.bench.at_rest import Rest, at_rest, coupled, modes_in_space, rest_of
+from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.loads import load_units
+from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.records.at_rest import Coupled
 from strainsight.records.grids import vtkhdf_datasets
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Table, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.output import Output, Table, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 LISTED = 20
 """Most modes that are listed."""

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.bench.bearings import bearings_of, beyond_limit, displaced, loaded
 from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displaced, loaded
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bearing import BearingCases, BearingCurves, BearingsAlone
-from strainsight.records.record import written
-from strainsight.report.bench.bearing_page import (
+from strainsight.pages.bench.bearing_page import (
     CASE_HEAD,
     CONTACTS,
     DISPLACEMENT_UNITS,
@@ -18,8 +16,10 @@ from strainsight.report.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.workflow.output import Output, Scalar, Table, warnings_table
-from strainsight.workflow.stage import Context, Stage
+from strainsight.records.bearing import BearingCases, BearingCurves, BearingsAlone
+from strainsight.records.record import written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
+from strainsight.runner.stage import Context, Stage
 
 
 def run(context: Context[BearingConfig | BenchConfig]) -> Output:

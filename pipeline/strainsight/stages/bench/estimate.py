@@ -7,30 +7,30 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.cases.bench.inverse.comparison import Compared, compared
-from strainsight.cases.bench.inverse.estimation import Estimated, estimated
-from strainsight.cases.bench.inverse.verdicts import (
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import Estimate, FromFile
+from strainsight.csv_cells import csv_bytes
+from strainsight.errors import ArtefactError
+from strainsight.experiment.bench.inverse.comparison import Compared, compared
+from strainsight.experiment.bench.inverse.estimation import Estimated, estimated
+from strainsight.experiment.bench.inverse.verdicts import (
     Evidence,
     bench_out_of_range,
     claim_numbers,
     estimated_without_sigma,
 )
-from strainsight.cases.bench.loads import load_units
-from strainsight.cases.bench.sensors import dataset_units
-from strainsight.cases.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
-from strainsight.cases.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.estimate import Estimate, FromFile
-from strainsight.csv_cells import csv_bytes
-from strainsight.errors import ArtefactError
+from strainsight.experiment.bench.loads import load_units
+from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.record import read, written
 from strainsight.records.simulated import Simulated
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.output import Output, Scalar, Table, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 METHODS = {
     "iterated": "iterated with the step inside",

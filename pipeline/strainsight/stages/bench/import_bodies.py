@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from strainsight.cases.bench.reduction import flexible
-from strainsight.cases.structure.mesh import checked, mesh_of, model_warnings
-from strainsight.cases.structure.mesh_tables import found_tables
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
+from strainsight.experiment.bench.reduction import flexible
+from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.experiment.structure.mesh_tables import found_tables
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import size_of
 from strainsight.mesh.scaling import scaled
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
-from strainsight.workflow.output import Output, Scalar, Table
-from strainsight.workflow.stage import Context, Stage
+from strainsight.runner.output import Output, Scalar, Table
+from strainsight.runner.stage import Context, Stage
 
 
 def run(context: Context[BenchConfig]) -> Output:

@@ -8,7 +8,7 @@ from strainsight.records.bench_truth import BenchTruths
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
-from strainsight.workflow.stage import Context
+from strainsight.runner.stage import Context
 
 HISTORIES = ("forces.*.signal.file", "forces.*.turns.signal.file", "joints.*.drive.signal.file")
 """Keys of files with loads, turns of gravity and drives."""

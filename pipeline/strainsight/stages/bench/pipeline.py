@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
+from strainsight.runner.stage import Stage
 from strainsight.stages.bench.bearing import BEARING
-from strainsight.workflow.stage import Stage
 
 BEARING_ALONE = (BEARING,)
 ON_DEMAND = ("statics", "modes")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from strainsight.cases.bench.layout.output import output_of
-from strainsight.cases.bench.layout.placement import placement_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody
+from strainsight.experiment.bench.layout.output import output_of
+from strainsight.experiment.bench.layout.placement import placement_of
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[BenchConfig]) -> Output:

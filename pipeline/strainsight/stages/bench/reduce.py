@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.cases.bench.reduction import Reduction, reductions
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.experiment.bench.reduction import Reduction, reductions
 from strainsight.records.bodies import ReducedBodies
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Scalar, Table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
-from strainsight.workflow.output import Output, Scalar, Table
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[BenchConfig]) -> Output:

@@ -5,20 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from strainsight import __version__
-from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.report.bench.data import BenchRun
-from strainsight.report.bench.page import bench_figures, bench_page
-from strainsight.report.picture.scene import drawn_or_why
-from strainsight.report.space.model import Shape
-from strainsight.report.space.section import space_section
-from strainsight.report.view.viewed import View, untitled
-from strainsight.report.view.viewing import screenshot
+from strainsight.experiment.bench.reduction import flexible
+from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.bench.page import bench_figures, bench_page
+from strainsight.pages.picture.scene import drawn_or_why
+from strainsight.pages.space.model import Shape
+from strainsight.pages.space.section import space_section
+from strainsight.pages.view.viewed import View, untitled
+from strainsight.pages.view.viewing import screenshot
+from strainsight.runner.output import Dataset, Output
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.pages.bench_run import placement_of, run_of, stress_of
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.surface import field_shape
-from strainsight.workflow.output import Dataset, Output
-from strainsight.workflow.stage import Context, Stage
 
 SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
 """Stages that the page shows, of those that a bench has."""

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from strainsight.cases.bench.bearings import overloaded
-from strainsight.cases.bench.loads import doubtful_drives, load_units
-from strainsight.cases.bench.sensors import dataset_units
-from strainsight.cases.bench.simulation import Simulation, simulation
 from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.loads import doubtful_drives, load_units
+from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.bench.simulation import Simulation, simulation
 from strainsight.multibody.advance import GAIN, LAG
 from strainsight.multibody.band import SHARE, followed, missed
 from strainsight.records.record import written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.output import Output, Scalar, Table, warnings_table
-from strainsight.workflow.stage import Context, Stage
 
 TURN = {"second_order": 0.1, "thesis": 0.01}
 """[rad] a step above which it shows in what turns freely."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from strainsight.cases.bench.inverse.other_truth import truths_of
-from strainsight.cases.bench.loads import load_units
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.experiment.bench.inverse.other_truth import truths_of
+from strainsight.experiment.bench.loads import load_units
 from strainsight.records.record import written
+from strainsight.runner.output import Output
+from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
 from strainsight.stages.bench.inputs import HISTORIES
-from strainsight.workflow.output import Output
-from strainsight.workflow.stage import Context, Stage
 
 
 def run(context: Context[BenchConfig]) -> Output:

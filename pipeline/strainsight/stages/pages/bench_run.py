@@ -7,14 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.layout.names import layout_labels
 from strainsight.config.bench.bench import SurfaceField
-from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.record import read, unit_of
-from strainsight.records.simulated import Simulated, SurfaceInTime
-from strainsight.report.arrays import History, Reading
-from strainsight.report.bench.data import (
+from strainsight.experiment.layout.names import layout_labels
+from strainsight.pages.arrays import History, Reading
+from strainsight.pages.bench.data import (
     BenchEstimate,
     BenchMotion,
     BenchPlacement,
@@ -22,8 +18,12 @@ from strainsight.report.bench.data import (
     BenchStress,
     BenchUnknown,
 )
+from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.record import read, unit_of
+from strainsight.records.simulated import Simulated, SurfaceInTime
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of
-from strainsight.workflow.artefact import Artefact
 
 RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
 REACTION = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))

@@ -8,32 +8,23 @@ from typing import Any, Literal
 import numpy as np
 
 from strainsight import __version__
-from strainsight.cases.filters_compared import disagreements_in_words
-from strainsight.cases.layout.comparison import RULES
-from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.cases.layout.workshop import Workshop
-from strainsight.cases.structure.clearance import clearance_warning
-from strainsight.cases.structure.filtering import posterior_doubts
-from strainsight.cases.structure.mesh import model_warnings
-from strainsight.cases.structure.mesh_tables import ASSUMES
-from strainsight.cases.structure.references import on_one_node
-from strainsight.cases.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.estimation.decision import benefit_of, claims_of, word_of
-from strainsight.gauges.candidates import STRAIN
+from strainsight.experiment.filters_compared import disagreements_in_words
+from strainsight.experiment.layout.comparison import RULES
+from strainsight.experiment.layout.gauge_list import channel_labels
+from strainsight.experiment.layout.workshop import Workshop
+from strainsight.experiment.structure.clearance import clearance_warning
+from strainsight.experiment.structure.filtering import posterior_doubts
+from strainsight.experiment.structure.mesh import model_warnings
+from strainsight.experiment.structure.mesh_tables import ASSUMES
+from strainsight.experiment.structure.references import on_one_node
+from strainsight.experiment.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.mesh.model import Mesh
-from strainsight.placement.criteria.choices import criterion_of
-from strainsight.placement.criteria.criterion import Criterion
-from strainsight.records.layout import PlacedLayout, metric_key
-from strainsight.records.placed import Observed, Placed
-from strainsight.records.record import read, unit_of
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Screened, Training
-from strainsight.records.validated import Validated
-from strainsight.report.arrays import History, Reading
-from strainsight.report.placement.data import (
+from strainsight.pages.arrays import History, Reading
+from strainsight.pages.placement.data import (
     Case,
     Check,
     Criteria,
@@ -45,10 +36,19 @@ from strainsight.report.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.report.text import capital, listed, number
+from strainsight.pages.text import capital, listed, number
+from strainsight.placement.criteria.choices import criterion_of
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.records.layout import PlacedLayout, metric_key
+from strainsight.records.placed import Observed, Placed
+from strainsight.records.record import read, unit_of
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.records.validated import Validated
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.stage import Context
+from strainsight.sensors.candidates import STRAIN
 from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured, placed_scale, placed_size
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.stage import Context
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
 """Of which the page shows what each came to."""

@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.cases.layout.gauge_list import GaugeList
-from strainsight.cases.layout.workshop import Workshop, foil_at
-from strainsight.cases.structure.at_gauges import notes_at_gauges
-from strainsight.cases.structure.channels import listed_gauges as gauges_of
 from strainsight.config.gauge_types import Typed
+from strainsight.experiment.layout.gauge_list import GaugeList
+from strainsight.experiment.layout.workshop import Workshop, foil_at
+from strainsight.experiment.structure.at_gauges import notes_at_gauges
+from strainsight.experiment.structure.channels import listed_gauges as gauges_of
 from strainsight.fem.traction import pressure
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.pages.picture.layout import Arm, Gauge, Layout, Load
 from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.report.picture.layout import Arm, Gauge, Layout, Load
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:

@@ -11,6 +11,20 @@ import numpy as np
 from strainsight import __version__
 from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
+from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.placement.data import Unknown
+from strainsight.pages.suite.data import (
+    Comparison,
+    PlacementRun,
+    Statement,
+    Study,
+    Suite,
+    SuiteRun,
+    metric_name,
+    metrics_of,
+)
+from strainsight.pages.suite.statements import measured, side, target
+from strainsight.pages.suite.summary import Result, results_of
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -27,27 +41,13 @@ from strainsight.records.suite import (
     columns,
 )
 from strainsight.records.training import Training
-from strainsight.report.bench.data import BenchRun
-from strainsight.report.placement.data import Unknown
-from strainsight.report.suite.data import (
-    Comparison,
-    PlacementRun,
-    Statement,
-    Study,
-    Suite,
-    SuiteRun,
-    metric_name,
-    metrics_of,
-)
-from strainsight.report.suite.statements import measured, side, target
-from strainsight.report.suite.summary import Result, results_of
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.output import Table
+from strainsight.runner.slices import Slice
+from strainsight.runner.stage import Context
 from strainsight.stages.pages.bench_run import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
 from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
-from strainsight.workflow.artefact import Artefact
-from strainsight.workflow.output import Table
-from strainsight.workflow.slices import Slice
-from strainsight.workflow.stage import Context
 
 PAGE = "report"
 """The stage of a run that writes its own page, report.html."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from strainsight.cases.structure.settings import PARAMETER_UNITS
 from strainsight.config.load import LoadedConfig
 from strainsight.config.loads import unit_of
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.suite_measures import Measure, as_texts, measures_of
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
+from strainsight.experiment.structure.settings import PARAMETER_UNITS
 
 DRAWN = (
     *("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "factor", "gravity", "rotation"),

@@ -7,31 +7,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.cases.filters_compared import disagreements_in_words
-from strainsight.cases.structure.campaign_text import channel_table, damage_tables
-from strainsight.cases.structure.filtering import posterior_doubts
-from strainsight.cases.structure.surface import virtual_labels
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import record_verdict
-from strainsight.gauges.candidates import UNITS
+from strainsight.experiment.filters_compared import disagreements_in_words
+from strainsight.experiment.structure.campaign_text import channel_table, damage_tables
+from strainsight.experiment.structure.filtering import posterior_doubts
+from strainsight.experiment.structure.surface import virtual_labels
+from strainsight.loads.spectra import density, noise_density
+from strainsight.pages.arrays import History, Reading
+from strainsight.pages.placement.page import TEST_PAGE
+from strainsight.pages.tested.campaign import CampaignFindings, RecordRow
+from strainsight.pages.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
+from strainsight.pages.tested.first import title_of
+from strainsight.pages.text import capital
+from strainsight.pages.view.viewed import exaggerated
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training
-from strainsight.report.arrays import History, Reading
-from strainsight.report.placement.page import TEST_PAGE
-from strainsight.report.tested.campaign import CampaignFindings, RecordRow
-from strainsight.report.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
-from strainsight.report.tested.first import title_of
-from strainsight.report.text import capital
-from strainsight.report.view.viewed import exaggerated
-from strainsight.signals.spectra import density, noise_density
+from strainsight.runner.output import Table
+from strainsight.runner.stage import Context
+from strainsight.sensors.candidates import UNITS
 from strainsight.stages.pages.page import messages, provenance
 from strainsight.stages.pages.page_layout import layout_of_test
-from strainsight.workflow.output import Table
-from strainsight.workflow.stage import Context
 
 MEGA, MICRO = 1e6, 1e6
 STAGES = ("import", "rom", "train", "screen", "place", "estimate")

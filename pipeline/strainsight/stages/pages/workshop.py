@@ -8,25 +8,25 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.cases.layout.datum import frame_of
-from strainsight.cases.layout.exports.channel_lists import Wiring, catman_table, labview_table
-from strainsight.cases.layout.exports.element_sets import abaqus_sets, elements_of, nastran_sets
-from strainsight.cases.layout.gauge_list import channel_labels
-from strainsight.cases.layout.workshop import Workshop, foil_at, workshop_csv, workshop_of, workshop_unv
-from strainsight.cases.structure.observation import LinearModel, linear_model, mat_file
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
-from strainsight.gauges.outline import edge_lines, seen_from
+from strainsight.experiment.layout.datum import frame_of
+from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table, labview_table
+from strainsight.experiment.layout.exports.element_sets import abaqus_sets, elements_of, nastran_sets
+from strainsight.experiment.layout.gauge_list import channel_labels
+from strainsight.experiment.layout.workshop import Workshop, foil_at, workshop_csv, workshop_of, workshop_unv
+from strainsight.experiment.structure.observation import LinearModel, linear_model, mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.pages.chart.files import file_name
+from strainsight.pages.sheets.sheet import sheet_svg
+from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
-from strainsight.report.chart.files import file_name
-from strainsight.report.sheets.sheet import sheet_svg
-from strainsight.report.sheets.views import Projection, Sheet, paper_axes
+from strainsight.runner.stage import Context
+from strainsight.sensors.outline import edge_lines, seen_from
 from strainsight.stages.pages.page_layout import listed_gauges
-from strainsight.workflow.stage import Context
 
 
 def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> Workshop:

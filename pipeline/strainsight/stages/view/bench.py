@@ -7,21 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.cases.bench.bench import unit_vector
-from strainsight.cases.bench.reduction import flexible
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError, did_you_mean
+from strainsight.experiment.bench.bench import unit_vector
+from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
+from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.view.viewed import DOTS, Panel, View
 from strainsight.records.bench_placed import PLACED, BenchLayout, BenchPlaced
 from strainsight.records.bodies import ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
-from strainsight.report.picture.layout import Gauge, Layout
-from strainsight.report.view.viewed import DOTS, Panel, View
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.pages.page_layout import bare
 from strainsight.stages.view.surface import modes_view, surface_view
-from strainsight.workflow.artefact import Artefact
 
 
 def body_of(config: BenchConfig, asked: str | None) -> str:

@@ -9,20 +9,20 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, did_you_mean
-from strainsight.gauges.candidates import STRAIN
 from strainsight.mesh.model import Mesh
+from strainsight.pages.picture.layout import Layout
+from strainsight.pages.view.viewed import DOTS, Panel, View
 from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.records.validated import Validated
-from strainsight.report.picture.layout import Layout
-from strainsight.report.view.viewed import DOTS, Panel, View
+from strainsight.runner.artefact import Artefact
+from strainsight.sensors.candidates import STRAIN
 from strainsight.stages.pages.page_layout import bare, layout_of_page
 from strainsight.stages.view.strain import strain_view, strains_of
 from strainsight.stages.view.surface import modes_view, moment_view, surface_view
-from strainsight.workflow.artefact import Artefact
 
 MICRO = 1e6
 

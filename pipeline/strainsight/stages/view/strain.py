@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from strainsight.cases.structure.contour import SurfaceStrain, surface_strains
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
+from strainsight.experiment.structure.contour import SurfaceStrain, surface_strains
 from strainsight.mesh.model import Mesh
+from strainsight.pages.picture.layout import Layout
+from strainsight.pages.space.model import Shape, contour_of
+from strainsight.pages.text import number, quantity
+from strainsight.pages.view.viewed import FACETS, Panel, View
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
-from strainsight.report.picture.layout import Layout
-from strainsight.report.space.model import Shape, contour_of
-from strainsight.report.text import number, quantity
-from strainsight.report.view.viewed import FACETS, Panel, View
-from strainsight.workflow.artefact import Artefact
+from strainsight.runner.artefact import Artefact
 
 MOST = 6
 """So many loads, and as many load cases, are shown."""

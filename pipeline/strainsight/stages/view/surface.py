@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.cases.structure.surface import largest_principal
 from strainsight.errors import UserError
-from strainsight.report.picture.layout import Layout
-from strainsight.report.space.model import Shape, contour_of
-from strainsight.report.view.viewed import FACETS, POINTS, Panel, View, exaggerated
+from strainsight.experiment.structure.surface import largest_principal
+from strainsight.pages.picture.layout import Layout
+from strainsight.pages.space.model import Shape, contour_of
+from strainsight.pages.view.viewed import FACETS, POINTS, Panel, View, exaggerated
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.view.strain import MICRO, QUANTITY, UNIT
-from strainsight.workflow.artefact import Artefact
 
 MODES = 6
 """So many shapes are shown side by side."""

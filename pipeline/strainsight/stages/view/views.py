@@ -9,10 +9,10 @@ from pathlib import Path
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, UserError
-from strainsight.report.view.viewed import View
+from strainsight.pages.view.viewed import View
+from strainsight.runner.artefact import Artefact
 from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.placement import placement_view
-from strainsight.workflow.artefact import Artefact
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
 FURTHEST = ("layout", "mesh")

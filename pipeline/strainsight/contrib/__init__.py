@@ -1,0 +1,1 @@
+"""Machines beyond this process: MPI and Dask."""

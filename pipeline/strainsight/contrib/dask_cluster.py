@@ -1,0 +1,295 @@
+"""A sweep on a Dask cluster: whoever connects to a scheduler trusts it, and it trusts them."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import logging
+import time
+import uuid
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import strainsight
+from strainsight.errors import StrainsightError, UserError
+from strainsight.parallel.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
+
+PATIENCE = 5.0
+"""[s] that a scheduler has to answer in, and a first worker to be there."""
+LOOK = 0.2
+"""[s] between two looks at what is done."""
+DESERTED = 60.0
+"""[s] without any worker after which a sweep is given up: where workers die, others often follow."""
+SAME = ("strainsight", "numpy", "scipy", "numba", "dask", "distributed", "cloudpickle")
+"""Packages that must have one version everywhere: the results come from the first four, the rest carries them."""
+CODE = "code of strainsight"
+SILENT = 30.0
+"""[s] that a scheduler may leave a question open in the middle of a sweep: it may be busy, or stand still."""
+CARRYING = 10
+"""Times as long that results may be on their way."""
+
+
+FROZEN = 360.0
+"""[s] without a heartbeat after which a worker is frozen: Dask gives its tasks to others after 300 s, if it is left to do so. The
+heartbeats of a worker that computes for long come from another thread."""
+ANSWER = 60.0
+"""[s] for all workers to state their versions, before they have anything to compute."""
+EVERY = 1.0
+"""[s] between two looks at the workers."""
+
+
+class _SilentError(Exception):
+    """The scheduler is there, and does not answer."""
+
+
+@dataclass
+class _Watch:
+    """When the workers were last looked for, and when one was there [s]; worker → its last heartbeat, and when that was new."""
+
+    looked: float
+    seen: float
+    heartbeats: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+@contextmanager
+def on_cluster(address: str) -> Iterator[Sweep]:
+    """Sweeps on the workers of a scheduler, as in "tcp://127.0.0.1:8786".
+
+    Raises UserError where `distributed` is missing, nothing or something else answers, no worker is there, or versions differ.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UserError(
+            "the package distributed is not installed", key="--dask", remedy="pip install 'strainsight[dask]'"
+        ) from None
+    # The errors below report broken connections.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    _require_scheduler(address)
+    client = Client(address, timeout=PATIENCE, set_as_default=False)
+    try:
+        _require_workers(client, address)
+        yield partial(_sweep, client)
+    finally:
+        client.close(timeout=PATIENCE)
+
+
+def _require_scheduler(address: str) -> None:
+    """Ask who is there before a client is made: one that fails to connect goes on trying as it is thrown away."""
+    from distributed.core import rpc
+    from distributed.security import Security
+
+    async def who() -> str:
+        async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
+            return str((await there.identity())["type"])
+
+    try:
+        kind = asyncio.run(asyncio.wait_for(who(), PATIENCE))
+    # of a socket, an address, a name, a certificate, or of reading what another program sent
+    except Exception as error:
+        why = str(error).splitlines()[0] if isinstance(error, ValueError | TypeError) else "no answer"
+        raise UserError(
+            f"no Dask scheduler at {address}: {why or type(error).__name__}",
+            key="--dask",
+            remedy=f"start one (`dask scheduler`) and give the address that it prints; it has {PATIENCE:g} s to answer",
+        ) from None
+    if kind != "Scheduler":
+        raise UserError(
+            f"{address} is a Dask {kind.lower()}, not a scheduler", key="--dask", remedy="give the scheduler's"
+        )
+
+
+def _require_workers(client: Any, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except TimeoutError:
+        raise UserError(
+            f"the Dask scheduler at {address} has no workers", key="--dask", remedy=f"dask worker {address}"
+        ) from None
+
+    async def stated() -> tuple[Any, Any]:
+        scheduler = await client.scheduler.versions(packages=SAME)
+        return scheduler, await client.scheduler.broadcast(msg={"op": "versions", "packages": SAME}, on_error="ignore")
+
+    try:
+        scheduler, workers = client.sync(stated, callback_timeout=ANSWER)
+    except TimeoutError:
+        raise _frozen(f"a worker of the Dask scheduler at {address}", ANSWER) from None
+    _refuse_others(scheduler["packages"], "scheduler")
+    for worker, own in workers.items():
+        _refuse_others(own["packages"], f"worker {worker}")
+
+
+def _refuse_others(theirs: Mapping[str, str | None], who: str, ours: Mapping[str, str | None] | None = None) -> None:
+    """Raise UserError where a package has another version there."""
+    other = [
+        f"{name} {_shown(theirs.get(name))} there, {_shown(own)} here"
+        for name, own in (ours or versions()).items()
+        if theirs.get(name) != own
+    ]
+    if other:
+        raise UserError(
+            f"the Dask {who} is another installation: {', '.join(other)}",
+            key="--dask",
+            remedy="install the same versions on all machines: results must not depend on where they are computed",
+        )
+
+
+@cache
+def versions() -> dict[str, str | None]:
+    """Python and the packages that must agree."""
+    from distributed.versions import get_package_info
+
+    found: dict[str, str | None] = get_package_info(SAME)
+    return {name: found[name] for name in ("python", *SAME)}
+
+
+@cache
+def sources() -> str:
+    """Sixteen digits of sha256 over all modules of this package: one version stands for many states of a checkout."""
+    root, sha = Path(strainsight.__file__).parent, hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        sha.update(path.relative_to(root).as_posix().encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+    return sha.hexdigest()[:16]
+
+
+def _shown(version: str | None) -> str:
+    return "missing" if version is None else version.removesuffix(".final.0")
+
+
+def _sweep(
+    client: Any, task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched
+) -> list[R]:
+    import dask
+    from distributed import CancelledError
+    from distributed.comm import CommClosedError
+
+    if not points:
+        return []
+    # Not scattered: scattered data die with the workers that hold them. The scheduler keeps how this came about, the data
+    # themselves, and gives them to another worker; so it does with the tasks. Workers fetch them from each other.
+    run = f"{task.__name__}-{uuid.uuid4().hex}"
+    # Pairs of name and place: the scheduler sees that they are alike, and spreads them over all workers.
+    keys = [(run, place) for place in range(len(points))]
+    ours = versions() | {CODE: sources()}
+    with dask.config.set({"distributed.admin.large-graph-warning-threshold": "1 TiB"}):
+        kept = client.submit(_kept, shared, key=f"shared-{run}")
+        futures = client.map(_one, list(points), key=keys, task=task, shared=kept, ours=ours, pure=False)
+    try:
+        return _collected(client, futures, progress)
+    except _SilentError:
+        raise UserError(
+            f"the Dask scheduler has not answered for {SILENT:g} s",
+            key="--dask",
+            remedy="look whether its machine still runs, or start it anew, then run again: finished stages are kept",
+        ) from None
+    except BaseException as error:
+        # The client may still be trying to connect again when the first future tells that the connection is lost.
+        if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
+            raise _gone() from error
+        client.cancel(futures, force=True)
+        raise
+
+
+def _kept(shared: Any) -> Any:
+    return shared
+
+
+def _one(point: Any, *, task: Callable[[Any, Any], Any], shared: Any, ours: Mapping[str, str | None]) -> Captured:
+    """A task on a worker, which may have come after the first ones were asked for their versions."""
+    from distributed import get_worker
+
+    _refuse_others(versions() | {CODE: sources()}, f"worker {get_worker().address}", ours)
+    return captured(task, shared, point)
+
+
+def _collected(client: Any, futures: Sequence[Any], progress: Progress) -> list[Any]:
+    """The results in order; the error of a task ends them all."""
+    from distributed import wait
+
+    found: dict[Any, Captured] = {}
+    waiting, watch = set(futures), _Watch(time.monotonic(), time.monotonic())
+    while waiting:
+        try:
+            with client.as_current():
+                done = wait(waiting, timeout=LOOK, return_when="FIRST_COMPLETED").done
+        except TimeoutError:
+            _look_for_workers(client, watch)
+            continue
+        found |= _results(client, done)
+        waiting -= done
+        progress(len(found) / len(futures))
+    return [repeated(found[future.key]) for future in futures]
+
+
+def _results(client: Any, done: Collection[Any]) -> dict[Any, Captured]:
+    from distributed import KilledWorker
+
+    async def gathered() -> list[Captured]:
+        own: list[Captured] = await client.gather(list(done), asynchronous=True)
+        return own
+
+    try:
+        found = client.sync(gathered, callback_timeout=CARRYING * SILENT)
+        return dict(zip((future.key for future in done), found, strict=True))
+    except TimeoutError:
+        _identities(client)
+        raise _frozen("a Dask worker that holds results", CARRYING * SILENT) from None
+    except KilledWorker:
+        raise StrainsightError(
+            "several workers of the cluster were killed at the same task of a sweep, probably for lack of memory",
+            remedy="start workers with more memory (dask worker --memory-limit) or fewer threads (--nthreads 1)",
+        ) from None
+
+
+def _identities(client: Any) -> dict[str, Any]:
+    """Worker → what the scheduler knows of it; raises _SilentError where that does not answer."""
+    try:
+        there: dict[str, Any] = client.sync(client.scheduler.identity, n_workers=-1, callback_timeout=SILENT)["workers"]
+    except TimeoutError:
+        raise _SilentError from None
+    return there
+
+
+def _look_for_workers(client: Any, watch: _Watch) -> None:
+    """Raises UserError where no worker has been there, or one has had no heartbeat, for too long; _SilentError as above."""
+    if time.monotonic() - watch.looked < EVERY:
+        return
+    there = _identities(client)
+    now = watch.looked = time.monotonic()
+    if there:
+        watch.seen = now
+    elif now - watch.seen > DESERTED:
+        raise UserError(
+            f"the Dask cluster has had no worker for {DESERTED:g} s",
+            key="--dask",
+            remedy="start workers, then run again: finished stages are kept",
+        )
+    beats = {worker: own["last_seen"] for worker, own in there.items()}
+    before = watch.heartbeats
+    watch.heartbeats = {
+        w: (beat, before[w][1] if before.get(w, (0, 0))[0] == beat else now) for w, beat in beats.items()
+    }
+    for worker, (_, since) in watch.heartbeats.items():
+        if now - since > FROZEN:
+            raise _frozen(f"the Dask worker {worker}", FROZEN)
+
+
+def _frozen(who: str, seconds: float) -> UserError:
+    return UserError(
+        f"{who} has not answered for {seconds:g} s",
+        key="--dask",
+        remedy="look whether its machine still runs, and end or start it anew, then run again: finished stages are kept",
+    )
+
+
+def _gone() -> UserError:
+    return UserError(
+        "the Dask scheduler has gone",
+        key="--dask",
+        remedy="start it and its workers again, then run again: finished stages are kept",
+    )

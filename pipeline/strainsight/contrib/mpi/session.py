@@ -1,0 +1,295 @@
+"""A factor that lies in the processes of MPI, as a `Factor`.
+
+Matrices, right-hand sides and results go by files of a private folder; every process reads its own rows of them:
+
+    A.indptr.npy, A.indices.npy, A.data.npy     the upper triangle, CSR; likewise M
+    request-N.json, answer-N.json               what is asked, and the answer of the first process
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import time
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.contrib.mpi.programs import LAUNCHER, PYTHON, Programs, programs
+from strainsight.contrib.mpi.supervisor import END, ENDED, SAID
+from strainsight.errors import NumericalError, UserError
+from strainsight.fem.factorisation import Factor, conditioned, scaled_upper
+from strainsight.fem.pardiso import MECHANISM
+from strainsight.memory import GIB, SMALLER, available_memory
+from strainsight.processes import inherited
+from strainsight.processes import python as command_of
+
+WORKER = Path(__file__).with_name("worker.py")
+START_LIMIT = 120.0
+"""[s] until the processes have found each other."""
+SHORT, LONG = 0.001, 0.02
+"""[s] between two looks for an answer."""
+TAIL = 6
+"""Lines of what MPI has said that an error repeats."""
+CONVERGED, RESTARTS = 1e-14, 1000
+"""Of the Krylov-Schur iterations: residual beside λ, and how often they start again at most."""
+KILLED = 128 + 9
+FAILURE = "failure.json"
+"""What one process alone has met."""
+
+
+@dataclass(frozen=True)
+class OverMpi:
+    """Factorise by MUMPS in the processes of MPI; say: takes a sentence on who does it, once for each factor."""
+
+    say: Callable[[str], None] = lambda text: None
+
+    def __call__(self, A: sparse.csr_array) -> Factor:
+        """A = LLᵀ as `fem.factorisation.factorise`, scaled likewise, with `lowest` for modes.
+
+        Raises NumericalError where A is not positive definite or a process dies, UserError where MPI, PETSc or SLEPc cannot be
+        had, do not fit together, or have too little memory.
+        """
+        scale = conditioned(A)
+        session = _Session(programs())
+        try:
+            hello = session.start()
+            session.matrix("A", scaled_upper(A, scale))
+            there = available_memory()
+            answer = session.ask("factorise", memory=0 if np.isinf(there) else there)
+        except BaseException:
+            session.close()
+            raise
+        self.say(
+            f"SLEPc {hello['slepc']} with MUMPS in {hello['processes']} processes: the factor of {A.shape[0]} unknowns takes "
+            f"{answer['memory'] * 1e6 / GIB:.3g} GiB"
+        )
+        return _factor(session, scale)
+
+
+def _factor(session: _Session, scale: np.ndarray) -> Factor:
+    mass: list[sparse.csr_array] = []
+
+    def solve(B: np.ndarray) -> np.ndarray:
+        return scale[:, None] * session.solve(scale[:, None] * B)
+
+    def lowest(
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if not mass or mass[0] is not M:
+            if mass:
+                raise ValueError("a factor has the modes of one mass")
+            session.matrix("M", scaled_upper(M, scale))
+            mass.append(M)
+        values, shapes = session.lowest(count, basis, start / scale, beside / scale[:, None], tolerance)
+        return values, scale[:, None] * shapes
+
+    weakref.finalize(solve, session.close)
+    return Factor(len(scale), "MUMPS", solve, lowest)
+
+
+class _Session:
+    """Processes of MPI and their folder, until `close`."""
+
+    def __init__(self, own: Programs):
+        self.own, self.asked, self.written, self.started = own, 0, 0, False
+        self.process = subprocess.Popen(
+            command_of("strainsight.contrib.mpi.supervisor"),
+            env=inherited(),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert self.process.stdout is not None
+        self.folder = Path(self.process.stdout.readline().decode().rstrip("\n"))
+
+    def start(self) -> dict[str, Any]:
+        """Start the processes; who they are. Raises UserError where they do not come, or are not what is needed."""
+        assert self.process.stdin is not None
+        command = [*self.own.launcher, self.own.python, str(WORKER)]
+        self.process.stdin.write(json.dumps([command, dict(self.own.environment)]).encode() + b"\n")
+        self.process.stdin.flush()
+        hello = self._wait("hello.json", START_LIMIT)
+        if hello["launched"] != hello["processes"]:
+            raise UserError(
+                f"`{' '.join(self.own.launcher)}` starts {hello['launched']} processes that do not know each other",
+                key="solver",
+                remedy=f"take the launcher of the MPI that petsc4py was built with: export {LAUNCHER}=…",
+            )
+        remedy = ""
+        if hello["complex"]:
+            what, remedy = f"PETSc {hello['petsc']} is built for complex numbers", "take a build for real numbers"
+        elif not hello["mumps"]:
+            what, remedy = (
+                f"PETSc {hello['petsc']} is built without MUMPS",
+                "build it with --download-mumps --download-scalapack",
+            )
+        if remedy:
+            raise UserError(
+                what, key="solver", remedy=f"{remedy}; another interpreter: export {PYTHON}=/path/to/python"
+            )
+        self.started = True
+        return hello
+
+    def matrix(self, name: str, upper: sparse.csr_array) -> None:
+        """Write a matrix for the processes."""
+        for part in ("indptr", "indices", "data"):
+            np.save(self.folder / f"{name}.{part}.npy", getattr(upper, part))
+
+    def solve(self, B: np.ndarray) -> np.ndarray:
+        """A⁻¹B for B (n, k)."""
+        given, into = self._array(B), self._room(B.shape[1], len(B))
+        self.ask("solve", of=given, into=into)
+        return self._taken(given, into)
+
+    def lowest(
+        self, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """λ (count,) and φ (n, count) beside the columns (n, k)."""
+        n = len(start)
+        first, into = self._array(start[:, None]), self._room(count, n)
+        known = self._array(beside) if beside.shape[1] else ""
+        found = self.ask(
+            "lowest",
+            count=count,
+            basis=basis,
+            start=first,
+            beside=known,
+            into=into,
+            tolerance=max(tolerance, CONVERGED),
+            restarts=RESTARTS,
+        )
+        return np.array(found["values"]), self._taken(first, known, into)
+
+    def ask(self, do: str, **what: Any) -> dict[str, Any]:
+        """One request to all processes, and the answer."""
+        self._request(do, **what)
+        return self._wait(f"answer-{self.asked - 1}.json", np.inf)
+
+    def _request(self, do: str, **what: Any) -> None:
+        request = self.folder / f"request-{self.asked}.json"
+        request.with_suffix(".tmp").write_text(json.dumps({"do": do, **what}))
+        request.with_suffix(".tmp").replace(request)
+        self.asked += 1
+
+    def close(self) -> None:
+        """End the processes and remove the folder."""
+        with suppress(OSError):
+            if self.started:
+                (
+                    self.folder / END
+                ).touch()  # before the processes are asked to end, which the supervisor then leaves to them
+                self._request("end")
+        with suppress(OSError):
+            assert self.process.stdin is not None
+            self.process.stdin.close()
+        with self.process:  # waits for it
+            pass
+        shutil.rmtree(self.folder, ignore_errors=True)  # of a supervisor that was killed
+
+    def _array(self, columns: np.ndarray) -> str:
+        """A new file of columns (n, k), each as a row of it."""
+        name = self._name()
+        np.save(self.folder / name, np.ascontiguousarray(columns.T, dtype=float))
+        return name
+
+    def _room(self, k: int, n: int) -> str:
+        """A new file for a result (k, n)."""
+        name = self._name()
+        np.lib.format.open_memmap(self.folder / name, "w+", dtype=float, shape=(k, n)).flush()
+        return name
+
+    def _name(self) -> str:
+        self.written += 1
+        return f"array-{self.written}.npy"
+
+    def _taken(self, *names: str) -> np.ndarray:
+        """Columns (n, k) of the last of these files; all of them are removed."""
+        found = np.load(self.folder / names[-1])
+        for name in filter(None, names):
+            (self.folder / name).unlink()
+        return np.asarray(found.T)
+
+    def _wait(self, name: str, limit: float) -> dict[str, Any]:
+        """What a file says, once it is there. Raises what the processes refuse, or have died of."""
+        answer, pause, until = self.folder / name, SHORT, time.monotonic() + limit
+        while not answer.exists():
+            ended = self.process.poll() is not None or (self.folder / ENDED).exists()
+            if (ended or (self.folder / FAILURE).exists()) and not answer.exists():
+                raise self._failed()
+            if time.monotonic() > until:
+                raise UserError(
+                    f"{limit:g} s after `{' '.join(self.own.launcher)}` was started its processes have not found each other"
+                    f"{self._said()}",
+                    key="solver",
+                    remedy=f"try it on {self.own.python} -c 'from slepc4py import SLEPc'; another launcher: "
+                    f"export {LAUNCHER}='mpiexec -n 4'",
+                )
+            time.sleep(pause)
+            pause = min(1.2 * pause, LONG)
+        found: dict[str, Any] = json.loads(answer.read_text())
+        if "refused" in found:
+            raise self._refused(found)
+        return found
+
+    def _refused(self, found: dict[str, Any]) -> NumericalError | UserError:
+        """What all processes know alike."""
+        kind = found["refused"]
+        if kind == "indefinite":
+            return NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
+        if kind == "converged":
+            return NumericalError(
+                f"the Krylov-Schur iterations did not converge: {found['found']} modes after {found['iterations']} restarts",
+                remedy="check the model for nearly loose parts, or ask for fewer modes",
+            )
+        if kind == "memory":
+            figure = f" (its analysis asks for {found['estimate'] * 1e6 / GIB:.3g} GiB)" if "estimate" in found else ""
+            return UserError(
+                f"there is not enough memory for the factor in the processes of MPI{figure}",
+                key="solver",
+                remedy=f"start them on more machines by {LAUNCHER}, or {SMALLER}",
+            )
+        if kind == "indices":
+            return UserError(
+                f"PETSc with indices of 32 bits cannot count the entries of a process ({found['text']})",
+                key="solver",
+                remedy=f"start more processes by {LAUNCHER}, or build PETSc --with-64-bit-indices",
+            )
+        said = found.get("text") or f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}"
+        return NumericalError(said, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
+
+    def _failed(self) -> NumericalError | UserError:
+        """Of processes that have ended by themselves."""
+        failure, ended = self.folder / FAILURE, self.folder / ENDED
+        if failure.exists():
+            return self._refused(json.loads(failure.read_text()))
+        code = json.loads(ended.read_text()) if ended.exists() else self.process.poll()
+        what = f"`{' '.join(self.own.launcher)}` ended with exit code {code}{self._said()}"
+        if self.started:
+            killed = "a process was killed, mostly as there was no memory left: start" if code == KILLED else "start"
+            return NumericalError(
+                f"a process of MPI died: {what}",
+                key="solver",
+                remedy=f"{killed} them on more machines by {LAUNCHER}, or take a coarser mesh; or solver: direct",
+            )
+        return UserError(
+            what,
+            key="solver",
+            remedy=f"its launcher and options are those of {LAUNCHER} in the environment; as root Open MPI wants "
+            "OMPI_ALLOW_RUN_AS_ROOT=1 and OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1, for more processes than cores --oversubscribe",
+        )
+
+    def _said(self) -> str:
+        """The last lines that the launcher or its processes have printed."""
+        try:
+            text = (self.folder / SAID).read_text(errors="replace")
+        except OSError:
+            return ""
+        lines = [line.rstrip() for line in text.splitlines() if line.strip(" -")]
+        return "".join(f" | {line}" for line in lines[-TAIL:])

@@ -1,0 +1,255 @@
+"""An estimate of a bench beside what is true: histories as they are written, and how good they are in numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import FromRun
+from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
+from strainsight.estimation.metrics import settling_time
+from strainsight.experiment.bench.inverse.estimation import Estimated
+from strainsight.experiment.bench.inverse.numbers import (
+    Numbers,
+    history_numbers,
+    load_numbers,
+    mismatch_numbers,
+    parameter_numbers,
+    ratio_numbers,
+    size_numbers,
+    smoothed_name,
+    smoothed_numbers,
+)
+from strainsight.experiment.bench.inverse.unknowns import asked
+from strainsight.records.bench_estimated import (
+    BenchEstimated,
+    LoadHistory,
+    LoadRuns,
+    ParameterHistory,
+    ParameterRuns,
+    SensorMatch,
+)
+
+SETTLING = "settling_time"
+"""Of a parameter; infinite where it never settles."""
+SETTLED = 1e-3
+"""Share of the truth that a parameter stays within once it has settled: a bearing's geometry is known to a per cent before."""
+LEARNED = 0.5
+"""Share of its first σ below which a parameter counts as learned."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """found: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
+    estimate of every unknown keeps to its σ, where the truth is known."""
+
+    found: BenchEstimated
+    numbers: Numbers
+    claims: dict[str, Claim]
+
+
+def compared(config: BenchConfig, own: Estimated) -> Compared:
+    """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
+    numbers: Numbers = {}
+    claims: dict[str, Claim | None] = {}
+    inputs: dict[str, LoadHistory] = {}
+    input_runs: dict[str, LoadRuns] = {}
+    for i, (name, column) in enumerate(zip(asked(config).inputs, own.unknowns.inputs, strict=True)):
+        inputs[name], error, claims[name], more = _load(own, name, i, column)
+        numbers |= more
+        claims[smoothed_name(name)], more = _smoothed(own, name, i, column)
+        numbers |= more
+        if error is not None:
+            input_runs[name] = LoadRuns(error=error)
+    parameters: dict[str, ParameterHistory] = {}
+    parameter_runs: dict[str, ParameterRuns] = {}
+    for i, name in enumerate(own.unknowns.free):
+        parameters[name], ends, claims[name], more = _parameter(own, name, i)
+        numbers |= more
+        if len(ends.estimate) > 1:
+            parameter_runs[name] = ends
+    sensors: dict[str, SensorMatch] = {}
+    for name in own.sensors.channels:
+        match = sensors[name] = _sensor(own, name)
+        if match.measured is not None:
+            numbers |= mismatch_numbers(name, match.measured, match.expected)
+            if isinstance(asked(config).measured, FromRun) and not match.used:
+                numbers |= size_numbers(name, match.measured, match.expected)
+    found = BenchEstimated(
+        time=own.time,
+        q=own.mean[:, 0, own.trial.model.q],
+        violation=np.array([_violation(own, k) for k in range(len(own.time))]),
+        nis=own.nis[:, 0],
+        lost=own.lost,
+        inputs=inputs,
+        parameters=parameters,
+        sensors=sensors,
+        input_runs=input_runs,
+        parameter_runs=parameter_runs,
+        seeds=numbers_of_seeds(own, tuple(asked(config).inputs)),
+        bearings=own.rings,
+        compared=own.compared,
+    )
+    judged = {name: claim for name, claim in claims.items() if claim is not None}
+    kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING)}
+    return Compared(found, kept, judged)
+
+
+def _load(
+    own: Estimated, name: str, i: int, column: int
+) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+    """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
+    at = own.trial.model.u[i]
+    mean = own.mean[:, :, at]
+    std = np.where(np.isfinite(mean), own.std[:, :, at], np.nan)
+    true = own.reality.inputs[:, :, column]
+    known, there = bool(np.isfinite(true).all()), own.elsewhere.get(name)
+    numbers: Numbers = {}
+    error = claim = None
+    if known:
+        numbers |= load_numbers(name, true[1:, 0], mean[1:, 0], std[1:, 0])
+        # truths are one for all, or one a seed, and starts run within a seed
+        late = slice(len(mean) // 2, None)
+        off = (mean - np.repeat(true, mean.shape[1] // true.shape[1], axis=1))[late]
+        if f"error.{name}" in numbers:
+            claim = claim_in_time(off, std[late], starts=len(own.unknowns.starts))
+        if mean.shape[1] > 1:
+            error = np.sqrt(np.mean(off**2, axis=0))
+            if np.isfinite(std[late]).any():
+                numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
+    elif there is None:
+        numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
+    if there is not None:
+        numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
+    smoothed = own.smoothed
+    history = LoadHistory(
+        estimate=mean[:, 0],
+        std=std[:, 0],
+        smoothed=None if smoothed is None else smoothed.mean[:, i],
+        smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
+        true=true[:, 0] if known else None,
+        there=there,
+    )
+    return history, error, claim, numbers
+
+
+def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | None, Numbers]:
+    """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
+    true = own.reality.inputs[:, 0, column]
+    if own.smoothed is None or not np.isfinite(true).all():
+        return None, {}
+    mean, std = own.smoothed.mean[:, i], own.smoothed.std[:, i]
+    numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
+    if not numbers:
+        return None, {}
+    late = slice(len(mean) // 2, None)
+    return claim_in_time((mean - true)[late], std[late], of="smoothed"), numbers
+
+
+def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
+    """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
+    unknowns = own.unknowns
+    column = own.bench.system.parameters.index(unknowns.parameters[name])
+    theta, std = in_theta(own, column)
+    runs, starts = theta.shape[1], len(unknowns.starts)
+    true = np.broadcast_to(np.repeat(own.reality.theta[:, column], runs // len(own.reality.theta)), runs)
+    known = bool(np.isfinite(true).all())
+    apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
+    learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
+    claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
+    wrong = claim is not None and claim.overconfident
+    withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
+    numbers: Numbers = {}
+    if not withheld:
+        numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
+    if known:
+        numbers |= parameter_numbers(name, true, theta[-1], std[-1])
+        numbers[f"{SETTLING}.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
+    else:
+        numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
+    history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
+    error = theta[-1] - true if known else None
+    return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
+
+
+def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
+    """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
+    xi, P = own.mean[:, :, own.trial.model.xi], own.xi_covariance
+    theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
+    for at in np.ndindex(xi.shape[:2]):
+        if np.isfinite(xi[at]).all():
+            theta[at], std[at] = _theta_at(own, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
+    return theta, std
+
+
+def _theta_at(own: Estimated, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+    values, slopes = own.unknowns.coordinates.theta(xi)
+    s = slopes[column]
+    return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
+
+
+def _sensor(own: Estimated, name: str) -> SensorMatch:
+    used, part = name in own.used.channels, own.sensors.channels[name]
+    measured = own.measured[:, 0, own.used.channels[name]] if used else own.reality.readings[:, 0, part]
+    there = bool(np.isfinite(measured).any())
+    bias = bias_std = None
+    offset, given = own.trial.offsets.at, own.used.channels.get(name, slice(0, 0))
+    which = np.flatnonzero((offset >= given.start) & (offset < given.stop))
+    if len(which):
+        bias, bias_std = np.zeros((2, part.stop - part.start))
+        at, size = offset[which] - given.start, own.trial.model.size
+        bias[at], bias_std[at] = own.mean[-1, 0, size + which], own.std[-1, 0, size + which]
+    without = own.without if used else None
+    return SensorMatch(
+        used=used,
+        expected=own.reading[1:, 0, part],
+        measured=measured if there else None,
+        predicted=None if without is None else without.predicted[:, 0, given],
+        predicted_std=None if without is None else without.std[:, 0, given],
+        left_in=None if without is None else without.left_in[given],
+        bias=bias,
+        bias_std=bias_std,
+    )
+
+
+def _violation(own: Estimated, k: int) -> float:
+    x = own.mean[k, :1]
+    return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
+
+
+def numbers_of_seeds(own: Estimated, inputs: tuple[str, ...]) -> dict[str, np.ndarray]:
+    """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
+    and sensors, as in the summary. None of a single seed. inputs: names of the unknown loads."""
+    starts = len(own.unknowns.starts)
+    runs = range(0, own.mean.shape[1], starts)
+    if len(runs) < 2:
+        return {}
+    found = [_numbers(own, inputs, seed, run) if own.lost[run] < 0 else {} for seed, run in enumerate(runs)]
+    names = dict.fromkeys(name for numbers in found for name in numbers)
+    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in found]) for name in names}
+
+
+def _numbers(own: Estimated, inputs: tuple[str, ...], seed: int, run: int) -> Numbers:
+    """Of one seed; truths are one for all, or one a seed."""
+    model, late = own.trial.model, len(own.nis) // 2
+    truth = min(seed, own.reality.inputs.shape[1] - 1)
+    numbers: Numbers = {"nis": float(np.nanmean(own.nis[late:, run]))}
+    for name, at, column in zip(inputs, model.u, own.unknowns.inputs, strict=True):
+        load = own.reality.inputs[1:, truth, column]
+        if np.isfinite(load).all():
+            numbers |= load_numbers(name, load, own.mean[1:, run, at], own.std[1:, run, at])
+    for name in own.unknowns.free:
+        column = own.bench.system.parameters.index(own.unknowns.parameters[name])
+        true = own.reality.theta[min(seed, len(own.reality.theta) - 1), column]
+        P = own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
+        last, std = _theta_at(own, column, own.mean[-1, run, model.xi], P)
+        if np.isfinite(true):
+            numbers |= parameter_numbers(name, np.array([true]), np.array([last]), np.array([std]))
+    for name, part in own.sensors.channels.items():
+        given = own.used.channels.get(name)
+        read = min(seed, own.reality.readings.shape[1] - 1)
+        measured = own.reality.readings[:, read, part] if given is None else own.measured[:, run, given]
+        numbers |= mismatch_numbers(name, measured, own.reading[1:, seed, part])
+    return numbers

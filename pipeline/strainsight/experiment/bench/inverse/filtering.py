@@ -1,0 +1,242 @@
+"""The filter of a bench: an extended one over loads and parameters, or a bank of them over the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.bench.estimate import Method
+from strainsight.errors import ConfigError, NumericalError
+from strainsight.estimation.decision import expected_ratio
+from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.estimation.run import Keep
+from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
+from strainsight.experiment.bench.inverse.installed import considered
+from strainsight.experiment.bench.inverse.offsets import Offsets
+from strainsight.experiment.bench.inverse.smoothing import LARGEST, SmoothedLoads, keep_for, smoothed_loads
+from strainsight.experiment.bench.inverse.trial import Trial
+from strainsight.experiment.bench.inverse.unknowns import Unknowns
+from strainsight.multibody.inverse.model import AugmentedStep
+from strainsight.records.estimated import BANK, EXTENDED, Compared
+
+Progress = Callable[[float], None]
+"""Called with the share that is done."""
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k)
+    covariance of loads and parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters
+    of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in
+    words."""
+
+    time: np.ndarray
+    mean: np.ndarray
+    std: np.ndarray
+    joint: np.ndarray
+    nis: np.ndarray
+    lost: np.ndarray
+    compared: Compared | None = None
+    smoothed: SmoothedLoads | None = None
+    notes: tuple[str, ...] = ()
+
+
+def by_extended(
+    method: Method,
+    trial: Trial,
+    y: np.ndarray,
+    progress: Progress,
+    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
+) -> Filtered:
+    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
+    keep, notes = keep_for(trial.model, len(y))
+    D, o = trial.installed
+    if errors := D.shape[1]:
+        keep = "all"
+        _refuse_large(trial, y)
+    size = trial.model.size
+
+    def watched(k: int, x: np.ndarray, P: np.ndarray) -> None:
+        assert watch is not None
+        watch(k, x[:, :size], P[:, :size, :size])
+
+    found = _filter(
+        method, trial.offsets, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
+        None if watch is None else watched, keep,
+        refuse=method.update == "iterated",
+    )  # fmt: skip
+    smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
+    std, joint = found.std, found.unknown_covariance
+    if errors:
+        S = considered(found, y, trial.model.R, D, o)
+        std, own = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
+        joint = joint + own @ np.swapaxes(own, 2, 3)
+        # what later samples say does not undo an error that all of them have
+        smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
+    return Filtered(
+        found.time,
+        found.mean,
+        std,
+        joint,
+        found.nis,
+        found.lost,
+        smoothed=smoothed,
+        notes=notes,
+    )
+
+
+def predicted(
+    method: Method, trial: Trial, y: np.ndarray, part: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Readings (T, B, k) of some channels (k,) by all others of y (T, B, m), their σ with the noise of a sample, and which runs
+    (B,) diverge."""
+    D, o = trial.installed
+    others = y.copy()
+    others[:, :, part] = np.nan
+    if errors := D.shape[1]:
+        _refuse_large(trial, y)
+    found = _filter(
+        method, trial.offsets, trial.model, trial.start, trial.covariance, others,
+        keep="all" if errors else "mean", refuse=False,
+    )  # fmt: skip
+    variance = found.gauge_std[:, :, part] ** 2 + trial.noise[part] ** 2
+    if errors:
+        S, model = considered(found, others, trial.model.R, D, o), trial.offsets.model(trial.model)
+        own = np.einsum("mkn,tbn->tbmk", D[part], found.mean[1:, :, : D.shape[2]]) + o[part]
+        for k in range(len(y)):
+            # the run keeps no row of a channel that is missing
+            x = np.where(np.isfinite(found.mean[k + 1]), found.mean[k + 1], found.mean[0])
+            H = model.measure(x, k)[1][:, part]
+            variance[k] += np.sum((H @ S[k + 1] - own[k]) ** 2, axis=2)
+    return found.gauge_mean[:, :, part], np.sqrt(variance), found.lost >= 0
+
+
+def _refuse_large(trial: Trial, y: np.ndarray) -> None:
+    """What errors of gauges leave is found from the covariances of all runs."""
+    steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)
+    needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
+    if needed > LARGEST:
+        raise ConfigError(
+            f"{steps} steps of {runs} runs with {size} states take {needed / 1e9:.3g} GB, at most {LARGEST / 1e9:.3g}",
+            key="estimate.tolerances",
+            remedy="take fewer runs, a shorter estimate.duration, or leave tolerances out",
+        )
+
+
+def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:
+    """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
+    runs = y.shape[1]
+
+    def progress_of(run: int) -> Progress:
+        return lambda share: progress((run + share) / runs)
+
+    found = [_bank(method, trial, run, y[:, run], progress_of(run)) for run in range(runs)]
+    model = trial.model
+    mean = np.stack([own.mean for own in found], axis=1)
+    for k, states in enumerate(mean[1:], start=1):
+        # a mean of states that the joints allow is none itself, by the square of what they differ
+        states[:] = trial.offsets.projected(model)(states, k)
+    return Filtered(
+        model.h * np.arange(len(y) + 1),
+        mean,
+        np.stack([own.std for own in found], axis=1),
+        np.stack([own.joint for own in found], axis=1),
+        np.stack([own.nis for own in found], axis=1),
+        np.full(runs, -1),
+        _compared(method, trial, unknowns, y, found[0]),
+        notes=_notes(found),
+    )
+
+
+def _filter(
+    method: Method,
+    offsets: Offsets,
+    model: AugmentedStep,
+    x: np.ndarray,
+    P: np.ndarray,
+    y: np.ndarray,
+    progress: Callable[[int], None] | None = None,
+    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
+    keep: Keep = "mean",
+    *,
+    refuse: bool,
+) -> FilterRun:
+    """From x (B, size) with P, behind which the offsets are put."""
+    once = method.update in ("one_shot", "as_printed")
+    stays = method.update == "as_printed"
+    return filter_runs(
+        offsets.model(model),
+        offsets.start(x),
+        offsets.covariance(P),
+        y,
+        keep,
+        form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
+        iterations=1 if once else method.iterations,
+        through_step=not once,
+        damped=method.update != "undamped",
+        project=None if stays else offsets.projected(model),
+        progress=progress,
+        watch=watch,
+        refuse=refuse,
+    )
+
+
+def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
+    """With the offsets of one run alone, and nothing that was remembered."""
+    return replace(model, offset=model.offset[run : run + 1])
+
+
+def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
+    """On the samples y (T, m) of one run."""
+
+    def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
+        own = np.repeat(samples[:, None], len(x), axis=1)
+        size = trial.model.size
+        start = x[:, :size], P[:, :size, :size]
+        return _filter(method, trial.offsets, _of_run(trial.model, run), *start, own, refuse=False)
+
+    def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, P = trial.begin(xi)
+        return trial.offsets.start(x), trial.offsets.covariance(P)
+
+    mean, covariance = trial.offsets.start(trial.start[run]), trial.offsets.covariance(trial.covariance[run])
+    bank = StepBank(mean, covariance, trial.model.xi, trial.model.position, begin, filters)
+    return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
+
+
+def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, bank: StepBankRun) -> Compared:
+    """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
+    at, model = trial.model.xi, _of_run(trial.model, 0)
+    try:
+        extended = _filter(method, trial.offsets, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
+        found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
+    except NumericalError:
+        found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
+    k = len(unknowns.inputs)
+    found.insert(0, (bank.mean[-1, at], bank.joint[-1, k:, k:]))
+    std = np.array([np.sqrt(np.diagonal(P)) for _, P in found])
+    places = [model.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
+    value, size = np.full((2, len(found), len(places)), np.nan)
+    for i, (xi, P) in enumerate(found):
+        if np.isfinite(xi).all():
+            theta, slopes = model.coordinates.theta(xi)
+            value[i], size[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
+    ratio = [
+        [expected_ratio(xi[j], own[j], found[0][0][j], std[0][j]) for (xi, _), own in zip(found, std, strict=True)]
+        for j in range(len(places))
+    ]
+    return Compared(
+        filter=(BANK, EXTENDED),
+        estimate={name: value[:, j] for j, name in enumerate(unknowns.free)},
+        std={name: size[:, j] for j, name in enumerate(unknowns.free)},
+        ratio={name: np.array(ratio[j]) for j, name in enumerate(unknowns.free)},
+    )
+
+
+def _notes(found: list[StepBankRun]) -> tuple[str, ...]:
+    without, points = (sum(each) for each in zip(*((own.without, len(own.weight)) for own in found), strict=True))
+    if not without:
+        return ()
+    return (f"{without} of {points} points of the parameters have no weight: filters there diverged or found no start",)

@@ -1,0 +1,124 @@
+"""The loads of a bench in time, and what its driven joints do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity, Load
+from strainsight.errors import ConfigError, blame
+from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.histories import signal_at
+from strainsight.experiment.recorded import LOADS
+from strainsight.loads.histories import FromSamples, evaluate
+from strainsight.loads.motion import gap, motion, swing
+from strainsight.multibody.laws.spring import SHORTEST
+
+LARGEST = 1e50
+"""[N, N m, m, rad] Its fourth power is still a number."""
+SWING = 0.05
+"""Share of the range of a drive's samples by which the spline may leave them."""
+GAP = 10.0
+"""Median times between samples that may pass without one."""
+MOTIONS = {
+    (True, "position"): ("angle",),
+    (True, "rate"): ("angular velocity",),
+    (False, "position"): ("displacement",),
+    (False, "rate"): ("velocity",),
+}
+"""Quantities that the file of a drive may hold, by whether it turns and what it is the history of."""
+
+
+def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
+    """Unit of each of these loads."""
+    units = {"force": "N", "actuator": "N", "moment": "N m", "torque": "N m", "gravity": "rad"}
+    return {name: units[config.forces[name].type] for name in names}
+
+
+def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+    """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
+    signals, keys = {}, {}
+    for name in bench.system.inputs:
+        entry = config.forces[name]
+        assert isinstance(entry, Load | Gravity)
+        history = entry.turns if isinstance(entry, Gravity) else entry
+        assert history is not None  # gravity that does not turn is no input
+        turns = isinstance(entry, Gravity)
+        key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
+        with blame(key):
+            signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)
+    drives = drives_of(config, bench, files)
+
+    def at(time: np.ndarray) -> np.ndarray:
+        columns = []
+        for name, signal in signals.items():
+            with blame(keys[name]):
+                columns.append(evaluate(signal, time))
+                _refuse_huge(columns[-1], "N, N m or rad")
+        moved = drives(time)
+        return (
+            np.column_stack([*columns, *moved[:, 0], *moved[:, 1]])
+            if bench.system.drives.width
+            else np.zeros((len(time), 0))
+        )
+
+    return at
+
+
+def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+    """Time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
+    motions = {}
+    for name in bench.system.drives.names:
+        entry = config.joints[name]
+        assert isinstance(entry, Driven)
+        key, drive = f"joints.{name}.drive.signal", entry.drive
+        kinds = MOTIONS[entry.type == "driven_angle", drive.of]
+        with blame(key):
+            motions[name] = motion(signal_at(key, drive.signal, files, kinds), drive.of, drive.start)
+
+    def at(time: np.ndarray) -> np.ndarray:
+        found = np.zeros((len(motions), 3, len(time)))
+        for row, (name, own) in zip(found, motions.items(), strict=True):
+            with blame(f"joints.{name}.drive.signal"):
+                row[:] = own(time)
+                _refuse_huge(row[:2], "m or rad")
+                if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
+                    first = time[np.argmin(row[0])]
+                    raise ConfigError(
+                        f"the length is {row[0].min():.4g} m at t = {first:.4g} s",
+                        remedy="keep it above zero, where it has a direction",
+                    )
+        return found
+
+    return at
+
+
+def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:
+    """Of drives from files: where the spline through the samples swings, or has none to follow."""
+    said = []
+    for name, entry in config.joints.items():
+        if not isinstance(entry, Driven) or entry.drive.signal.type != "csv":
+            continue
+        kinds = MOTIONS[entry.type == "driven_angle", entry.drive.of]
+        signal = signal_at(f"joints.{name}.drive.signal", entry.drive.signal, files, kinds)
+        if not isinstance(signal, FromSamples):
+            continue
+        share, at = swing(signal)
+        if share > SWING:
+            said.append(
+                f"the spline through the samples of {name} goes {100 * share:.2g} % of their range beyond them at {at:.4g} s: a "
+                "jump, or too few samples; smooth it, or record more often"
+            )
+        times, begin, end = gap(signal)
+        if times > GAP:
+            said.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
+    return said
+
+
+def _refuse_huge(values: np.ndarray, unit: str) -> None:
+    largest = float(np.abs(values).max(initial=0.0))
+    if not largest <= LARGEST:
+        raise ConfigError(f"{largest:.2g} {unit}, more than {LARGEST:g}", remedy="check its unit")

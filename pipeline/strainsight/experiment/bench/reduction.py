@@ -1,0 +1,144 @@
+"""Flexible bodies of a bench, reduced to the motions of their interface nodes and a few modes (thesis 1.8-1.17)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import FlexibleBody, Frame, Modulus
+from strainsight.errors import ConfigError, blame
+from strainsight.experiment.material import damping_of, named_regions
+from strainsight.experiment.resources import Resources
+from strainsight.fem.affine import AffineOperator, Parameter
+from strainsight.fem.model import FiniteElementModel, build_model, nodal
+from strainsight.mesh.additions import region_ids
+from strainsight.mesh.model import Mesh
+from strainsight.records.bodies import ReducedBody
+from strainsight.rom.craig_bampton import (
+    CraigBampton,
+    craig_bampton,
+    floating_basis,
+    motion_rows,
+    rigid_motions,
+    rows_of,
+)
+from strainsight.rom.inertia import inertia_invariants
+from strainsight.rom.model import Damping
+from strainsight.rom.reach import reach
+
+USUAL_MODES = 10
+HELD = 2.0
+"""Modes with held interfaces are kept up to so many times the cut-off: frequencies of the body below it are then right to
+0.5 % (test_craig_bampton.py)."""
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """body; unknowns: of the finite-element model; frequency [Hz]: of the modes that deform it, its interfaces free."""
+
+    body: ReducedBody
+    unknowns: int
+    frequency: np.ndarray
+
+
+def flexible(config: BenchConfig) -> dict[str, FlexibleBody]:
+    """The flexible bodies of a config, by name."""
+    return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBody)}
+
+
+def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, Reduction]:
+    """Body → its reduction."""
+    found, bodies = {}, flexible(config)
+    for i, (name, entry) in enumerate(bodies.items()):
+        using.progress(name, i / len(bodies))
+        with blame(f"bodies.{name}"):
+            found[name] = _reduction(name, entry, config.frames, meshes[name])
+    return found
+
+
+def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh: Mesh) -> Reduction:
+    """Assemble, constrain, reduce after Craig and Bampton; the inertia of the body in its floating frame."""
+    model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
+    loose = rigid_motions(model).shape[1]
+    if loose not in (0, 6):
+        raise ConfigError(
+            f"the supports leave {loose} of the six rigid motions",
+            key=f"bodies.{name}.mesh.supports",
+            remedy="hold the body altogether, or not at all and let joints carry it",
+        )
+    nodes = _interface(name, frames, model)
+    reference = {key: modulus.value for key, modulus in entry.moduli.items()}
+    modes = None if entry.cutoff is not None else USUAL_MODES if entry.modes is None else entry.modes
+    cutoff = None if entry.cutoff is None else HELD * entry.cutoff
+    body = craig_bampton(model, nodes, modes=modes, cutoff=cutoff, reference=reference)
+    good = reach(model, body, nodes, reference)
+    damping = body_damping(body, damping_of(entry.damping), reference, loose)
+    lam = eigh(body.stiffness.at(reference), body.mass, eigvals_only=True)
+    if loose:
+        stay = np.flatnonzero(~rows_of(body, nodes[0]).any(axis=0))
+        damping = _cut(damping, stay)
+        body = floating_basis(body, nodes[0])
+    reduced = ReducedBody(
+        clamped=loose == 0,
+        frequency=body.frequency,
+        cut=body.cut,
+        reach={key: np.array(ends) for key, ends in good.items()},
+        mass=body.mass,
+        stiffness=body.stiffness,
+        damping=damping,
+        basis=nodal(model, body.basis),
+        interface={str(node): rows for node, rows in body.interface.items()},
+        inertia=inertia_invariants(model, body.basis),
+    )
+    return Reduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
+
+
+def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
+    """The Young's moduli of a body that stay free, each with the ids of its regions."""
+    found = []
+    for key, modulus in moduli.items():
+        with blame(f"bodies.{name}.moduli.{key}.region"):
+            regions = region_ids(mesh, named_regions(modulus.region))
+        found.append(Parameter(key, "youngs_modulus", regions, modulus.value))
+    return tuple(found)
+
+
+def _interface(name: str, frames: Mapping[str, Frame], model: FiniteElementModel) -> list[int]:
+    """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
+    nodes = set()
+    for key, frame in frames.items():
+        if frame.body == name and frame.node is not None:
+            with blame(f"frames.{key}.node"):
+                motion_rows(model, frame.node)
+            nodes.add(frame.node)
+    if not nodes:
+        raise ConfigError(
+            f"no frame is on '{name}'", key=f"bodies.{name}", remedy="give a frame at the node that carries it"
+        )
+    return sorted(nodes)
+
+
+def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float], loose: int) -> AffineOperator:
+    """C = αM̃ + βK(θ), or  M Φ diag(2ζω) Φᵀ M  of the body's own modes at the reference, the first `loose` rigid and undamped:
+
+    M̃ = M Φ_e Φ_eᵀ M,  Φ_e the modes that deform the body: a law of the structure brakes no rigid motion
+    """
+    lam, Phi = eigh(body.stiffness.at(reference), body.mass)
+    # counted: a share of the largest eigenvalue would take slow modes beside stiff residual vectors for rigid ones
+    lam[:loose] = 0.0
+    omega = np.sqrt(lam)
+    MPhi = body.mass @ Phi
+    if law.kind == "rayleigh":
+        elastic = (MPhi * (omega > 0)) @ MPhi.T
+        slope = body.stiffness.of_all(lambda X: law.beta * X)
+        return replace(slope, constant=law.alpha * elastic + slope.constant)
+    return AffineOperator((MPhi * (2 * law.ratio * omega)) @ MPhi.T, {})
+
+
+def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
+    square = np.ix_(stay, stay)
+    return X.of_all(lambda own: own[square])

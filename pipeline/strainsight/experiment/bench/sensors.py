@@ -1,0 +1,184 @@
+"""The sensors of a bench, compiled for its system."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.config.bench.bench import (
+    AccelerationSensor,
+    BenchConfig,
+    MotionSensor,
+    ReactionSensor,
+    RelativeSensor,
+    StrainSensor,
+)
+from strainsight.config.bench.bench import Sensor as StatedSensor
+from strainsight.errors import blame
+from strainsight.experiment.bench.bench import Bench
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.multibody.accelerations import Instant, gravity_at, instant
+from strainsight.multibody.frames import Frame
+from strainsight.multibody.relations import bearing_displacements
+from strainsight.multibody.sensors import (
+    Accelerometer,
+    Felt,
+    Readings,
+    RelationSensor,
+    Sensor,
+    axis_sensor,
+    position_sensor,
+    readings,
+)
+from strainsight.multibody.sensors import StrainSensor as StrainRows
+from strainsight.multibody.system import System
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bodies import ReducedBody
+from strainsight.sensors.bonded import BondedEntry, bonded
+from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.rows import channel_rows
+
+MOTION_UNITS = {"position": "m", "velocity": "m/s"}
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
+    start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
+
+    readings: Readings
+    channels: Mapping[str, slice]
+    zeroed: np.ndarray
+    moved: Mapping[str, np.ndarray]
+
+
+def sensors_of(
+    config: BenchConfig,
+    bench: Bench,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None = None,
+) -> Sensors:
+    """All sensors of the config that see the state; placed: for those that take a layout of it."""
+    strains, others, moved = [], [], {}
+    zeroed: list[bool] = []
+    for name, entry in config.sensors.items():
+        if isinstance(entry, ReactionSensor):
+            continue
+        if not isinstance(entry, StrainSensor):
+            others.append(motion_sensor(name, entry, bench.frames))
+            continue
+        sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
+        strains.append(sensor)
+        zeroed += [entry.zeroed] * len(sensor.rows)
+    # in the order of their rows
+    others.sort(key=lambda own: isinstance(own, Accelerometer))
+    compiled = readings(bench.system, [*strains, *others])
+    still = np.zeros(len(compiled.channels), dtype=bool)
+    still[: len(zeroed)] = zeroed
+    return Sensors(compiled, _channels(compiled), still, moved)
+
+
+def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
+    """Those of these names."""
+    compiled = readings(bench.system, [own for own in sensors.readings.sensors if own.name in names])
+    there = _channels(compiled)
+    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in there])
+    return Sensors(compiled, there, zeroed, {})
+
+
+def gauges_of(
+    name: str, entry: StrainSensor, mesh: Mesh, placed: BenchPlaced | None
+) -> tuple[Candidates, Facets, np.ndarray]:
+    """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
+    there."""
+    key = f"sensors.{name}.gauges"
+    if entry.layout is None:
+        entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    else:
+        assert placed is not None
+        key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
+        columns = (own.position[own.bonded], own.direction[own.bonded], own.length[own.bonded])
+        entries = [BondedEntry(*gauge) for gauge in zip(*columns, strict=True)]
+    facets = exterior_facets(mesh)
+    with blame(key):
+        there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
+    return there, facets, moved
+
+
+def _strain(
+    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
+) -> tuple[StrainRows, np.ndarray]:
+    """The rows of its gauges, and how far (gauges,) [m] each was moved."""
+    there, facets, moved = gauges_of(name, entry, mesh, placed)
+    with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
+        return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
+
+
+def instants_of(
+    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, second: np.ndarray
+) -> list[Instant]:
+    """Of every state in q, v (T, n) under u (T, width), p̈ of the drives second (T, nd)."""
+    return [instant(system, *now, theta, p) for now, p in zip(zip(q, v, u, strict=True), second, strict=True)]
+
+
+def read_in_time(
+    system: System, sensors: Readings, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
+) -> np.ndarray:
+    """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
+    if not sensors.accelerometers:
+        return np.array([sensors.read(*now)[0] for now in zip(q, v, strict=True)])
+    felt = (Felt(own.acceleration, gravity_at(system, at)) for own, at in zip(instants, u, strict=True))
+    return np.array([sensors.read(*now)[0] for now in zip(q, v, felt, strict=True)])
+
+
+def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -> Sensor:
+    """A sensor of relative or absolute motion."""
+    if isinstance(entry, RelativeSensor):
+        i, j = (frames[frame] for frame in entry.frames)
+        return RelationSensor(name, bearing_displacements(i, j))
+    assert isinstance(entry, MotionSensor | AccelerationSensor)
+    frame = frames[entry.frame]
+    if isinstance(entry, AccelerationSensor):
+        return Accelerometer(name, frame, entry.axes == "own", entry.gravity)
+    if entry.quantity in MOTION_UNITS:
+        return position_sensor(name, frame, rate=entry.quantity == "velocity")
+    return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
+
+
+def _channels(compiled: Readings) -> dict[str, slice]:
+    channels, at = {}, 0
+    for own in compiled.sensors:
+        count = len(own.rows) if isinstance(own, StrainRows) else 3
+        if isinstance(own, RelationSensor):
+            count = len(own.relations)
+        channels[own.name] = slice(at, at + count)
+        at += count
+    return channels
+
+
+def units_of(entry: StatedSensor, part: slice) -> tuple[str, ...]:
+    """The unit of each of its components, whose channels are `part`."""
+    if isinstance(entry, RelativeSensor):
+        return ("m", "m", "m", "rad", "rad")
+    return (unit_of(entry),) * (part.stop - part.start)
+
+
+def unit_of(entry: StatedSensor) -> str:
+    """Unit of a sensor's readings."""
+    if isinstance(entry, StrainSensor):
+        return "strain"
+    if isinstance(entry, ReactionSensor):
+        return "N or N m"
+    if isinstance(entry, AccelerationSensor):
+        return "m/s²"
+    return "m or rad" if isinstance(entry, RelativeSensor) else MOTION_UNITS.get(entry.quantity, "1")
+
+
+def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, str]:
+    """What records of a bench ask the unit of: its sensors, and these loads."""
+    units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
+    return units | {f"input {name}": unit for name, unit in loads.items()}

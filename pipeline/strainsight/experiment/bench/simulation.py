@@ -1,0 +1,233 @@
+"""A bench in time: its start, its run, what its sensors and bearings do (thesis 1.5-1.7)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.config.bench.connections import Driven
+from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
+from strainsight.experiment.bench.bench import Bench, bench_of
+from strainsight.experiment.bench.felt import feels, felt
+from strainsight.experiment.bench.loads import drives_of, loads_of
+from strainsight.experiment.bench.rings import rings_in_time
+from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
+from strainsight.experiment.bench.start import start_of
+from strainsight.experiment.resources import Resources
+from strainsight.mesh.model import Mesh
+from strainsight.multibody.coupled import coupled_modes
+from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
+from strainsight.multibody.laws.friction import Friction
+from strainsight.multibody.laws.turning import TurningGravity
+from strainsight.multibody.sensors import RelationSensor, readings
+from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
+from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bodies import ReducedBody
+from strainsight.records.simulated import Simulated, Violation
+
+SPUN = 1.0
+"""[rad] a step up to which a driven angle is followed."""
+TILT = 0.1
+"""[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
+LOCKED = 0.02
+"""Share of what the start has of the independence of its constraints, below which they are near a dead centre."""
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
+
+    found: Simulated
+    bench: Bench
+    sensors: Sensors
+    turn: float
+    parts: int
+
+
+def simulation(
+    config: BenchConfig,
+    reduced: Mapping[str, ReducedBody],
+    meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None,
+    using: Resources,
+) -> Simulation:
+    """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
+    bench = bench_of(config, reduced, meshes)
+    h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
+    loads = loads_of(config, bench, using.files)
+    u = loads(h * np.arange(steps + 1))
+    refuse_spun(config, bench, u, "simulate")
+    with blame("simulate"):
+        q0, v0 = start_of(bench, config.simulate, u[0])
+        frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
+        try:
+            found, parts = _moved(
+                config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
+            )
+        except NumericalError as error:
+            raise explained(error, bench, q0, u, h) from error
+    moved = drives_of(config, bench, using.files)(found.time)
+    instants = (
+        instants_of(bench.system, found.q, found.v, found.u, bench.theta, moved[:, 2].T) if feels(config, bench) else []
+    )
+    carried, driven = felt(config, bench, found, instants, moved) if instants else ({}, {})
+    sensors = sensors_of(config, bench, reduced, meshes, placed)
+    measured = read_in_time(bench.system, sensors.readings, found.q, found.v, found.u, instants)
+    measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
+    _refuse_tilted(bench, found)
+    record = Simulated(
+        time=found.time,
+        q=found.q,
+        v=found.v,
+        violation=_violation(bench, found),
+        frequency=frequency,
+        coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
+        inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
+        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | carried,
+        bearings=rings_in_time(config, bench, found),
+        drives=driven,
+    )
+    return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
+
+
+def _moved(
+    settings: Simulate,
+    bench: Bench,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    loads: Callable[[np.ndarray], np.ndarray],
+    u: np.ndarray,
+    progress: Callable[[float], None],
+) -> tuple[Trajectory, int]:
+    """The run, by steps as they are or divided by their error, and the most parts of a step."""
+    h, steps, system, theta = settings.time_step, len(u) - 1, bench.system, bench.theta
+
+    def tell(k: int) -> None:
+        if k % 50 == 0:
+            progress(k / steps)
+
+    if settings.tolerance is None:
+        return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
+    found = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
+    return found.run, int(found.parts.max())
+
+
+def _violation(bench: Bench, found: Trajectory) -> Violation:
+    """Largest |φ| and |Bv| of every instant."""
+    if not bench.system.constrained:
+        return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
+    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
+    return Violation(
+        position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
+        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, found.v, strict=True)]),
+    )
+
+
+def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
+    """Where a force law takes the angle between axes to be small, or a drive turns about an axis of both frames, these must stay
+    nearly parallel, and not opposite."""
+    system = bench.system
+    held = [(f"forces.{own.name}", own.aligned) for own in (element.force for element in system.elements)]
+    held += [(f"joints.{own.name}", own.aligned) for own in system.joints if own.name in system.drives.names]
+    for key, aligned in ((key, aligned) for key, aligned in held if aligned):
+        together = readings(system, [RelationSensor(key, aligned)])
+        cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+        for relation, cosine in zip(aligned, cosines.T, strict=True):
+            worst = int(np.argmin(cosine))
+            if cosine[worst] < np.cos(TILT):
+                angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
+                raise ConfigError(
+                    f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
+                    key=key,
+                    remedy="turn the frames so that their axes are parallel at rest, and hold them so by a joint; this "
+                    f"{'force' if key.startswith('forces') else 'drive'} holds for small tilts",
+                )
+
+
+def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) -> None:
+    """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
+    gravity, the loads between the steps are not those of a turn. u (T + 1, width) at its instants; section of the config that
+    has the step."""
+    drives = bench.system.drives
+    turned = [
+        (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
+    ]
+    laws = ((element.force, element.inputs) for element in bench.system.elements)
+    turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
+    recorded = {
+        f"joints.{name}.drive"
+        for name, own in config.joints.items()
+        if isinstance(own, Driven) and own.drive.signal.type == "csv"
+    }
+    for key, column in turned:
+        moved = np.abs(np.diff(u[:, column]))
+        if moved.max(initial=0.0) > SPUN:
+            smooth = "; the spline through its samples swings about a jump: smooth it" if key in recorded else ""
+            raise ConfigError(
+                f"it turns by {moved.max():.3g} rad in a step, beyond {SPUN:g} rad",
+                key=key,
+                remedy=f"take a smaller {section}.time_step{smooth}",
+            )
+
+
+def _turn(bench: Bench, found: Trajectory, h: float) -> float:
+    """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
+    starts = [bench.system.of[name].start for name in bench.poses]
+    spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
+    return float(h * max(spins, default=0.0))
+
+
+def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
+    """Drives that lead where the joints do not let them, friction that is too sharp for its step, or the error as it is.
+
+    q (n,) the start; u (T + 1, nu) at 0, h, 2h, …
+    """
+    return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
+
+
+def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError | None:
+    """φ(q, p(t)) = 0 from instant to instant, each from the last: does a configuration allow what the drives ask for, and is it
+    further from one where the constraints depend on each other, a dead centre, than LOCKED of the start?"""
+    drives = bench.system.drives
+    if not drives.names:
+        return None
+    first = 0.0
+    for k, own in enumerate(u):
+        try:
+            q = project_position(bench.system, q, own)
+            share = _independence(bench, q, own)
+            first = share if k == 0 else first
+            why = "stand at a dead centre" if share < LOCKED * first else ""
+        except InfeasibleError:
+            why = "do not let the drives go on"
+        if why:
+            asked = ", ".join(f"{name} {own[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
+            return ConfigError(
+                f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
+                key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
+                remedy="let it go less far, or move its frames",
+            )
+    return None
+
+
+def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
+    """Smallest singular value of the gradients of all constraints, each of length 1 in the metric."""
+    B = constraints_at(bench.system, q, u)[1] / bench.system.metric
+    return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
+
+
+def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
+    laws = {e.force.name: e.force.law for e in bench.system.elements}
+    sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
+    if not sharp or "was not solved" not in error.what:
+        return None
+    name = min(sharp, key=lambda own: sharp[own])
+    return NumericalError(
+        error.what,
+        key=f"forces.{name}",
+        remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
+        "simulate.time_step",
+    )

@@ -1,0 +1,74 @@
+"""What an approximate filter claims beside a bank on the same samples, in words: where its σ does not allow for that."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict
+from strainsight.records.estimated import BANK, Compared
+from strainsight.runner.output import Scalar, Table
+
+COMPARED = "filters compared; in brackets: the error that the bank expects over the claimed σ"
+WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
+"""Titles of the table."""
+
+
+def _posterior(own: Compared) -> bool:
+    """Whether the bank has one, with which the others are compared."""
+    return all(np.isfinite(own.estimate[name][own.filter.index(BANK)]) for name in own.estimate)
+
+
+def disagreements_in_words(own: Compared | None) -> list[str]:
+    """A sentence, without a full stop, for every claim that does not allow for what the bank finds."""
+    if own is None:
+        return []
+    if not _posterior(own):
+        return ["filters are not compared: without tolerances the readings leave no posterior of the parameters"]
+    words = []
+    for name, ratios_of in own.ratio.items():
+        for filter_, ratio in zip(own.filter, map(float, ratios_of), strict=True):
+            verdict = comparison_verdict(ratio) if filter_ != BANK else ""
+            if verdict == OVERCONFIDENT:
+                expected = f"the bank expects an error of {ratio:.2g} times its σ"
+                words.append(f"the {filter_} filter is overconfident of {name}: {expected}")
+            elif verdict == DIVERGED:
+                words.append(f"the {filter_} filter diverges, of {name} it says nothing")
+    return words
+
+
+def ratios(own: Compared | None) -> dict[str, Scalar]:
+    """Numbers by name: "ratio.extended.E"."""
+    if own is None or not _posterior(own):
+        return {}
+    return {
+        f"ratio.{filter_}.{name}": float(value)
+        for name, ratio in own.ratio.items()
+        for filter_, value in zip(own.filter, ratio, strict=True)
+        if filter_ != BANK
+    }
+
+
+def comparison_table(own: Compared, units: Mapping[str, str], title: str = WITHOUT_TOLERANCES) -> Table:
+    """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the bank has a posterior."""
+    rows, exact = [], _posterior(own)
+    for name, estimate in own.estimate.items():
+        std, ratio = own.std[name], own.ratio[name]
+        cells = [name]
+        for i, filter_ in enumerate(own.filter):
+            value, size = f"{estimate[i]:.5g}", _spread(float(std[i]), float(estimate[i]))
+            if filter_ == BANK:
+                cells.append(f"{value} {units[name]} {size}" if exact else "no posterior")
+            elif not exact:
+                cells.append(f"{value} {units[name]} {size}" if np.isfinite(estimate[i]) else DIVERGED)
+            else:
+                said = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                cells.append(said if np.isfinite(ratio[i]) else DIVERGED)
+        rows.append(tuple(cells))
+    return Table(title, ("parameter", *own.filter), tuple(rows))
+
+
+def _spread(std: float, estimate: float) -> str:
+    """σ as a share of the value, which a preload may not have."""
+    return f"± {100 * std / abs(estimate):.2g} %" if estimate else f"± {std:.2g}"

@@ -1,0 +1,86 @@
+"""Channels that a filter was not given, beside what the others say of them: how far they are off, and the verdict on that."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.estimation.decision import Claim, claim_in_time
+from strainsight.runner.output import Scalar, Table
+from strainsight.sensors.candidates import STRAIN, UNITS
+
+
+@dataclass(frozen=True)
+class Left:
+    """Of a channel that was left out: RMS of its readings, and of what the others say less these [unit of the channel]; share of
+    the samples within 2σ; the verdict on error over σ, None where there is no σ or the others cannot tell; left_in: why it was
+    not left out, empty where it was."""
+
+    label: str
+    reading: float
+    error: float
+    inside: float
+    claim: Claim | None
+    left_in: str = ""
+
+
+def left_out(
+    predicted: np.ndarray, std: np.ndarray, left_in: Sequence[str], labels: Sequence[str], measured: np.ndarray
+) -> tuple[Left, ...]:
+    """Every channel by its label; predicted, std, measured (T, ..., m), NaN where there is none. Neighbouring samples are off
+    alike: as many draws as the samples are worth (`samples_alike`)."""
+    rows = []
+    for i, (label, why) in enumerate(zip(labels, left_in, strict=True)):
+        own, error = measured[..., i], predicted[..., i] - measured[..., i]
+        scaled = error / std[..., i]
+        claim = claim_in_time(error, std[..., i])
+        inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
+        there = np.isfinite(error)
+        rows.append(Left(label, rms(own[there]), rms(error[there]), inside, claim, why))
+    return tuple(rows)
+
+
+def hold_out_numbers(rows: Sequence[Left]) -> dict[str, Scalar]:
+    """Share of all samples within 2σ; error over σ of every channel."""
+    inside = [own.inside for own in rows if own.claim is not None]
+    numbers: dict[str, Scalar] = {"hold_out.inside": float(np.mean(inside))} if inside else {}
+    return numbers | {f"hold_out.ratio.{own.label}": own.claim.ratio for own in rows if own.claim is not None}
+
+
+def misfits_in_words(rows: Sequence[Left], others: str) -> list[str]:
+    """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
+    off = [(own.claim.ratio, own.label) for own in rows if own.claim and own.claim.overconfident]
+    said = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
+    return [f"the other {others} contradict {', '.join(said)}"] if said else []
+
+
+def hold_out_table(rows: Sequence[Left], units: Sequence[str], each: str) -> Table:
+    """What every channel read and what the others say of it."""
+    lines = []
+    for unit, own in zip(units, rows, strict=True):
+        if own.left_in:
+            lines.append((own.label, "–", "–", "–", "–", own.left_in))
+            continue
+        share = f"{100 * own.error / own.reading:.3g} %" if own.reading > 0 else "–"
+        claim = ("–", "–", "σ is withheld")
+        if own.claim is not None:
+            claim = f"{own.claim.ratio:.2g}", f"{100 * own.inside:.3g} %", own.claim.verdict
+        lines.append((own.label, size_in_words(own.reading, unit), share, *claim))
+    return Table(
+        f"every {each} by the others",
+        ("channel", "RMS reading", "RMS error", "error over σ", "within 2σ", "verdict"),
+        tuple(lines),
+    )
+
+
+def size_in_words(size: float, unit: str) -> str:
+    """Of a reading; of strain in µm/m."""
+    factor, shown = (1e6, "µm/m") if unit == UNITS[STRAIN] else (1.0, unit)
+    return f"{factor * size:.4g} {shown}"
+
+
+def rms(values: np.ndarray) -> float:
+    """Of values (T,), NaN of none."""
+    return float(np.sqrt(np.mean(values**2))) if len(values) else np.nan

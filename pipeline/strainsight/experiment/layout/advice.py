@@ -1,0 +1,172 @@
+"""What an engineer can do with a layout, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from strainsight.errors import at_least
+from strainsight.experiment.layout.budget import helps
+from strainsight.experiment.layout.expectation import Expectation
+from strainsight.experiment.layout.gauge_list import GaugeList
+from strainsight.experiment.layout.layout import Layout
+from strainsight.experiment.layout.task import Task
+from strainsight.ordering import first_of_largest
+from strainsight.placement.certificate import Certificate
+from strainsight.placement.criteria.criterion import Criterion
+from strainsight.placement.elimination import Elimination
+from strainsight.placement.recommendation import WORTH, gains, worth_keeping
+from strainsight.runner.output import Table
+
+NEARLY = 0.8
+"""A gauge that sees this share of its range in training is worth a word."""
+
+
+def advice(
+    task: Task,
+    elimination: Elimination,
+    layout: Layout,
+    listed: GaugeList,
+    expected: Expectation,
+    loss: np.ndarray,
+    groups: Sequence[tuple[int, ...]],
+) -> tuple[str, ...]:
+    """Sentences on a layout, the most useful first; expected and loss (k,) in the order of listed, groups of it are redundant."""
+    labels, plain = listed.labels, task.limits.plain
+    # Where limits rule the size, no smaller or larger set is beside the layout.
+    cost = elimination.cost if plain else elimination.cost[-1:]
+    price, alone, ties = task.cost_of(layout.gauges), task.pool.alone, sum(1 for tied in elimination.ties if tied)
+    return (
+        *_how_many(task.sigma, cost, len(layout.gauges), labels, task.settings.keep),
+        *(_weakest(expected.std) if task.relative else ()),
+        *helps(expected.budget),
+        *best_possible(layout.certificate, task.criterion, task.over, task.sigma),
+        *_beyond(task, layout),
+        *(
+            f"{', '.join(labels[i] for i in group)} are redundant in the training run: they average noise, and can replace "
+            "each other."
+            for group in groups
+        ),
+        *_failures(labels, loss, expected.std, expected.without),
+        *(f"{labels[int(i)]} was there already." for i in np.flatnonzero(listed.bonded)),
+        *_loads(labels, listed.most / listed.range),
+        *([f"The layout costs {price[0]:g} of {price[1]:g}."] if price else []),
+        *([f"{alone} gauges have no mirror image that is free, and were left out."] if alone else []),
+        *(
+            [f"{ties} removals were between gauges that are equally good: other layouts are as good as this one."]
+            if ties
+            else []
+        ),
+    )
+
+
+def advice_table(sentences: Sequence[str]) -> Table:
+    """The sentences as they are printed."""
+    return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
+
+
+def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:
+    if len(labels) < keep:
+        yield f"{len(labels)} gauges, not {keep}: within the limits of the layout no further one was found that fits and helps."
+    gain = gains(cost)
+    if not len(gain):
+        return
+    worth = worth_keeping(cost, kept)
+    if worth == kept:
+        yield (
+            f"{len(labels)} gauges are enough: one more would lower {sigma} by {100 * gain[0]:.2g} %, and no further one by "
+            f"{100 * WORTH:g} %."
+        )
+    else:
+        total = 1 - np.prod(1 - gain[: worth - kept])
+        yield (
+            f"One more gauge would lower {sigma} by {100 * gain[0]:.2g} %, {worth - kept} more by {100 * total:.2g} %; beyond "
+            f"that none lowers it by {100 * WORTH:g} %."
+        )
+
+
+def moved_in_words(exact: Expectation, found: Expectation, over: Collection[str]) -> str:
+    """What a layout that is chosen with installation errors gains over the one that is chosen without."""
+    name = max(over, key=lambda key: exact.std[key] / found.std[key])
+    return (
+        "Placed with errors of installation as noise: off the steep gradients σ of "
+        f"{name} is expected to be {exact.std[name] / found.std[name]:.3g} times lower than on the layout for exact gauges."
+    )
+
+
+def _weakest(std: Mapping[str, float]) -> Iterator[str]:
+    if len(std) > 1:
+        name = max(std, key=lambda key: std[key])
+        yield f"{name} is what this layout knows least: ± {100 * std[name]:.2g} % of its guess or amplitude."
+
+
+def best_possible(
+    certificate: Certificate | None, criterion: Criterion, over: Sequence[str], sigma: str
+) -> Iterator[str]:
+    """What the lower bound says of every other layout of the size: the metric is at least (1 − gap) of ours, its root, which is
+    named sigma, √(1 − gap).
+
+    Of several unknowns it bounds no single σ. Shares are rounded up: what nothing exceeds must not be said too small.
+    """
+    if certificate is None:
+        return
+    gap = max(certificate.gap, 0.0)
+    root = float(1 - np.sqrt(1 - gap))
+    variance, deviation = (
+        at_least(100 * gap) if gap > 0.001 else "0.1",
+        at_least(100 * root) if root > 0.0005 else "0.05",
+    )
+    if len(over) == 1:
+        yield f"With no other layout within the limits is {sigma} lower by more than {deviation} %."
+    else:
+        yield (
+            f"With no other layout within the limits is {criterion.symbol} lower by more than {variance} %, or its "
+            f"root, {sigma}, by more than {deviation} %; σ of one of them alone may be lower by more."
+        )
+
+
+def _beyond(task: Task, layout: Layout) -> Iterator[str]:
+    """What the bound says of the candidates that did not enter the elimination."""
+    if task.whole is None or layout.beyond is None:
+        return
+    every, entered = len(task.whole.limits.size), len(task.whole.rows)
+    what = f"That holds for all {every} candidates, of which {entered} entered the elimination"
+    if layout.beyond:
+        yield f"{what}: {layout.beyond} of the others could be in a better layout."
+    else:
+        yield f"{what}: none of the others is in a better layout."
+
+
+def _failures(
+    labels: Sequence[str], loss: np.ndarray, std: Mapping[str, float], without: Mapping[str, np.ndarray]
+) -> Iterator[str]:
+    lost = [label for label, value in zip(labels, loss, strict=True) if np.isinf(value)]
+    unsolved = [label for label, value in zip(labels, loss, strict=True) if np.isnan(value)]
+    if unsolved:
+        yield f"What is left if {' or '.join(unsolved)} fails was not solved to accuracy."
+    if len(lost) == len(labels):
+        yield "Whichever gauge fails, an unknown is lost."
+    elif lost:
+        yield f"An unknown is lost if {' or '.join(lost)} fails."
+    elif not unsolved:
+        known = {name: values for name, values in without.items() if np.isfinite(values).all()}
+        found = ((float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items())
+        for growth, name, worst in [max(found, key=lambda own: own[0])] if known else ():
+            if growth > 1:
+                yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
+            else:
+                yield "σ of no unknown grows if one gauge fails: what it reads wrong then goes with it."
+
+
+def _percent(share: float) -> str:
+    """Two digits, and no powers of ten."""
+    return f"{100 * share:.0f} %" if share >= 0.1 else f"{100 * share:.2g} %"
+
+
+def _loads(labels: Sequence[str], load: np.ndarray) -> Iterator[str]:
+    for label, share in zip(labels, load, strict=True):
+        if share > 1:
+            yield f"{label} sees {share:.2g} times what it can measure in the training run."
+        elif share > NEARLY:
+            yield f"{label} sees {100 * share:.0f} % of its range in the training run."

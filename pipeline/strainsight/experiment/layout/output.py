@@ -1,0 +1,226 @@
+"""What a placement writes and prints: the record that a structure and a bench share, the pool as points, summary, files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
+
+from strainsight.csv_cells import csv_bytes
+from strainsight.experiment.layout.advice import advice_table
+from strainsight.experiment.layout.comparison import Comparison, criteria_table
+from strainsight.experiment.layout.datum import deck_frame
+from strainsight.experiment.layout.gauge_lines import gauge_lines, line_edges, measured_cells, measured_columns
+from strainsight.experiment.layout.gauge_list import GaugeList, gauge_table, marked_places
+from strainsight.experiment.layout.placement import Placed
+from strainsight.mesh.model import Mesh
+from strainsight.pages.datum import Frame
+from strainsight.placement.recommendation import worth_keeping
+from strainsight.records.grids import gauge_grid
+from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
+from strainsight.records.record import Place, record_from, written
+from strainsight.runner.output import Dataset, Output, Scalar, Table
+from strainsight.sensors.candidates import STRAIN, UNITS, channels_of_gauges, grouped
+from strainsight.sensors.export import uff_text
+
+CLUSTER = 0.05
+"""Gauges of one cluster are nearer to each other than this share of the extent of all candidates."""
+
+
+def layout_record(found: Placed) -> PlacedLayout:
+    """The record of what was found."""
+    task, result, certificate = found.task, found.elimination, found.layout.certificate
+    pool, there, criterion = task.pool, task.pool.channels >= 0, task.criterion
+    solved = [own.scenario for own in result.pools]
+    several = solved[0].H.ndim == 3
+    greedy = pool.gauges_of(result.kept)
+    cost = {metric_key(criterion.name): result.cost}
+    return PlacedLayout(
+        augmented=Augmented(
+            state=task.states,
+            F=np.array([s.F for s in solved]),
+            H=np.array([s.H[there] if several else s.H for s in solved]),
+            Q=np.array([s.Q for s in solved]),
+            R=np.array([s.r[there] if several else s.r for s in solved]),
+            weight=np.array([s.weight for s in solved]),
+            scale=np.array([own.scale for own in result.pools]),
+        ),
+        pool=PoolTable(
+            candidate=pool.first, channel=pool.channels[there], row=np.nonzero(there)[0], gauges=pool.gauges
+        ),
+        elimination=Removals(
+            removed=result.removed,
+            trace=cost.get("trace"),
+            metric=cost.get("metric"),
+            rise=result.rise,
+            unknowns=task.weighed,
+            blocks=result.blocks,
+            solves=result.solves,
+            ties=np.array([len(tied) for tied in result.ties], dtype=np.int64),
+        ),
+        residual=result.residual,
+        greedy=_selection(found, greedy),
+        final=_selection(found, found.gauges, found.listed.most / found.listed.range),
+        loss=found.loss,
+        certificate=None if certificate is None else record_from(Bound, certificate),
+        baseline={
+            rule: scores.cost[criterion.name]
+            for rule, scores in found.others.scores.items()
+            if rule not in ("final", "greedy")
+        },
+        criteria=_rules(found.others, task.unknowns.names),
+        advice=found.advice,
+    )
+
+
+def layout_output(
+    found: Placed,
+    record: PlacedLayout,
+    mesh: Mesh,
+    length_unit: str,
+    numbers: Mapping[str, Scalar],
+    attributes: Mapping[str, Mapping[str, Any]],
+    tables: tuple[Table, ...] = (),
+    unit: str = UNITS[STRAIN],
+) -> Output:
+    """Datasets of the record and the pool, numbers, tables and files; mesh that the gauges are on, and the unit of length of its
+    deck; numbers, attributes, tables: those of the case beside; unit of its channels."""
+    task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
+    criterion, certificate = task.criterion, found.layout.certificate
+    grid, own = _pool_grid(found)
+    parts = [f"{len(task.pool.gauges)} → {len(found.gauges)}"]
+    if certificate:
+        over = "" if task.whole is None else f" of all {len(task.whole.limits.size)}"
+        parts.append(f"gap{over} {100 * max(certificate.gap, 0.0):.3f} %")
+    if found.layout.proven:
+        parts.append("proven")
+    parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
+    position, direction, normal, labels = marked_places(listed)
+    units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
+    return Output(
+        datasets=grid | written(record, units, Place("", what=criterion.symbol)),
+        attributes={**own, "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name}, **attributes},
+        summary={**_summary(found), **{f"std.{name}": value for name, value in std.items()}, **numbers},
+        message=", ".join(parts),
+        tables=(
+            gauge_table(listed, found.expected.without, task.relative),
+            *tables,
+            criteria_table(found.others, names, task.unknowns.scale if task.relative else None),
+            advice_table(found.advice),
+        ),
+        files={
+            "gauges.csv": gauge_csv(listed, found.expected.without, mesh, deck_frame(length_unit)),
+            "gauges.unv": uff_text(position, direction, normal, labels).encode(),
+        },
+    )
+
+
+def _selection(found: Placed, gauges: np.ndarray, load: np.ndarray | None = None) -> Selection:
+    pool, candidates = found.task.pool, found.task.candidates
+    row = np.array([int(np.flatnonzero((pool.gauges == g).any(axis=1))[0]) for g in gauges])
+    rank = np.unique(row, return_index=True, return_inverse=True)
+    first = candidates.first[gauges]
+    return Selection(
+        gauge=row,
+        number=gauges,
+        channel=channels_of_gauges(candidates.gauge, gauges),
+        rank=np.argsort(np.argsort(rank[1]))[rank[2]] + 1,
+        element=candidates.element[first],
+        facet=candidates.facet[first],
+        nodes=candidates.nodes[first],
+        position=candidates.position[first],
+        direction=candidates.direction[first],
+        load=load,
+    )
+
+
+def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
+    scores, sets = list(others.scores.values()), list(others.sets.values())
+    criteria = tuple(scores[0].cost)
+    # Under a budget the elimination may end with fewer than are in the layout.
+    width = max(len(gauges) for gauges in sets)
+    return Rules(
+        rule=tuple(others.sets),
+        gauges=np.array([np.pad(g, (0, width - len(g)), constant_values=-1) for g in sets]),
+        name=criteria,
+        value=np.array([[s.cost[c] for c in criteria] for s in scores]),
+        std={name: np.array([s.std[i] for s in scores]) for i, name in enumerate(names)},
+    )
+
+
+def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
+    """The pool as points: rank in the final set (0: not in it), step at which a gauge was removed (0: never), direction."""
+    pool, candidates, removed = found.task.pool, found.task.candidates, found.elimination.removed
+    gauge, which = pool.flat
+    first = candidates.first[gauge]
+    rank, step = np.zeros(len(pool.gauges), dtype=np.int64), np.zeros(len(pool.gauges), dtype=np.int64)
+    rank[found.final] = np.arange(1, len(found.final) + 1)
+    step[removed] = np.arange(1, len(removed) + 1)
+    return gauge_grid(
+        candidates.position[first],
+        {"rank": rank[which], "removed": step[which], "direction": candidates.direction[first]},
+    )
+
+
+def _clusters(found: Placed) -> int:
+    """Groups of gauges, each within CLUSTER of the extent of the candidates from another of its group."""
+    candidates = found.task.candidates
+    position = candidates.position[candidates.first[found.gauges]]
+    near = CLUSTER * float(np.ptp(candidates.position, axis=0).max())
+    return int(connected_components(cdist(position, position) <= near, directed=False)[0])
+
+
+def _summary(found: Placed) -> dict[str, Scalar]:
+    result, layout, criterion = found.elimination, found.layout, found.task.criterion.name
+    swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
+    key = metric_key(criterion)
+    numbers: dict[str, Scalar] = {
+        "criterion": criterion,
+        "pool": len(found.task.pool.gauges),
+        "selected": len(found.gauges),
+        "clusters": _clusters(found),
+        f"{key}_initial": float(result.cost[0]),
+        f"{key}_greedy": float(result.cost[-1]),
+        f"{key}_final": float(layout.cost),
+        "worst_failure": float(found.loss.max()),
+        "riccati_residual": float(result.residual),
+        "riccati_solves": int(result.solves.sum()),
+        "ties": sum(1 for tied in result.ties if tied),
+    }
+    if found.task.limits.plain:
+        numbers |= {"worth": worth_keeping(result.cost, len(result.kept))}
+    if swapped:
+        numbers |= {"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete}
+    if proof:
+        numbers |= {"proven": layout.proven, "nodes": proof.nodes}
+    if found.task.whole is not None:
+        numbers["bounded"] = len(found.task.whole.limits.size)
+    if layout.beyond is not None:
+        numbers["beyond"] = layout.beyond
+    if certificate:
+        numbers |= {"lower_bound": certificate.lower_bound, "gap": certificate.gap}
+    return numbers
+
+
+def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: Frame) -> bytes:
+    """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
+    σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
+    what is to be looked at where it is bonded, where there is something."""
+    bridged, noted = any(listed.arms), any(listed.notes)
+    axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
+    head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
+    head += ["sign"] * bridged
+    rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
+    lines = gauge_lines(listed)
+    for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
+        i = own.gauge
+        numbers = [*np.round([*own.position, *own.normal, *own.direction], 12) + 0.0, own.angle, own.length, own.peak]
+        bonded = "yes" if listed.bonded[i] else "no"
+        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
+        missing = [f"{values[i]:.9g}" for values in without.values()]
+        tail = [listed.unit[i], *[own.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
+    return csv_bytes(rows)

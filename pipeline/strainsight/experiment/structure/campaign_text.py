@@ -1,0 +1,337 @@
+"""What a test says, for people, of one record or of several: numbers by name, one line, tables, all time signals as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from strainsight.csv_cells import csv_bytes
+from strainsight.estimation.consistency import verdict
+from strainsight.estimation.decision import record_verdict
+from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.hold_out import (
+    Left,
+    hold_out_numbers,
+    hold_out_table,
+    left_out,
+    misfits_in_words,
+    rms,
+    size_in_words,
+)
+from strainsight.experiment.layout.budget import budget_tables
+from strainsight.experiment.structure.campaign import Campaign
+from strainsight.experiment.structure.estimation import Estimation
+from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers
+from strainsight.records.damage import DamageAt, Damaged
+from strainsight.records.estimated import CampaignRecord, Estimated
+from strainsight.runner.output import Scalar, Table, warnings_table
+
+
+def campaign_record(campaign: Campaign) -> CampaignRecord:
+    """What estimate.h5 has beside several records."""
+    together = campaign.together
+    assert together is not None
+    return CampaignRecord(
+        name=tuple(campaign.records),
+        alone=together.alone,
+        gain=together.gain,
+        posterior=campaign.posterior,
+        damage=campaign.damage,
+    )
+
+
+def campaign_numbers(campaign: Campaign) -> dict[str, Scalar]:
+    """Every number by its name; of one record of several with that behind it."""
+    first, together, with_sigma = campaign.first, campaign.together, not campaign.decision.withheld
+    every = list(campaign.records.values())
+    whole = first.verdict if campaign.only else verdict(np.concatenate([record.estimated.whitened for record in every]))
+    numbers: dict[str, Scalar] = {
+        "samples": sum(len(record.estimated.gauge.time) for record in every),
+        "channels": len(first.estimated.gauge.label),
+        "verdict": whole.text,
+        "innovation_ratio": whole.ratio,
+        "consistent": whole.consistent,
+        **campaign.decision.numbers,
+    }
+    for name in first.unknowns.inputs:
+        numbers[f"estimate.{name}"] = rms(np.concatenate([record.estimated.smoothed[name] for record in every]))
+        if with_sigma:
+            numbers[f"std.{name}"] = rms(np.concatenate([record.estimated.smoothed_std[name] for record in every]))
+    for name in first.unknowns.parameters:
+        numbers[f"estimate.{name}"] = _shared(campaign, name)
+        if with_sigma:
+            numbers[f"std.{name}"] = rms(first.estimated.smoothed_std[name])
+    if campaign.tuning:
+        numbers |= {f"factor.{part}": float(value) for part, value in campaign.tuning.factors.items()}
+    if campaign.undetectable:
+        numbers["unobservable"] = campaign.undetectable
+    if together is None:
+        numbers |= hold_out_numbers(without_each(first.estimated))
+    else:
+        numbers |= {"records": len(every), "gain": together.gain}
+        numbers |= {"apart": together.words} if _apart(campaign) else {}
+        for name, values in together.alone.items():
+            numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
+        for of, record in campaign.records.items():
+            numbers |= {f"{key}.{of}": value for key, value in _record_numbers(record, with_sigma).items()}
+    numbers |= damage_numbers(campaign.damage, first.labels)
+    return numbers | posterior_numbers(campaign.posterior) | ratios(first.estimated.compared)
+
+
+def _record_numbers(record: Estimation, with_sigma: bool) -> dict[str, Scalar]:
+    """Of one record of several; with_sigma: whether σ is given."""
+    numbers: dict[str, Scalar] = {"innovation_ratio": record.verdict.ratio, "trusted": record.judgement.trusted}
+    for name in record.unknowns.inputs:
+        numbers[f"estimate.{name}"] = rms(record.estimated.smoothed[name])
+        if with_sigma:
+            numbers[f"std.{name}"] = rms(record.estimated.smoothed_std[name])
+    return numbers | hold_out_numbers(without_each(record.estimated))
+
+
+def campaign_message(campaign: Campaign) -> str:
+    """One line."""
+    numbers, first, only = campaign_numbers(campaign), campaign.first, campaign.only
+    source = first.estimated.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
+    parts = [campaign.decision.message] if campaign.decision.message else []
+    parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
+    for name in first.unknowns.names:
+        what = " RMS" if name in first.unknowns.inputs else ""
+        sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
+        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {first.units[name]}{what}")
+    if "hold_out.inside" in numbers:
+        parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
+    for of, record in campaign.records.items():
+        parts += [
+            f"{'' if only else f'{of}: '}{text}" for text in misfits_in_words(without_each(record.estimated), "gauges")
+        ]
+    if loud := [
+        of for of, record in campaign.records.items() if record.judgement.trusted and not record.verdict.consistent
+    ]:
+        parts.append(f"the noise does not fit the innovations{'' if only else ' of ' + ', '.join(loud)}")
+    parts += damage_in_words(campaign.damage)
+    parts += posterior_doubts(campaign.posterior, first.units)
+    parts += disagreements_in_words(first.estimated.compared)
+    return ", ".join(parts)
+
+
+def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
+    """The unknowns as smoothed, or the records and the parameters by all of them and by each alone; then what there is of each
+    record, what was done to the measurements, and the verdict on them."""
+    first, only, notes = campaign.first, campaign.only, list[tuple[str, ...]]()
+    tables = [_unknowns_table(first) if only else records_table(campaign)]
+    tables += [_parameter_table(campaign)] if not only and first.unknowns.parameters else []
+    tables += [*damage_tables(campaign.damage, first.labels), *budget_tables(first.estimated.budget)]
+    if first.estimated.compared is not None:
+        tables.append(comparison_table(first.estimated.compared, first.units))
+    for of, record in campaign.records.items():
+        held = without_each(record.estimated)
+        each = [hold_out_table(held, record.channel_units, "gauge")] if held else []
+        for table in (*each, channel_table(record.estimated, record.channel_units)):
+            tables.append(Table(table.title if only else f"{table.title}: {of}", table.columns, table.rows))
+        # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
+        notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
+    measurements = Table("measurements", ("record", ""), _once(notes, len(campaign.records)))
+    if only:
+        measurements = Table("measurements", ("",), tuple((note,) for _, note in notes))
+    return (*tables, measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
+
+
+def _unknowns_table(record: Estimation) -> Table:
+    rows = []
+    for name, value in record.estimated.smoothed.items():
+        std, unit = record.estimated.smoothed_std[name], record.units[name]
+        if name in record.unknowns.inputs:
+            span = f"{value.min():.5g} to {value.max():.5g} {unit}"
+            estimate, sigma = f"RMS {rms(value):.5g}, {span}", f"± {rms(std):.3g} {unit}"
+        else:
+            # of a factor the unit is 1
+            estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
+            sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
+        rows.append((name, estimate, record.decision.cell if record.decision.withheld else sigma))
+    return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
+
+
+def records_table(campaign: Campaign) -> Table:
+    """A row a record: how long it is, peak and RMS of every load with σ, how large its innovations are, and the verdict."""
+    first, rows = campaign.first, []
+    loads = first.unknowns.inputs
+    for of, record in campaign.records.items():
+        time, cells = record.estimated.time, []
+        for name in loads:
+            value, std = record.estimated.smoothed[name], record.estimated.smoothed_std[name]
+            top = int(np.argmax(np.abs(value)))
+            cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
+        whitened = record.estimated.whitened
+        inside = float(np.mean(np.abs(whitened[np.isfinite(whitened)]) < 2)) if np.isfinite(whitened).any() else np.nan
+        judged = record_verdict(record.judgement.trusted, record.judgement.apart, record.verdict.consistent)
+        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, f"{100 * inside:.3g} %", judged))
+    heads = [f"{name} {what} [{first.units[name]}]" for name in loads for what in ("peak", "RMS")]
+    return Table("records", ("record", "duration", *heads, "innovations within 2σ", "verdict"), tuple(rows))
+
+
+def _parameter_table(campaign: Campaign) -> Table:
+    first, together, rows = campaign.first, campaign.together, []
+    assert together is not None
+    for name in first.unknowns.parameters:
+        value, std = _shared(campaign, name), float(first.estimated.smoothed_std[name][-1])
+        sigma = f"± {std:.3g} ({100 * std / value:.2g} %)"
+        each = (f"{alone:.5g}" for alone in together.alone[name])
+        shown = campaign.decision.cell if campaign.decision.withheld else sigma
+        rows.append((name, f"{value:.5g} {first.units[name]}", shown, *each))
+    some = 0 < len(_agreeing(campaign)) < len(campaign.records)
+    by = "by those that agree" if some else "by all records"
+    columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in campaign.records))
+    return Table("parameters that all records share", columns, tuple(rows))
+
+
+def _with_sigma(value: float, std: float) -> str:
+    return f"{value:.4g}" if np.isnan(std) else f"{value:.4g} ± {std:.2g}"
+
+
+def _once(notes: list[tuple[str, ...]], records: int) -> tuple[tuple[str, ...], ...]:
+    """A note that is of all records once."""
+    texts = [text for _, text in notes]
+    return tuple(dict.fromkeys(("all", text) if texts.count(text) == records else (of, text) for of, text in notes))
+
+
+def _agreeing(campaign: Campaign) -> list[Estimation]:
+    """The records whose parameters were estimated together."""
+    return [record for record in campaign.records.values() if campaign.decision.accept or record.judgement.trusted]
+
+
+def _shared(campaign: Campaign, parameter: str) -> float:
+    """A parameter by the records that agree with the model; where none of several does the most likely one of all."""
+    if campaign.together is not None and not _agreeing(campaign):
+        return campaign.together.shared[parameter]
+    record = next(iter(_agreeing(campaign)), campaign.first)
+    return float(np.mean(record.estimated.smoothed[parameter]))
+
+
+def _apart(campaign: Campaign) -> bool:
+    """Whether records that agree with the model one by one contradict each other, and that is accepted."""
+    return all(record.judgement.apart for record in campaign.records.values())
+
+
+def without_each(estimated: Estimated) -> tuple[Left, ...]:
+    """Every gauge by the others, empty where that was not asked for."""
+    if (held := estimated.hold_out) is None:
+        return ()
+    return left_out(held.predicted, held.std, held.left_in, estimated.gauge.label, estimated.gauge.measured)
+
+
+def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:
+    """Every channel beside what the others, or the samples before, say of it; units of the channels."""
+    check, rows = estimated.check, []
+    for i, (name, unit) in enumerate(zip(estimated.gauge.label, units, strict=True)):
+        sizes = (size_in_words(size, unit) for size in (check.measured[i], check.predicted[i]))
+        rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}"))
+    columns: tuple[str, ...] = ("channel", "RMS measured", "RMS predicted", "residual / σ", "correlation")
+    if check.by_others:
+        columns = (*columns, "what explains the record best")
+        rows = [(*row, text or "nothing") for row, text in zip(rows, check.fault, strict=True)]
+    by = "by all other channels" if check.by_others else "one step ahead, by all channels"
+    part = (
+        ""
+        if check.end - check.begin >= 0.99 * float(estimated.gauge.time[-1] - estimated.gauge.time[0])
+        else (f", from {check.begin:.4g} to {check.end:.4g} s")
+    )
+    return Table(f"channels, predicted {by}{part}", columns, tuple(rows))
+
+
+def campaign_files(campaign: Campaign) -> dict[str, bytes]:
+    """All time signals of every record as a table."""
+    return {f"estimate{'' if campaign.only else f'-{of}'}.csv": _csv(record) for of, record in campaign.records.items()}
+
+
+def _csv(record: Estimation) -> bytes:
+    """SI units in the header."""
+    estimated = record.estimated
+    columns = {"time [s]": estimated.time}
+    for name in estimated.estimate:
+        words = ("filtered", "filtered std", "smoothed", "smoothed std")
+        values = (estimated.estimate[name], estimated.std[name], estimated.smoothed[name], estimated.smoothed_std[name])
+        columns |= {f"{name} {word} [{record.units[name]}]": value for word, value in zip(words, values, strict=True)}
+    for total in estimated.resultant.values():
+        columns |= {f"{total.place} {axis} [N]": total.force[:, i] for i, axis in enumerate("xyz")}
+        columns |= {f"{total.place} size [N]": total.magnitude, f"{total.place} size std [N]": total.std}
+    if estimated.virtual is not None:
+        for i, label in enumerate(record.labels):
+            columns |= {
+                f"{label} [strain]": estimated.virtual.strain[:, i],
+                f"{label} std [strain]": estimated.virtual.std[:, i],
+            }
+    rows = np.column_stack(list(columns.values()))
+    return csv_bytes([list(columns), *([f"{x:.9g}" for x in row] for row in rows)])
+
+
+def damage_numbers(damaged: Damaged | None, labels: Sequence[str]) -> dict[str, Scalar]:
+    """Damage, interval, equivalent range [Pa] and life [h] of the worst point and of every virtual gauge."""
+    if damaged is None:
+        return {}
+    numbers: dict[str, Scalar] = {}
+    for name, at, i in _places(damaged, labels):
+        level = at.damage[i] if np.isfinite(at.damage[i]) else at.of_mean[i]
+        numbers[f"damage.of_mean.{name}"] = float(at.of_mean[i])
+        if not np.isnan(at.damage[i]):
+            numbers |= {
+                f"damage.{name}": float(at.damage[i]),
+                f"damage.low.{name}": float(at.low[i]),
+                f"damage.high.{name}": float(at.high[i]),
+                f"equivalent_range.{name}": float(at.range[i]),
+            }
+        if level > 0:
+            numbers[f"life.{name}"] = float(damaged.hours / level)
+    return numbers
+
+
+def damage_in_words(damaged: Damaged | None) -> list[str]:
+    """The worst point of the surface."""
+    if damaged is None or damaged.surface is None or damaged.hot_spot is None or not len(damaged.hot_spot):
+        return []
+    at, i = damaged.surface, int(damaged.hot_spot[0])
+    return [f"damage up to {_damage(at, i)}{_interval(at, i, ' (', ')')} at element {at.element[i]}"]
+
+
+def damage_tables(damaged: Damaged | None, labels: Sequence[str]) -> tuple[Table, ...]:
+    """Hot spots of the surface, then the virtual gauges."""
+    if damaged is None:
+        return ()
+    withheld = all(np.isnan(at.damage).all() for _, at, _ in _places(damaged, labels))
+    rows = []
+    if damaged.surface is not None and damaged.hot_spot is not None:
+        for number, i in enumerate(damaged.hot_spot.tolist(), start=1):
+            rows.append((f"{number}, element {damaged.surface.element[i]}", *_row(damaged, damaged.surface, i)))
+    if damaged.virtual is not None:
+        rows += [(label, *_row(damaged, damaged.virtual, i)) for i, label in enumerate(labels)]
+    columns = ("place", "x, y, z [m]", "damage", "95 %", "equivalent range", "life")
+    title = "damage of the smoothed history, interval withheld" if withheld else "damage: hot spots and virtual gauges"
+    return (Table(title, columns, tuple(rows)),)
+
+
+def _places(damaged: Damaged, labels: Sequence[str]) -> list[tuple[str, DamageAt, int]]:
+    places: list[tuple[str, DamageAt, int]] = []
+    if damaged.surface is not None and damaged.hot_spot is not None and len(damaged.hot_spot):
+        places.append(("surface", damaged.surface, int(damaged.hot_spot[0])))
+    if damaged.virtual is not None:
+        places += [(label, damaged.virtual, i) for i, label in enumerate(labels)]
+    return places
+
+
+def _row(damaged: Damaged, at: DamageAt, i: int) -> tuple[str, ...]:
+    where = ", ".join(f"{value:.4g}" for value in at.position[i])
+    drawn = not np.isnan(at.damage[i])
+    level, range_ = (at.damage[i], at.range[i]) if drawn else (at.of_mean[i], at.range_of_mean[i])
+    life = f"{damaged.hours / level:.3g} h" if level > 0 else "no damage"
+    if drawn and at.high[i] > 0:
+        longest = f"{damaged.hours / at.low[i]:.2g}" if at.low[i] > 0 else "∞"
+        life += f" ({damaged.hours / at.high[i]:.2g} to {longest})"
+    return where, _damage(at, i), _interval(at, i) or "withheld", f"{range_ / 1e6:.4g} MPa", life
+
+
+def _damage(at: DamageAt, i: int) -> str:
+    return f"{at.of_mean[i] if np.isnan(at.damage[i]) else at.damage[i]:.3g}"
+
+
+def _interval(at: DamageAt, i: int, before: str = "", after: str = "") -> str:
+    return "" if np.isnan(at.damage[i]) else f"{before}{at.low[i]:.2g} to {at.high[i]:.2g}{after}"

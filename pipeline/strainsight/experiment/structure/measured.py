@@ -1,0 +1,334 @@
+"""A test as the filter needs it: what its channels measured, on the clock of the filter, and which gauges they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.estimate import Channel, GaugeChannel
+from strainsight.errors import ConfigError
+from strainsight.estimation.settled import Settled
+from strainsight.experiment.recorded_channels import signals_of
+from strainsight.experiment.structure.problem import Problem, settled_at
+from strainsight.experiment.structure.records_of_test import RecordSettings
+from strainsight.experiment.structure.start import tones_in
+from strainsight.loads.histories import quadratic_hold, tones_of
+from strainsight.loads.interpolation import fill_gaps, interpolate, join_by_lines, share_above
+from strainsight.measurements.assemble import Signals
+from strainsight.measurements.bridges import SUM
+from strainsight.measurements.units import SI
+
+MISSED = 0.05
+"""RMS of what a record has beside its tones, over its own, up to which its motion counts as periodic."""
+LARGEST_STRAIN = 0.1
+"""[m/m] Foil gauges end at a few per cent."""
+FEW = 0.01
+"""Share of samples beyond that, up to which they are spikes and no other unit."""
+LEAST_STRAIN = 1e-8
+"""[m/m] A tenth of what amplifiers resolve."""
+QUANTITY = ("strain", "acceleration", "displacement")
+LONGEST_GAP = 10
+"""Samples of a known load that may be missing in a row, or twice as many as are missing as a rule, as in a table of two rates."""
+BAND = 0.3
+"""Of the sampling rate of a load: up to there the samples determine what is between them to 2e-3."""
+HELD, FINEST = 0.1, 3
+"""Of the rate of the filter's steps: up to there the polynomial that holds a load within a step is off by 2e-3 of it at most,
+and what modes near that rate make of it does not matter. And the most steps a sample for it, which BAND asks for."""
+SLIGHT, LARGEST = 0.05, 0.25
+"""RMS of a load beyond BAND or HELD, over all of it, from which it matters, and is refused."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """time (T + 1,) [s] of the samples, the first of which starts the filter; h [s] of the filter, a sample every `every`-th
+    step; known (T·every, HOLD, 2 n_known) [N] loads and, behind them,
+    their interpolation errors (`hold_known_loads`); values (T, m) of the samples after the first [strain, m/s² or m], NaN where
+    missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where the config's own holds; bias (m,)
+    σ of an unknown offset, 0 for none; notes: sentences."""
+
+    time: np.ndarray
+    h: float
+    every: int
+    known: np.ndarray
+    values: np.ndarray
+    channels: np.ndarray
+    labels: tuple[str, ...]
+    std: np.ndarray
+    bias: np.ndarray
+    notes: tuple[str, ...]
+
+    def by(self, which: np.ndarray) -> Measured:
+        """Some of the channels (k,)."""
+        labels = tuple(self.labels[i] for i in which)
+        part = {name: getattr(self, name)[which] for name in ("channels", "std", "bias")}
+        return replace(self, values=self.values[:, which], labels=labels, **part)
+
+    def first(self, count: int) -> Measured:
+        """The first samples."""
+        return replace(
+            self, time=self.time[: count + 1], known=self.known[: count * self.every], values=self.values[:count]
+        )
+
+
+def measured_of(
+    own: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int], units: Mapping[str, str]
+) -> Measured:
+    """Read and calibrate the channels that `estimate` of a config names for a record.
+
+    gauges: number of every gauge by its name (`bonded_gauges`); units of the loads.
+
+    Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
+    a gap, and UserError for what the file contradicts.
+    """
+    settings = own.settings
+    channels = np.array(
+        [_channel(f"{own.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(settings.channels)]
+    )
+    if len(np.unique(channels)) < len(channels):
+        raise ConfigError(
+            "two channels are one grid of a gauge", key=own.channels, remedy="check `gauge` and `grid` of each"
+        )
+    _check_bridges(own.channels, settings.channels, problem.channels.bridged[channels])
+    wanted = wanted_of(own, problem.known, units)
+    signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
+    check_quantities(
+        wanted, signals, [QUANTITY[int(problem.channels.quantity[c])] for c in channels], problem.known, units
+    )
+    m = len(channels)
+    moved = [entry.delay is not None for entry in list(wanted.values())[m:]]
+    signals = common_part(signals, m, moved, settings.start)
+    loads = signals.values[:, m:]
+    dt = float(signals.time[1] - signals.time[0])
+    every = steps_a_sample(loads) if settings.time_step is None else round(dt / settings.time_step)
+    if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
+        raise ConfigError(
+            f"{settings.time_step:g} s is no whole part of the sampling interval, {dt:.9g} s",
+            key="estimate.time_step",
+            remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
+        )
+    known, notes = hold_known_loads(signals, loads, problem.known, own.inputs, every)
+    return Measured(
+        time=signals.time,
+        h=dt / every,
+        every=every,
+        known=known,
+        values=signals.values[1:, :m],
+        channels=channels,
+        labels=tuple(_label(entry) for entry in settings.channels),
+        std=np.array([np.nan if e.noise_std is None else e.noise_std for e in settings.channels]),
+        bias=np.array([e.bias or 0.0 for e in settings.channels]),
+        notes=(*signals.notes, *notes),
+    )
+
+
+def settled_in(problem: Problem, test: Measured) -> Settled:
+    """The periodic motion under the loads of a record, with the frequencies that the config gives them, and amplitudes and
+    phases by least squares. Raises ConfigError where that cannot be, or is not what the record holds."""
+
+    def refused(what: str) -> ConfigError:
+        return ConfigError(what, key="estimate.start", remedy="take moving, or rest where the structure stood still")
+
+    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.signals.values()))
+    if problem.method != "bank":
+        raise refused(f"filter.method: {problem.method} cannot begin in a settled motion")
+    if unknown:
+        raise refused(f"a motion under an unknown load, {unknown[0]}, cannot be known to have settled")
+    if tones is None:
+        raise refused("a load of the config is no sum of sines, and has no settled motion")
+    duration, slowest = len(test.known) * test.h, tones.frequency[tones.frequency > 0]
+    if len(slowest) and duration * slowest[0] < 2 * np.pi:
+        raise refused(
+            f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
+        )
+    held, missed = tones_in(test.known, test.h, tones.frequency)
+    for name, own in zip(problem.known, missed, strict=False):
+        if own > MISSED:
+            raise refused(
+                f"{100 * own:.0f} % of the record of '{name}' is not of the frequencies that the config states"
+            )
+    return settled_at(problem, tones.frequency, held)
+
+
+def _label(entry: GaugeChannel) -> str:
+    return f"{entry.gauge}{f'.{entry.grid}' if entry.grid > 1 else ''}"
+
+
+def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
+    """The row of train.h5 that a channel of the file measures."""
+    own = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
+    own = own[own >= 0]
+    if entry.grid > len(own):
+        raise ConfigError(
+            f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
+        )
+    return int(own[entry.grid - 1])
+
+
+def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarray) -> None:
+    """Raises ConfigError where the bridge formula of a channel is not that of its gauge."""
+    for i, (entry, several) in enumerate(zip(entries, bridged, strict=True)):
+        if entry.bridge is None or (entry.bridge.arrangement == SUM) == several:
+            continue
+        own, what, remedy = entry.bridge.arrangement, "one gauge", "take quarter, or how its bridge is completed"
+        if several:
+            what = "a bridge, which reads the sum of its arms"
+            remedy = f"take {SUM}: of any other arrangement ε is that of one arm"
+        raise ConfigError(
+            f"the arrangement '{own}' of {entry.gauge}, which is {what}",
+            key=f"{key}.{i}.bridge.arrangement",
+            remedy=remedy,
+        )
+
+
+def wanted_of(own: RecordSettings, known: Sequence[str], units: Mapping[str, str]) -> dict[str, Channel]:
+    """Key → channel of the gauges, then of the known loads. Raises ConfigError for one of these that has none."""
+    settings = own.settings
+    for name in known:
+        if name not in settings.inputs:
+            raise ConfigError(
+                f"the known load '{name}' has no channel",
+                key=own.inputs,
+                remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
+                "estimate it",
+            )
+    wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
+    return wanted | {f"{own.inputs}.{name}": settings.inputs[name] for name in known}
+
+
+def check_quantities(
+    wanted: Mapping[str, Channel],
+    signals: Signals,
+    sensors: Sequence[str],
+    known: Sequence[str],
+    units: Mapping[str, str],
+) -> None:
+    """sensors: what the channels of gauges are to be. Raises ConfigError for another quantity, and for a strain that no metal
+    has, or no amplifier shows: its unit is another one."""
+    quantity = {unit: own for own, unit in SI.items()}
+    expected = [*sensors, *(quantity[units[name]] for name in known)]
+    for i, ((key, entry), found, should) in enumerate(zip(wanted.items(), signals.quantities, expected, strict=True)):
+        largest = float(np.nanmax(np.abs(signals.values[:, i]), initial=0.0))
+        beyond = np.flatnonzero(np.abs(signals.values[:, i]) > LARGEST_STRAIN)
+        if found == should == "strain" and 0 < len(beyond) <= FEW * np.isfinite(signals.values[:, i]).sum():
+            times = ", ".join(f"{t:.9g}" for t in signals.time[beyond[:10]])
+            raise ConfigError(
+                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %, in {len(beyond)} of "
+                f"{len(signals.time)} samples: at {times} s{' …' * (len(beyond) > 10)}",
+                key=f"{key}.missing",
+                remedy="mark these samples as missing, [[from, to], …]",
+            )
+        if found == should == "strain" and largest > LARGEST_STRAIN:
+            raise ConfigError(
+                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %",
+                key=f"{key}.unit",
+                remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
+                "load, with `zero` or `offset`",
+            )
+        if found == should == "strain" and 0 < largest < LEAST_STRAIN and not entry.override:
+            raise ConfigError(
+                f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
+                key=f"{key}.unit",
+                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where not",
+            )
+        if found != should:
+            raise ConfigError(
+                f"the channel is in {entry.unit}, {found}, but it is to be a {should}",
+                key=f"{key}.unit",
+                remedy="check the unit, and which gauge or load the channel is",
+            )
+
+
+def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str) -> Signals:
+    """The record from the first to the last instant at which all known loads, its columns from `first` on, have a sample, where
+    they lack a few at its ends, as in a table of two rates, or were moved in time. start: of the config.
+
+    Raises ConfigError where a structure at rest does not begin so.
+    """
+    count, begin, end = len(signals.time), 0, len(signals.time)
+    for values, delayed in zip(signals.values[:, first:].T, moved, strict=True):
+        there = np.flatnonzero(np.isfinite(values))
+        if len(there) < 2:
+            return signals
+        if delayed or max(there[0], count - 1 - there[-1]) <= LONGEST_GAP:
+            begin, end = max(begin, int(there[0])), min(end, int(there[-1]) + 1)
+    if end - begin in (count, 0, 1):
+        return signals
+    if start == "rest" and begin:
+        raise ConfigError(
+            f"the first {signals.time[begin] - signals.time[0]:g} s are cut off, where a known load has no sample, and what is "
+            "left does not begin at rest",
+            key="estimate.start",
+            remedy="take moving",
+        )
+    note = f"{count - (end - begin)} samples were cut off at the ends, where a known load has none"
+    return replace(
+        signals, time=signals.time[begin:end], values=signals.values[begin:end], notes=(*signals.notes, note)
+    )
+
+
+def steps_a_sample(loads: np.ndarray) -> int:
+    """Steps of the filter that hold loads (T + 1, n), NaN where missing, well enough: 1 to FINEST a sample."""
+    filled = [fill_gaps(own) for own in loads.T]
+    enough = (k for k in range(1, FINEST) if all(share_above(own, k * HELD) <= SLIGHT for own in filled))
+    return next(enough, FINEST)
+
+
+def hold_known_loads(
+    signals: Signals, loads: np.ndarray, known: Sequence[str], key: str, every: int
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Hold coefficients (T·every, HOLD, 2n) of n loads (T + 1, n), NaN where missing, with those of their interpolation errors
+    behind them; and what was done, a sentence each.
+
+    Between samples a load is the spline through them. Its error is unknown; as large as the difference of that spline from
+    straight lines, and of its shape, it is a constant that the filter considers (`tolerated_loads.BETWEEN`).
+
+    Raises ConfigError, below `key`, where a load has a long gap, or moves too fast for its samples.
+    """
+    curves, lines, notes = [], [], []
+    for name, values in zip(known, loads.T, strict=True):
+        filled = fill_gaps(values) if (spacing := _spacing(signals, name, values, f"{key}.{name}")) > 1 else values
+        rate = 1 / (spacing * (signals.time[1] - signals.time[0]))
+        missing = int(np.isnan(values).sum())
+        if missing:
+            notes.append(f"{name}: {missing} missing samples were interpolated, by a spline through the others")
+        share = share_above(filled, BAND / spacing)
+        fast = (
+            f"{100 * share:.2g} % of the RMS of '{name}' is beyond {BAND * rate:.4g} Hz, {BAND:g} of its sampling rate"
+        )
+        if share > LARGEST:
+            raise ConfigError(
+                f"{fast}: its samples do not determine it in between",
+                key=f"{key}.{name}",
+                remedy="record it at a higher rate, behind a filter that takes away what is faster, or estimate this load",
+            )
+        if share > SLIGHT:
+            notes.append(f"{fast}: record it at a higher rate, the estimate depends on what is between its samples")
+        curves.append(interpolate(filled, 2 * every))
+        lines.append(join_by_lines(values, 2 * every))
+    size = 2 * every * (len(loads) - 1) + 1
+    curve, line = (np.column_stack(own) if own else np.zeros((size, 0)) for own in (curves, lines))
+    return quadratic_hold(np.hstack([curve, line - curve])), tuple(notes)
+
+
+def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
+    """The longest interval between samples of a load (T + 1,), in samples of the record. Raises ConfigError for one that is too
+    long."""
+    there = np.flatnonzero(np.isfinite(values))
+    apart = np.diff(there)
+    at_ends = not len(there) or there[0] > 0 or there[-1] < len(values) - 1
+    if at_ends or not len(apart) or apart.max() - 1 > max(LONGEST_GAP, 2 * (np.median(apart) - 1)):
+        longest = int(np.argmax(apart)) if len(apart) else 0
+        raise ConfigError(
+            f"the known load '{name}' lacks {np.isnan(values).sum()} samples, "
+            + (
+                "at an end of the record"
+                if at_ends
+                else f"{apart[longest] - 1} in a row, the first at {signals.time[there[longest] + 1]:g} s"
+            ),
+            key=key,
+            remedy="cut the record, or estimate this load",
+        )
+    return int(apart.max())

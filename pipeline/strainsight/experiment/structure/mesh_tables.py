@@ -1,0 +1,355 @@
+"""What an import found and what the model assumes (the fate of every card, what hangs together, the rigid-body check, mass by
+part, differences from the program of the deck), as tables for the terminal and the page."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from strainsight.errors import StrainsightError
+from strainsight.experiment.structure.grounds import free_motions
+from strainsight.fem.grounded import EXACT, links
+from strainsight.fem.mass import element_mass_parts
+from strainsight.fem.pieces import parts
+from strainsight.fem.quality import POOR, Quality
+from strainsight.fem.thin import thin_mass
+from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.joins import PointMass, Springs
+from strainsight.mesh.kinds import kind_of
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.sanity import lost
+from strainsight.mesh.unjoined import Coincident, Joints, joined_parts
+from strainsight.runner.output import Table
+from strainsight.sensors.faces import Faces
+
+Row = tuple[str, str, str]
+LONGEST = 12
+"""Rows of one kind that a table shows before it only counts the rest."""
+
+FACES = 24
+"""Faces that are listed."""
+
+
+def found_tables(
+    mesh: Mesh, weight: tuple[float, np.ndarray] | None, quality: Sequence[Quality], warnings: Sequence[str]
+) -> tuple[Table, ...]:
+    """One table: nodes, elements by type and region, materials, supports, ties, sets, quality, mass, what is
+    ignored, notes and warnings. weight: mass [kg] and centre (3,) [m], where the mesh has densities."""
+    rows: list[Row] = _geometry(mesh)
+    rows += _regions(mesh)
+    rows += _constraints(mesh)
+    rows += _sets(mesh)
+    rows += [_quality(entry) for entry in quality if len(entry.ids)]
+    if weight is not None:
+        rows.append(("mass", f"{weight[0]:.6g} kg", "centre ({:.4g}, {:.4g}, {:.4g}) m".format(*weight[1])))
+    rows += [("ignored", card, _times(count, mesh.effect.get(card))) for card, count in mesh.ignored.items()]
+    # Sentences stand in the last column: in another they would push those behind it out of sight.
+    rows += [("note", "", text) for text in mesh.notes]
+    rows += [("warning", "", text) for text in (*warnings, *_poor(quality))]
+    return (Table("the mesh", ("what", "how many", "detail"), tuple(rows)),)
+
+
+def faces_table(faces: Faces) -> Table:
+    """The largest faces of the surface, with a point of each that a config can name it by."""
+    count = len(faces.area)
+    rows = []
+    for face in range(min(count, FACES)):
+        rows.append((f"{faces.area[face]:.3g} m²", faces.in_words(face), f"near: {faces.near(face)}"))
+    title = "faces of the surface"
+    if count > FACES:
+        title += f", the {FACES} largest of {count}: the others are in import.h5"
+    return Table(title, ("area", "what", "for mesh.faces"), tuple(rows))
+
+
+def _times(count: int, effect: str | None) -> str:
+    return _number(count, "time") + ", of no effect here" * (effect == "none")
+
+
+def _number(count: int, what: str) -> str:
+    """ "1 node", "2 nodes"."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def _geometry(mesh: Mesh) -> list[Row]:
+    low, high = mesh.position.min(axis=0), mesh.position.max(axis=0)
+    span = f"ids {mesh.node_ids.min()} to {mesh.node_ids.max()}"
+    box = ", ".join(f"{axis} {a:.4g} … {b:.4g}" for axis, a, b in zip("xyz", low, high, strict=True))
+    rows: list[Row] = [("nodes", str(mesh.own_nodes), span), ("extent", f"{np.linalg.norm(high - low):.4g} m", box)]
+    for block in mesh.elements:
+        rows.append((block.kind, str(len(block.ids)), f"ids {block.ids.min()} to {block.ids.max()}"))
+    return rows
+
+
+def _regions(mesh: Mesh) -> list[Row]:
+    rows = []
+    for region in mesh.regions.values():
+        count = Counter({b.kind: int(np.sum(b.region == region.id)) for b in mesh.elements})
+        material = mesh.materials.get(region.material)
+        detail = "no material" if mesh.laminate(region.id) is None else _plies(mesh, region.id)
+        if material is not None:
+            detail = (
+                f"{material}: E {material.youngs_modulus:.4g} Pa, nu {material.poisson_ratio:.10g}, "
+                f"rho {material.density:.5g} kg/m³"
+            )
+        if (shell := mesh.general_shell(region.id)) is not None:
+            detail = f"shell of several or anisotropic materials, {shell.thickness:.4g} m thick, rho {shell.density:.5g} kg/m³"
+        if (solid := mesh.anisotropic_of(region.id)) is not None:
+            moduli, axes = ", ".join(f"{E:.4g}" for E in solid.moduli), mesh.orientations.get(region.id)
+            kind = "basic" if axes is None else axes.system.kind
+            detail = f"{solid}, anisotropic: E {moduli} Pa along its {kind} axes, rho {solid.density:.5g} kg/m³"
+        if (composite := mesh.composites.get(region.id)) is not None:
+            detail = _layers(mesh, region.id, composite)
+        rows.append(
+            (f"region {region.id} {region.name}", ", ".join(f"{n} {kind}" for kind, n in count.items() if n), detail)
+        )
+    return rows
+
+
+def _plies(mesh: Mesh, region: int) -> str:
+    """A laminate in words: its plies by material, thickness and density."""
+    laminate, density = mesh.laminate(region), mesh.density_of(region)
+    assert laminate is not None
+    of = Counter(ply.material for ply in laminate.plies)
+    counted = ", ".join(f"{n} of {mesh.laminae.get(i) or mesh.materials.get(i)}" for i, n in of.items())
+    return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, rho {density:.5g} kg/m³ in the mean"
+
+
+def _layers(mesh: Mesh, region: int, own: CompositeSolid) -> str:
+    """A composite solid in words: its layers by material, the direction along which they lie, and density."""
+    of = Counter(layer.material for layer in own.layers)
+    counted = ", ".join(f"{n} of {mesh.anisotropic.get(i) or mesh.materials.get(i)}" for i, n in of.items())
+    return (
+        f"{len(own.layers)} layers ({counted}) along direction {own.direction + 1} of each element, rho "
+        f"{mesh.density_of(region):.5g} kg/m³ in the mean"
+    )
+
+
+def _constraints(mesh: Mesh) -> list[Row]:
+    held = len(np.unique(mesh.fixed[:, 0]))
+    rows = [("fixed", _number(len(mesh.fixed), "component"), _number(held, "node"))]
+    if mesh.axes:
+        rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
+    for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
+        ties = [
+            (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}") for e in elements
+        ]
+        rows += _shortened(ties, f"{kind}s")
+    relations = [
+        (str(own), _number(len(own.node), "motion"), f"node {mesh.node_ids[node]} component {component + 1} follows")
+        for own, (node, component) in ((own, own.follower) for own in mesh.relations)
+    ]
+    rows += _shortened(relations, "relations")
+    masses = [
+        (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}" + _lever(p))
+        for p in mesh.point_masses
+    ]
+    rows += _shortened(masses, "point masses")
+    springs = [
+        (str(own), _number(len(own.stiffness), "spring"), f"{_number(len(np.unique(own.node)), 'node')}{_total(own)}")
+        for own in mesh.springs
+    ]
+    rows += _shortened(springs, "springs")
+    loads = [
+        (
+            f"load {name}",
+            _number(len(load.nodes), "node"),
+            "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0))
+            + (
+                "" if load.moment is None else ", moments ({:.4g}, {:.4g}, {:.4g}) N m".format(*load.moment.sum(axis=0))
+            ),
+        )
+        for name, load in mesh.loads.items()
+    ]
+    return rows + _shortened(loads, "loads")
+
+
+def _total(own: Springs) -> str:
+    """The stiffness of all its springs, of those that stretch and of those that turn."""
+    turns = own.torsion
+    words = ((own.stiffness[~turns].sum(), "N/m"), (own.stiffness[turns].sum(), "N m/rad"))
+    return "".join(f", {value:.4g} {unit}" for value, unit in words if value)
+
+
+def _lever(point: PointMass) -> str:
+    words = []
+    if np.any(point.offset):
+        words.append("offset ({:.4g}, {:.4g}, {:.4g}) m".format(*point.offset))
+    if np.any(point.inertia):
+        words.append("inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*np.diag(point.inertia)))
+    if point.matrix is not None:
+        masses, inertia = np.split(np.diag(point.matrix), 2)
+        words.append("along x, y, z {:.4g}, {:.4g}, {:.4g} kg".format(*masses))
+        words += ["inertia {:.4g}, {:.4g}, {:.4g} kg m²".format(*inertia)] if np.any(inertia) else []
+    return "".join(f", {word}" for word in words)
+
+
+def _sets(mesh: Mesh) -> list[Row]:
+    faces = [(f"face {name}", _number(len(own), "facet"), "") for name, own in mesh.faces.items()]
+    sets = {name: ids for name, ids in mesh.node_sets.items() if name not in mesh.faces}
+    nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in sets.items()]
+    elements = [(f"element set {name}", _number(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
+    return faces + _shortened(nodes, "node sets") + _shortened(elements, "element sets")
+
+
+def _shortened(rows: list[Row], what: str) -> list[Row]:
+    if len(rows) <= LONGEST:
+        return rows
+    return [*rows[:LONGEST], (what, f"{len(rows)} in all", "the others are in import.h5")]
+
+
+def _quality(quality: Quality) -> Row:
+    worst = int(np.argmin(quality.shape))
+    detail = f"least {quality.shape[worst]:.3f} (element {quality.ids[worst]}), least |J| ratio {quality.curvature.min():.3f}"
+    return (f"shape of {quality.kind}", f"mean {quality.shape.mean():.3f}", detail)
+
+
+def _poor(quality: Sequence[Quality]) -> list[str]:
+    found = []
+    for entry in quality:
+        poor = np.flatnonzero(entry.shape < POOR)
+        if poor.size:
+            named = poor[np.argsort(entry.shape[poor])][:5]
+            listed = ", ".join(f"{entry.ids[i]} ({entry.shape[i]:.2g})" for i in named) + (
+                ", …" if poor.size > 5 else ""
+            )
+            have = f"{entry.kind} element{'s have' if poor.size > 1 else ' has'}"
+            found.append(f"{poor.size} {have} a shape below {POOR:g} (1 is regular): {listed}")
+    return found
+
+
+ASSUMES = "what this model assumes"
+MOST = 24
+"""Regions whose mass is listed."""
+
+
+def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
+    """Of a mesh as it is computed; program: whose deck it was, as `format_of` says; free: nothing has to hold it."""
+    contacts = (("contact", "", text) for text in mesh.contacts)
+    rows = (
+        *contacts,
+        *_cards(mesh),
+        *_connections(mesh),
+        *_rigid(mesh, free),
+        *_masses(mesh),
+        *_differences(mesh, program),
+    )
+    return Table(ASSUMES, ("what", "how many", "detail"), rows)
+
+
+def _cards(mesh: Mesh) -> Iterator[Row]:
+    for card, count in sorted(mesh.read.items()):
+        if own := count - sum(n for name, n in mesh.ignored.items() if name.split(" that ")[0] == card or name == card):
+            yield (f"card {card}", str(own), "read")
+    for card, count in mesh.ignored.items():
+        yield (f"card {card}", str(count), _fate(card, mesh.effect.get(card, "")))
+
+
+def _fate(card: str, effect: str) -> str:
+    """Of a card that does not count, in words; an enforced displacement may be held all the same."""
+    if " that no " in card or " not selected" in card:
+        return "left out: nothing refers to it"
+    if effect == "structure":
+        return f"not as the deck has it: {lost(card)}"
+    if effect == "none":
+        return "left out: it changes neither stiffness, mass nor supports"
+    return "left out: what it does is not known here"
+
+
+def _connections(mesh: Mesh) -> Iterator[Row]:
+    if not mesh.elements:
+        return
+    joints = Joints(mesh)
+    tied = np.unique(joined_parts(mesh, joints)[mesh.nodes_of_elements])
+    yield ("parts that share no node", str(parts(mesh).count), f"{len(tied)} with ties, relations and springs")
+    found = Coincident(mesh, joints)
+    yield ("nodes in one place that nothing joins", str(len(found.unjoined)), "")
+    if mesh.shells:
+        rings = [
+            np.stack([own.corners, np.roll(own.corners, -1, axis=1)], axis=2).reshape(-1, 2) for own in mesh.shells
+        ]
+        _, count = np.unique(np.sort(np.concatenate(rings), axis=1), axis=0, return_counts=True)
+        several = f"{int((count > 2).sum())} sides have more than two shells"
+        yield ("free sides of shells", str(int((count == 1).sum())), several)
+
+
+def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
+    if mesh.elements:
+        try:
+            left = free_motions(mesh)
+            words = ", ".join(left[:8]) + (f" and {len(left) - 8} more" if len(left) > 8 else "")
+            yield ("rigid-body check: motions left", str(len(left)), words + " (mesh.free)" * (free and bool(left)))
+        except StrainsightError as error:
+            yield ("rigid-body check: motions left", "?", error.what)
+    found = links(mesh)
+    ground = sum(own.share > EXACT for own in found)
+    detail = f"{ground} resist one; largest share of it {found[0].share:.2g}, {found[0].name}" if found else ""
+    yield ("rigid-body check: springs and relations between nodes", str(len(found)), detail)
+    supports = len(np.unique(mesh.fixed[:, 0]))
+    yield ("nodes held", str(supports), f"{len(mesh.fixed)} components at zero")
+
+
+def _masses(mesh: Mesh) -> Iterator[Row]:
+    """Of every region, and of point masses."""
+    if any(mesh.density_of(number) is None for number in mesh.regions):
+        return
+    of: dict[int, float] = dict.fromkeys(mesh.regions, 0.0)
+    for part, values in element_mass_parts(mesh):
+        a, b = np.triu_indices(part.nodes.shape[1])
+        own = values @ np.where(a == b, 1.0, 2.0)
+        for number in np.unique(part.region):
+            of[int(number)] += float(own[part.region == number].sum())
+    listed = list(of)[:MOST]
+    for number in listed:
+        ids = [block.ids[block.region == number] for block in mesh.thin]
+        if any(len(own) for own in ids):
+            M, _ = thin_mass(mesh, np.concatenate(ids))
+            along = np.zeros((M.shape[0] // 6, 6))
+            along[:, 0] = 1.0
+            of[number] += float(along.ravel() @ (M @ along.ravel()))
+        name = mesh.regions[number].name
+        yield (f"mass of region {number} {name}", f"{of[number]:.6g} kg", f"{mesh.density_of(number):.5g} kg/m³")
+    if len(of) > MOST:
+        yield ("mass of other regions", "", f"{len(of) - MOST} more are not listed")
+    if mesh.point_masses:
+        yield (
+            "point masses",
+            f"{sum(own.mass for own in mesh.point_masses):.6g} kg",
+            f"{len(mesh.point_masses)} of them",
+        )
+
+
+def _differences(mesh: Mesh, program: str) -> Iterator[Row]:
+    """What another program does in another way, of what is in this mesh."""
+    kinds = {block.kind for block in mesh.elements}
+    for text in (
+        "linear about the state without load: no preload, contact, large displacement or temperature",
+        "damping is that of the config, whatever the deck says",
+        "mass of solids is lumped (mesh.mass or PARAM,COUPMASS): the diagonal of the consistent one, scaled to the mass of each "
+        "element; on coarse meshes frequencies are lower than by consistent mass"
+        if mesh.lumped
+        else {
+            "nastran": "mass is consistent; Nastran lumps it unless PARAM,COUPMASS is 1 (mesh.mass: lumped): on coarse meshes "
+            "frequencies are higher then",
+            "abaqus": "mass is consistent; Abaqus lumps that of elements of the first order: on coarse meshes frequencies are "
+            "higher here",
+        }.get(program, "mass is consistent"),
+        "hex8 have incompatible modes, and bend without locking: programs without them are stiffer"
+        if "hex8" in kinds
+        else "",
+        "linear tetrahedra, wedges and pyramids are too stiff in bending, here as elsewhere"
+        if kinds & {"tet4", "wedge6", "pyra5"}
+        else "",
+        "rotations of shells about their normal have a stiffness that follows from the membrane, and no K6ROT"
+        if mesh.shells
+        else "",
+        "beams shear with the factors of their section; what Abaqus takes off for slender ones is not imitated"
+        if program == "abaqus" and mesh.beams
+        else "",
+        "nodes of solids have no rotations: what is tied or bent to them there turns freely"
+        if any(kind_of(block.kind).corners for block in mesh.blocks) and mesh.thin
+        else "",
+    ):
+        if text:
+            yield ("differs", "", text)

@@ -1,0 +1,195 @@
+"""Modes of another program beside those of this one, on the same mesh: frequencies, and shapes where they are there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.decks.faults import IdTable, plural
+from strainsight.errors import ConfigError, DeckError, UserError, blame
+from strainsight.experiment.structure.results import on_nodes
+from strainsight.fem.model import build_model, nodal
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.foreign.results.printed import printed_modes
+from strainsight.foreign.results.reader import READERS, read_responses
+from strainsight.foreign.results.response import Response
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.sanity import ignored_structure, lost
+
+KNOWN = {".f06": printed_modes, ".dat": printed_modes, **READERS}
+MORE = 4
+"""Modes of ours beyond as many as the file has, among which its shapes are sought."""
+ALIKE = 1e-3
+"""Frequencies of ours that lie nearer to each other have one space of shapes: a program may turn them in it."""
+RIGID = 1e-2
+"""Of our first frequency that is none of a rigid motion: modes of the file below are rigid motions."""
+MOST = 60
+"""Modes of a file that are compared, the lowest."""
+FEWEST, SHARE, ENOUGH = 10, 0.1, 20
+"""Nodes of both that distinguish shapes: ten (all of a smaller mesh) that are a tenth of it, or twenty, as of sensors."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A mode of the file: its number and frequency [Hz]; number and frequency of ours that it is compared with; off: ours over
+    theirs less one, infinite of 0 Hz; mac: share of its shape within the space of ours (1 if it is the same), NaN where it has no
+    shape."""
+
+    number: int
+    theirs: float
+    mode: int
+    ours: float
+    off: float
+    mac: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Pairs, what to look at, and over how many nodes of how many of the mesh shapes are compared; None without shapes."""
+
+    pairs: tuple[Pair, ...]
+    notes: tuple[str, ...]
+    over: tuple[int, int] | None
+
+
+def modes_of_file(path: Path, step: int | None) -> list[Response]:
+    """Its modes, the lowest first. Raises DeckError where there are none, or several steps have some and none is chosen."""
+    modes = [own for own in read_responses(path, KNOWN) if own.kind == "mode" and step in (None, own.step)]
+    if not modes:
+        asked = "" if step is None else f" in step {step}"
+        raise DeckError(f"no modes{asked} in the file", where=str(path), remedy="give the results of normal modes")
+    steps = sorted({own.step for own in modes})
+    if len(steps) > 1:
+        raise DeckError(
+            f"steps {', '.join(map(str, steps[:8]))} have modes",
+            where=str(path),
+            remedy=f"choose one, --step {steps[0]}",
+        )
+    return sorted(modes, key=lambda own: own.frequency)[:MOST]
+
+
+def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Response]) -> Compared:
+    """Every mode of a file beside one of the mesh as its deck has it, whatever is guessed.
+
+    By shapes, MAC_ij = |φᵢ·ψⱼ|²/(φᵢ·φᵢ ψⱼ·ψⱼ) of the translations at the nodes of both, one to one, for the largest sum;
+    without shapes in the order of frequencies. Rigid motions of a free structure are left out on both sides. Raises DeckError
+    where nothing is left, or no node of the file is in the mesh.
+    """
+    if config.mesh.matrices is not None or config.mesh.results is not None:
+        key = "mesh.matrices" if config.mesh.matrices is not None else "mesh.results"
+        raise ConfigError(
+            "modes are compared with those of a deck, and this model comes from another program",
+            key=key,
+            remedy="compare the model of a deck",
+        )
+    with blame("mesh.file"), mesh.located():
+        model = build_model(mesh, free=config.mesh.free)
+    own_rigid = 0 if model.rigid is None else model.rigid.shape[1]
+    massive = int(np.count_nonzero(model.mass.constant.diagonal() > 0)) - own_rigid
+    wanted = min(len(theirs) + MORE, massive)
+    frequency, shape = lowest_modes(model.stiffness.constant, model.mass.constant, wanted, rigid=model.rigid)
+    still = [own for own in theirs if own.frequency < RIGID * frequency[0]]
+    theirs = [own for own in theirs if own.frequency >= RIGID * frequency[0]]
+    theirs = [*still[own_rigid:], *theirs]
+    if not theirs:
+        raise DeckError(
+            f"only rigid motions in the file: its {plural(len(still), 'mode')} have up to {still[-1].frequency:.3g} Hz, "
+            f"the first of the deck beside them has {frequency[0]:.4g} Hz",
+            where=still[0].where,
+            remedy=f"have that program find more than {len(still)} modes, or correct mesh.length_unit or mass_unit",
+        )
+    if len(theirs) > massive:
+        raise UserError(
+            f"{len(theirs)} modes of a model with {massive} unknowns that have mass", remedy="compare fewer"
+        )
+    notes = [
+        f"mode {own.number} of the file, {own.frequency:.3g} Hz, is a rigid motion, and the deck has "
+        + (f"{own_rigid} only" if own_rigid else "none")
+        for own in still[own_rigid:]
+        if own.frequency <= RIGID * theirs[-1].frequency  # not all of them, as with other units
+    ]
+    shapes = nodal(model, shape).reshape(-1, 3, wanted)[: mesh.own_nodes]
+    theirs_at, said, over = _on_both(mesh, theirs)
+    macs = None if theirs_at is None else _macs(shapes[theirs_at[0]], frequency, theirs_at[1])
+    chosen = np.arange(len(theirs)) if macs is None else _paired(macs[0])
+    pairs = tuple(
+        Pair(
+            own.number,
+            own.frequency,
+            int(i) + 1,
+            float(frequency[i]),
+            float(frequency[i] / own.frequency - 1) if own.frequency > 0 else np.inf,
+            np.nan if macs is None else float(macs[1][i, j]),
+        )
+        for j, (i, own) in enumerate(zip(chosen, theirs, strict=True))
+    )
+    left_out = [
+        f"{card} of the deck may move frequencies and is not in ours: {lost(card)}" for card in ignored_structure(mesh)
+    ]
+    return Compared(pairs, (*notes, *said, *left_out), over)
+
+
+def _paired(mac: np.ndarray) -> np.ndarray:
+    """Ours (columns of the file,) for each of theirs, one to one."""
+    of, ours = linear_sum_assignment(-mac.T)
+    return np.asarray(ours[np.argsort(of)])
+
+
+def _on_both(
+    mesh: Mesh, theirs: Sequence[Response]
+) -> tuple[tuple[np.ndarray, np.ndarray] | None, list[str], tuple[int, int] | None]:
+    """Nodes (c,) of the mesh that every mode has and translations (c, 3, modes) there, None where they are too few to
+    distinguish shapes; what to say; how many they are, and of how many."""
+    with_shape = [own for own in theirs if len(own.node_ids)]
+    if not with_shape:
+        return None, [], None
+    if lacking := [str(own.number) for own in theirs if not len(own.node_ids)]:
+        return None, [f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, others have"], None
+    table, columns = IdTable(mesh.node_ids[: mesh.own_nodes]), []
+    ids = np.unique(np.concatenate([own.node_ids for own in theirs]))
+    foreign = ids[table.rows(ids)[1]]
+    if len(foreign) == len(ids):
+        raise DeckError(
+            f"none of its {len(ids)} nodes is in the mesh",
+            where=theirs[0].where,
+            remedy="give the results of this deck, with its ids",
+        )
+    common = np.arange(mesh.own_nodes)
+    for own in theirs:
+        rows, missing = table.rows(own.node_ids)
+        common = np.intersect1d(common, rows[~missing])
+    notes = []
+    if len(foreign):
+        notes.append(
+            f"{len(foreign)} of {plural(len(ids), 'node')} of the file are not in the mesh and left out, such as {foreign[0]}: "
+            "is it of this deck?"
+        )
+    over = len(common), mesh.own_nodes
+    if len(common) < min(FEWEST, over[1]) or len(common) < min(ENOUGH, SHARE * over[1]):
+        notes.append(
+            f"no MAC: {len(common)} of {plural(over[1], 'node')} of the mesh have a shape in every mode of the file, too few to "
+            "distinguish shapes; have that program print all nodes"
+        )
+        return None, notes, None
+    for own in theirs:
+        rows, missing = table.rows(own.node_ids)
+        columns.append(on_nodes(mesh, own, rows, ~missing)[common, :3])
+    return (common, np.stack(columns, axis=2)), notes, over
+
+
+def _macs(ours: np.ndarray, frequency: np.ndarray, theirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """MAC (ours, theirs) of shapes (c, 3, modes), and the share of each of theirs within the space of ours of like frequency."""
+    Phi, Psi = ours.reshape(-1, ours.shape[2]), theirs.reshape(-1, theirs.shape[2])
+    size = np.sum(Phi**2, axis=0)[:, None] * np.sum(Psi**2, axis=0)
+    mac = np.divide((Phi.T @ Psi) ** 2, size, out=np.zeros_like(size), where=size > 0)
+    within = np.empty_like(mac)
+    for i, own_frequency in enumerate(frequency):
+        group = Phi[:, np.abs(frequency - own_frequency) <= ALIKE * own_frequency]
+        Q = np.linalg.qr(group)[0]
+        within[i] = np.sum((Q.T @ Psi) ** 2, axis=0) / np.maximum(np.sum(Psi**2, axis=0), np.finfo(float).tiny)
+    return mac, within

@@ -1,0 +1,301 @@
+"""What the filter takes as exact and is not: installation of its gauges, loads, damping, frequencies, stiffness; with their σ
+from the tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import NONE, tolerances_of
+from strainsight.estimation.conditional import (
+    Nuisances,
+    acceleration_rows,
+    theta_at,
+)
+from strainsight.estimation.model import FilterModel
+from strainsight.experiment.structure.drawn import BY_MODE, installation_std, modulus_estimated
+from strainsight.experiment.structure.thick_rows import thickness_of_guess
+from strainsight.experiment.structure.tolerated_loads import (
+    ToleratedLoads,
+    acting,
+    inputs_changed,
+    of_loads,
+    stacked,
+    tolerated_loads,
+)
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training, with_missed
+from strainsight.rom.model import modal_basis
+from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
+from strainsight.sensors.installation import InstallationStd
+from strainsight.sensors.sensitivity import COMMON, Sensitivity, given_sensitivity, sensitivity_rows
+
+SOURCE = {
+    "along": "position",
+    "across": "position",
+    "angle": "angle",
+    "tilt_along": "angle",
+    "tilt_across": "angle",
+    "gain": "gain",
+    "transverse": "transverse sensitivity",
+    "along_twice": "position",
+    "across_twice": "position",
+    "along_across": "position",
+    "turned_twice": "angle",
+}
+"""Derivative of a reading → what it is one of, in a budget."""
+
+
+RENEWED = ("offset", "drift", "temperature")
+"""Sources that begin anew in every record of a test: gauges are zeroed before each, at the temperature of that day."""
+
+
+SHARE, MOST = 0.999, 6
+"""Modes with a frequency tolerance of their own: as many as make up this share of what inertia adds to the readings of the
+training run, and no more."""
+
+
+@dataclass(frozen=True)
+class Zero:
+    """An error that is the same in any motion: source; σ (k,) of it in each of k channels [unit of the channel]; owner (k,):
+    channels of one number are off by one constant; drifts: whether that is at the end of the record, and t/T of it before."""
+
+    source: str
+    std: np.ndarray
+    owner: np.ndarray
+    drifts: bool
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """σ times the derivatives of some channels with respect to their installation.
+
+    channels (k,) of train.h5, ascending; quantity (k,); of each of their g grids (`Candidates.grids`) the channel, 0 to k − 1,
+    that reads it, its sign there, and gauge, a number for those that move as one; slope: name → (g, n) per reduced coordinate,
+    those without a tolerance left out; beyond: the same names → (g, f) of what each error of a load, of σ, displaces beyond the
+    coordinates [1/N]; mean (g, n): what they read on average beyond what they are meant to; zeros: what is off whatever the
+    motion is; loads: how they act; damping, frequency, stiffness, learned, discrepancy: of `Nuisances`.
+    """
+
+    channels: np.ndarray
+    quantity: np.ndarray
+    channel_of_grid: np.ndarray
+    sign: np.ndarray
+    gauge: np.ndarray
+    slope: dict[str, np.ndarray]
+    beyond: dict[str, np.ndarray]
+    mean: np.ndarray
+    zeros: tuple[Zero, ...]
+    loads: ToleratedLoads
+    damping: float
+    frequency: np.ndarray
+    stiffness: float
+    learned: bool
+    discrepancy: float
+
+
+def tolerated(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
+) -> Tolerated:
+    """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
+    own, std, pool = tolerances_of(config.tolerances), installation_std(config), training.candidates
+    # whole gauges: a sensitivity needs all channels that move as one
+    wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
+    part = pool.take(wanted)
+    found, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
+    free = ~grids.bonded[:, None]
+    sigma = {name: value for name, value in std.by_name.items() if value > 0}
+    scaled = {name: value * getattr(found, name) * (free if name in COMMON else 1.0) for name, value in sigma.items()}
+    mean, missed = std.mean(found) * free, training.missed[wanted]
+    loads = tolerated_loads(own, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
+    felt = {name: rows for name, rows in scaled.items() if rows.any()}
+    return Tolerated(
+        wanted,
+        part.quantity,
+        part.channel_of_grid,
+        part.sign_of_grid,
+        grids.gauge,
+        {name: rows[:, :n] for name, rows in felt.items()},
+        {name: loads.of_missed(rows[:, n:].reshape(len(rows), *missed.shape[1:])) for name, rows in felt.items()},
+        mean[:, :n],
+        _zeros(std, part),
+        loads,
+        float(np.log(own.damping)),
+        _frequency(own.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
+        0.0 if modulus_estimated(config) else own.model,
+        own.treat == "estimate",
+        own.discrepancy,
+    )
+
+
+def _frequency(std: float, reduced: Reduced, training: Training, rows: np.ndarray) -> np.ndarray:
+    """σ (k, n) of ln ω of n modes, one of all alike and one of every mode by itself that channels with these rows (m, n) read.
+
+    Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
+    """
+    n = reduced.model.size
+    if std == 0:
+        return np.zeros((0, n))
+    lam, _ = modal_basis(reduced.model, reduced.model.reference)
+    square = (rows * np.sqrt(np.mean(training.acceleration**2, axis=0)) / lam) ** 2
+    whole = square.sum(axis=1, keepdims=True)
+    share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
+    order = np.argsort(-share, kind="stable")[:MOST]
+    before = np.cumsum(share[order]) - share[order]
+    each = np.sort(order[before < SHARE * share.sum()])
+    return std * np.concatenate([np.ones((1, n)), BY_MODE * np.eye(n)[each]])
+
+
+def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
+    each, alike, beside = np.arange(len(part)), *std.warmed
+    straining, ones = part.quantity == STRAIN, np.ones(len(part.grids))
+    found = (
+        Zero("offset", std.offset * straining, each, drifts=False),
+        Zero("drift", std.drift * straining, each, drifts=True),
+        Zero("temperature", alike * straining * part.read(ones), np.zeros_like(each), drifts=True),
+        Zero("temperature", beside * straining * np.sqrt(part.added(ones)), part.gauge, drifts=True),
+    )
+    return tuple(own for own in found if own.std.any())
+
+
+def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
+    """Which tolerances σ does not hold, a sentence each."""
+    found, installed, own = [], installation_std(config), tolerances_of(config.tolerances)
+    if training.given is not None and (installed.position or installed.angle or installed.transverse):
+        found.append(
+            "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
+            "strain is beside them (tolerances.position, angle, transverse)"
+        )
+    change = reduced.misaligned.shape
+    for key, std, of in (
+        ("load_angle", own.load_angle, change[..., :2]),
+        ("load_position", own.load_position, change[..., 2:]),
+    ):
+        # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
+        rigid = [
+            name
+            for i, name in enumerate(reduced.model.inputs)
+            if std > 0
+            and not of[:, i].any()
+            and not (config.loads[name].pressure or config.loads[name].rotation)
+            and (key == "load_angle" or not (config.loads[name].moment or config.loads[name].gravity))
+        ]
+        if rigid:
+            found.append(
+                f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"
+            )
+    return tuple(found)
+
+
+def exact_frequencies_in_words(config: PlacementConfig) -> str:
+    """That σ takes the natural frequencies of a dynamic model for exact, where tolerances are stated and that of these is 0."""
+    stated = tolerances_of(config.tolerances)
+    if stated == NONE or stated.frequency > 0 or config.train.model == "static":
+        return ""
+    return (
+        "σ takes masses and natural frequencies of the model for exact: a mass that is 1 % off makes a modulus 1 % wrong; set "
+        "tolerances.frequency: 0.01 where they are not as exact as that"
+    )
+
+
+def _sensitivity(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray
+) -> Sensitivity:
+    """Of the coordinates, and behind them of what these miss of misaligned loads."""
+    if training.given is not None:
+        return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
+    field = with_missed(reduced.basis, reduced.misaligned.missed)
+    std, facets = installation_std(config).position, exterior_facets(mesh)
+    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
+    return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
+
+
+def on_average(own: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
+    """The filter with what these channels (m,) of train.h5 read on average over their installations."""
+    at = np.searchsorted(own.channels, channels)
+    rows, n = np.zeros((len(own.channels), own.mean.shape[1])), own.mean.shape[1]
+    np.add.at(rows, own.channel_of_grid, own.sign[:, None] * own.mean)
+    H = model.H.copy()
+    H[:, :n] += rows[at]
+    return replace(model, H=H)
+
+
+def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
+    """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
+    turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
+    what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
+    at = np.searchsorted(own.channels, channels)
+    m, n, states = len(channels), model.model.size, model.parameter_states.start
+    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
+    moving = own.quantity[at] == ACCELERATION
+    sources, D, E, shape = of_loads(own.loads, model, at, moving)
+    errors = acting(own.loads, model)
+    B = [np.zeros((m, len(errors)))] * len(D)
+    offset = [np.zeros(m)] * len(D)
+    row_of = np.full(len(own.channels), -1)
+    row_of[at] = np.arange(m)
+    grids = np.flatnonzero(row_of[own.channel_of_grid] >= 0)
+    grids = grids[np.argsort(row_of[own.channel_of_grid[grids]], kind="stable")]
+    row, accelerated = row_of[own.channel_of_grid[grids]], own.quantity[own.channel_of_grid[grids]] == ACCELERATION
+
+    def read(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What grids with these rows on coordinates read of the states and of the known loads."""
+        sensed, fed = np.zeros((len(grids), states)), np.zeros((len(grids), len(model.known_inputs)))
+        sensed[:, :n] = own.sign[grids, None] * rows[grids]
+        if moving.any():
+            on_states, on_known = acceleration_rows(model, at_guess, rows[grids][accelerated])
+            sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
+        return sensed, fed
+
+    for name, rows in own.slope.items():
+        sensed, fed = read(rows)
+        beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
+        owner = own.gauge[grids] if name in COMMON else np.arange(len(grids))
+        for each in np.unique(owner):
+            there = owner == each
+            if not sensed[there].any():
+                continue
+            sources.append(SOURCE[name])
+            D.append(_rows(m, row[there], sensed[there]))
+            E.append(_rows(m, row[there], fed[there]))
+            B.append(_rows(m, row[there], beyond[there]))
+            offset.append(np.zeros(m))
+    drift = [np.zeros(m)] * len(D)
+    for zero in own.zeros:
+        for each in np.unique(zero.owner[at]):
+            row = np.where(zero.owner[at] == each, zero.std[at], 0.0)
+            if not row.any():
+                continue
+            sources.append(zero.source)
+            D.append(np.zeros((m, states)))
+            E.append(np.zeros((m, len(model.known_inputs))))
+            B.append(np.zeros((m, len(errors))))
+            offset.append(np.zeros(m) if zero.drifts else row)
+            drift.append(row if zero.drifts else np.zeros(m))
+    on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
+    return Nuisances(
+        tuple(sources),
+        stacked(D, (m, states)),
+        np.concatenate([on_known, late[..., None]], axis=2) if late.any() else on_known,
+        stacked(offset, (m,)),
+        own.damping,
+        own.stiffness,
+        own.learned,
+        own.discrepancy,
+        stacked(shape, model.model.input_shape.shape),
+        inputs_changed(own.loads, model)[errors],
+        behind,
+        stacked(B, (m, len(errors))),
+        frequency=own.frequency,
+    )
+
+
+def _rows(m: int, row: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """m rows, of which some, each once, have these values, and the others zero."""
+    found = np.zeros((m, values.shape[1]))
+    found[row] = values
+    return found

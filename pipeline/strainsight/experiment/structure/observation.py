@@ -1,0 +1,251 @@
+"""Which unknowns the pool could tell, for all seven cases of tables 6.1 and 6.2, at any excitation; and what channels of a test
+cannot tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import ceil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import InfeasibleError, blame
+from strainsight.experiment.histories import signal_of
+from strainsight.experiment.resources import Resources
+from strainsight.experiment.structure.channels import channels_of, largest_of_quantity, readings
+from strainsight.experiment.structure.problem import Problem
+from strainsight.experiment.structure.settings import characteristic
+from strainsight.experiment.structure.start import loading_of, motion_of
+from strainsight.fem.affine import DAMPING, of_stiffness
+from strainsight.loads.cases import cases
+from strainsight.loads.histories import Sine, instant_values
+from strainsight.loads.linearisation import linearisation_instants, linearise
+from strainsight.loads.observability import undetectable_directions, undetectable_in_words, unseen_along
+from strainsight.records.placed import Observed, Placed
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.rom.model import ReducedModel
+
+STEPS_A_PERIOD = 40
+PART = 10**7
+"""Readings held at once."""
+AT_ONCE = 1000
+"""Instants that are linearised at a time."""
+HEADER = 116
+"""[bytes] of text at the head of a MAT file, where the writer puts a date."""
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """A motion: label; x (s, 2n) = [q, q̇]; u (s, n_u) [N]."""
+
+    label: str
+    x: np.ndarray
+    u: np.ndarray
+
+
+def observed_of(
+    config: PlacementConfig, reduced: Reduced, training: Training, screened: Screened, using: Resources
+) -> Observed:
+    """Every combination of unknown loads, moduli and densities, at the training motion and at every stated frequency."""
+    model, every = reduced.model, channels_of(training, screened)
+    pool = np.flatnonzero(np.isin(every.gauge, screened.kept))
+    amplitude = {}
+    for name in model.inputs:
+        signal = signal_of(name, config.loads[name].signal, using.files)
+        amplitude[name] = characteristic(config.loads[name], signal, config.train.duration)[1]
+    kinds = {name: config.parameters[name].property for name in model.parameters}
+    sensed = every.sensed(pool)
+    excitations, table = _excitations(config, model, training, amplitude), []
+    for motion in excitations:
+        with blame("observe"):
+            found = cases(
+                model,
+                model.reference,
+                motion.x,
+                motion.u,
+                inputs=tuple(name for name in model.inputs if not config.loads[name].known) or model.inputs,
+                moduli=[name for name, kind in kinds.items() if of_stiffness(kind)],
+                densities=[name for name, kind in kinds.items() if kind == "density"],
+                damping=[name for name, kind in kinds.items() if kind == DAMPING],
+                amplitude=amplitude,
+                guess=model.reference,
+                sensed=sensed,
+                largest=_largest(model, sensed.rows, sensed.quantity, motion),
+                instants=config.place.instants,
+                seed=config.seed,
+            )
+        table.append(found)
+    return Observed(
+        excitation=tuple(motion.label for motion in excitations),
+        case=tuple(case.label for case in table[0]),
+        unknowns=tuple(", ".join(case.unknowns) for case in table[0]),
+        condition=np.array([[case.found.condition for case in row] for row in table]),
+        condition_raw=np.array([[case.found.condition_raw for case in row] for row in table]),
+        sigma_min=np.array([[case.found.sigma_min for case in row] for row in table]),
+        lost=np.array([[case.reason or case.found.null_direction for case in row] for row in table], dtype=np.str_),
+    )
+
+
+def _largest(model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, motion: Excitation) -> np.ndarray:
+    """For every channel the largest reading of any channel of its quantity (m,); in parts, as pools and motions are long."""
+    parts = np.array_split(np.arange(len(motion.x)), max(1, len(motion.x) * len(rows) // PART))
+    peaks = [
+        np.abs(readings(model, model.reference, rows, quantity, motion.x[part], motion.u[part])).max(axis=0)
+        for part in parts
+    ]
+    return largest_of_quantity(np.max(peaks, axis=0), quantity)
+
+
+def _excitations(
+    config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
+) -> list[Excitation]:
+    found = [
+        Excitation(label, np.hstack([own.coordinate, own.velocity]), own.load)
+        for label, own in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
+    ]
+    for frequency in config.observe.frequencies:
+        duration = max(config.train.duration, 5 / frequency)
+        steps = ceil(duration * STEPS_A_PERIOD * frequency)
+        signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
+        loading = loading_of(config.train.settle, signals, duration / steps, steps)
+        motion = motion_of(model, model.reference, loading)
+        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
+    return found
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """ẋ = A x + B u + w, y = C x + v, cov w = Q δ, cov v = R δ, for each of s scenarios.
+
+    A (s, n, n) [1/s]; B (n, p) known loads, at the guess of the parameters; C (s, m, n) rows of the layout's channels;
+    Q (s, n, n); R (s, m, m) [unit² s]; states, their units; loads; channels, their units.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    states: tuple[str, ...]
+    state_units: tuple[str, ...]
+    loads: tuple[str, ...]
+    load_units: tuple[str, ...]
+    channels: tuple[str, ...]
+    channel_units: tuple[str, ...]
+
+
+def linear_model(
+    placed: Placed, model: ReducedModel, channels: Sequence[str], units: Sequence[str], load_units: Mapping[str, str]
+) -> LinearModel:
+    """From the scenarios as solved, x* = S x̃ with S = diag(scale):
+
+        A = S F S⁻¹,   C = H S⁻¹,   Q = S Q̃ S,   B = [0; M⁻¹ S_known; 0]
+
+    channels and units of the layout's channels, in its order; load_units: that of every load, by name.
+    """
+    own, n = placed.augmented, model.size
+    s = own.scale
+    wanted = placed.final.channel[placed.final.channel >= 0]
+    rows = [int(np.flatnonzero(placed.pool.channel == channel)[0]) for channel in wanted]
+    r = own.R[:, rows]
+    known = [i for i, name in enumerate(model.inputs) if name not in own.state]
+    B = np.zeros((len(own.state), len(known)))
+    B[n : 2 * n] = np.linalg.solve(model.mass.at(model.reference), model.input_shape[:, known])
+    loads = tuple(model.inputs[i] for i in known)
+    return LinearModel(
+        A=own.F * s[:, :, None] / s[:, None, :],
+        B=B,
+        C=own.H[:, rows] / s[:, None, :],
+        Q=own.Q * s[:, :, None] * s[:, None, :],
+        R=np.einsum("sm,mk->smk", r, np.eye(len(rows))),
+        states=own.state,
+        state_units=tuple(_unit(name, i, n) for i, name in enumerate(own.state)),
+        loads=loads,
+        load_units=tuple(load_units[name] for name in loads),
+        channels=tuple(channels),
+        channel_units=tuple(units),
+    )
+
+
+def mat_file(model: LinearModel) -> bytes:
+    """A MAT file of version 5 without a date: arrays with the scenario last, names and units as cells of text."""
+    from scipy.io import savemat  # which most runs need not load
+
+    content = {
+        **{name: np.moveaxis(getattr(model, name), 0, -1) for name in ("A", "C", "Q", "R")},
+        "B": model.B,
+        **{
+            name: np.array(getattr(model, name), dtype=object).reshape(-1, 1)
+            for name in ("states", "state_units", "loads", "load_units", "channels", "channel_units")
+        },
+        "about": "dx/dt = A(:,:,k) x + B u + w, y = C(:,:,k) x + v; Q, R: intensities of w, v; an unknown load over its "
+        "amplitude, a parameter as ln(value/guess); B at the guess",
+    }
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "model.mat"
+        savemat(file, content, do_compression=True)
+        found = file.read_bytes()
+    return b"MATLAB 5.0 MAT-file, strainsight".ljust(HEADER) + found[HEADER:]
+
+
+def _unit(name: str, place: int, n: int) -> str:
+    if place < 2 * n:
+        return "kg^1/2 m" if place < n else "kg^1/2 m/s"
+    power = {"rate of": "1/s", "curvature of": "1/s^2"}
+    return next((unit for words, unit in power.items() if name.startswith(words)), "1")
+
+
+def undetectable(problem: Problem, channels: np.ndarray, instants: int, seed: int, allowed: bool) -> str:
+    """In words what these channels (k,) cannot tell: at some instant of the training run, and along all of it. Empty where that
+    is nothing.
+
+    Raises InfeasibleError where there is something and that is not allowed.
+    """
+    p, u = problem, instant_values(problem.u)
+    at = linearisation_instants(p.model, p.unknowns, p.model.reference, p.x, u, instants, seed)
+    if not any(undetectable_directions(F, H).shape[1] for F, H in zip(*_linearised(p, channels, at), strict=True)):
+        return ""
+    hidden = _hidden_along(p, channels)
+    if not hidden.shape[1]:
+        return ""
+    words = undetectable_in_words(hidden, p.unknowns.state_names)
+    if allowed:
+        return words
+    raise InfeasibleError(
+        f"the {len(channels)} channels cannot tell {words}",
+        key="estimate.channels",
+        remedy="give more channels, or go on all the same with --allow-unobservable",
+    )
+
+
+def _linearised(problem: Problem, channels: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """F* (s, n*, n*) and H* (s, m, n*) at some instants of the training run."""
+    p = problem
+    motion = p.model, p.unknowns, p.model.reference, p.x[at], instant_values(p.u)[at]
+    F = linearise(*motion)
+    return F, p.channels.sensed(channels).linearised(*motion, F)
+
+
+def _hidden_along(problem: Problem, channels: np.ndarray) -> np.ndarray:
+    """Directions (n*, d): of the loads, which are the same at all instants, else of the parameters by all of the run."""
+    k, n = len(problem.unknowns.parameters), 2 * problem.model.size
+    states = problem.unknowns.size(problem.model) - k
+    driven, read = [], []
+    for part in np.array_split(np.arange(len(problem.x)), -(-len(problem.x) // AT_ONCE)):
+        F, H = _linearised(problem, channels, part)
+        driven.append(F[:, :n, states:])
+        read.append(H[:, :, states:])
+    F, H = F[0, :states, :states], H[0, :, :states]
+    alone = undetectable_directions(F, H)
+    if alone.shape[1] or not k:
+        return np.pad(alone, [(0, k), (0, 0)])
+    inputs = problem.unknowns.position(problem.model)[: len(problem.unknowns.inputs)]
+    motion = F[:n, :n], F[:n, inputs], H[:, :n], H[:, inputs]
+    loads, parameters = unseen_along(*motion, np.concatenate(driven), np.concatenate(read), problem.h)
+    hidden = np.zeros((states + k, parameters.shape[1]))
+    hidden[inputs], hidden[states:] = loads, parameters
+    return hidden

@@ -1,0 +1,180 @@
+"""The modes of a structure, and its reduction to a few coordinates, affine in the parameters (5.1-5.10)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import UserError, blame
+from strainsight.experiment.material import damping_of
+from strainsight.experiment.resources import Resources
+from strainsight.experiment.structure.full_model import full_model
+from strainsight.experiment.structure.settings import (
+    damping_parameter,
+    load_shapes,
+    load_slopes,
+    parameters_of,
+    places_of,
+    point_loads,
+)
+from strainsight.experiment.structure.solver import solver_of, sweep_of
+from strainsight.experiment.structure.training import refuse_damping
+from strainsight.fem.affine import DAMPING, Parameter, at_their_references
+from strainsight.fem.misaligned import misalignment_shapes
+from strainsight.fem.model import FiniteElementModel, nodal
+from strainsight.fem.modes import modes as lowest_modes
+from strainsight.fem.relief import relief_of
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import shapes
+from strainsight.parallel.sweep import watched
+from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
+from strainsight.rom.quasi_static import quasi_static
+from strainsight.rom.reduction import held_out_errors, reduce_model
+from strainsight.rom.samples import held_out_samples
+from strainsight.rom.snapshots import only_scales
+
+HELD_OUT = 3
+"""Parameter values, between those the basis was built from, at which the reduced model is checked."""
+
+NO_MODES = Modes(frequency=np.zeros(0), shape=np.zeros((0, 0)))
+"""What a spectrum is where shapes change with the parameters."""
+
+BALANCED = 1e-9
+"""Share of a load beside its inertia below which it is rounding."""
+
+
+def modes_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
+    """K φ = ω² M φ of the whole model at the guess, whatever loads it."""
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
+    return _lowest(config, mesh, at_their_references(parameters), config.rom.modes, "rom.modes", using)
+
+
+def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
+    """K φ = ω² M φ in the middle of the parameters' ranges, whatever is guessed or true: runs on one mesh share the result.
+
+    Empty where shapes change with them, as of two materials or of plies: `validate` then solves for the truth at its own values.
+    """
+    count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
+    if any(shapes(mesh, number, own.property) for own in parameters for number in own.regions):
+        return NO_MODES  # K is no multiple of one matrix, which need not be assembled to say so
+    return _lowest(config, mesh, parameters, count, "validate.truth.modes", using, scaled=True)
+
+
+def _lowest(
+    config: PlacementConfig,
+    mesh: Mesh,
+    parameters: tuple[Parameter, ...],
+    count: int,
+    key: str,
+    using: Resources,
+    scaled: bool = False,
+) -> Modes:
+    """Assemble, constrain, factorise, iterate. scaled: only where the parameters scale one material as a whole."""
+    using.progress("assembly", 0.0)
+    built = full_model(config.mesh, mesh, parameters, using.files, by=solver_of(config, using))
+    model = built.model
+    if scaled and not only_scales(model):
+        return NO_MODES
+    theta = {p.name: p.reference for p in parameters}
+    if scaled:  # a truth has as many modes as there are
+        count = built.at_most(count)
+    using.progress(f"{count} modes of {model.size} unknowns", 0.2)
+    with blame(key):
+        frequency, shape = lowest_modes(
+            model.stiffness.at(theta), model.mass.at(theta), count, rigid=model.rigid, by=model.factorise
+        )
+    return Modes(frequency=frequency, shape=shape)
+
+
+def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]:
+    """The free material properties at the geometric mean of their ranges."""
+    found = []
+    for name, entry in config.parameters.items():
+        if entry.property == DAMPING:
+            continue
+        regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh, config.mesh)
+        middle = float(np.sqrt(entry.range[0] * entry.range[1]))
+        found.append(Parameter(name, entry.property, regions, middle, springs, entry.range, entry.material))
+    return tuple(found)
+
+
+def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
+    """Raises UserError for a load, columns of S (n_free, n_u), that a free structure follows as a whole."""
+    reference = dict.fromkeys(model.mass.parameters, 1.0)  # of one density, which is a factor of the whole mass
+    left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
+    share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
+    for name, own in zip(config.loads, share, strict=True):
+        if own < BALANCED:
+            raise UserError(
+                "the load pulls at all mass alike: it accelerates a free structure (mesh.free) as a whole and strains nothing "
+                f"({own:.1e} of it is left when the inertia is subtracted)",
+                key=f"loads.{name}",
+                remedy="remove the load, or hold the structure (mesh.supports) in place of mesh.free",
+            )
+
+
+def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resources) -> Reduced:
+    """Assemble, constrain, find the static responses (and the modes off the reference), project, check at held-out values."""
+    parameters = parameters_of(config.parameters, mesh, using.files, config.mesh)
+    using.progress("assembly", 0.0)
+    built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
+    sweep = sweep_of(config, using)
+    S = load_shapes(built.model, config.loads)
+    if built.model.rigid is not None:
+        _require_strain(config, built.model, S)
+    off = misalignment_shapes(built.model, list(point_loads(config.loads).values()))
+    reference = {p.name: p.reference for p in parameters}
+    ranges = {name: config.parameters[name].range for name in reference}
+    using.progress("static responses", 0.2)
+    with blame("rom.modes"):
+        found = reduce_model(
+            built.model,
+            S,
+            tuple(config.loads),
+            reference,
+            ranges,
+            config.rom.modes,
+            config.rom.parameter_samples,
+            config.rom.tolerance,
+            damping_of(config.damping),
+            (modes.frequency, built.in_coordinates(modes.shape)) if built.alike else None,
+            watched(sweep, lambda share: using.progress("parameter samples", 0.2 + 0.5 * share)),
+            off.reshape(len(off), -1),
+            load_slopes(built.model, config.loads, parameters),
+        )
+    refuse_damping(found.model.damping, found.frequency)
+    using.progress("held-out errors", 0.7)
+    watch = watched(sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
+    held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
+    tried = np.array([[point[name] for name in reference] for point in held_out.theta])
+    if config.train.model == "static":
+        model, basis = quasi_static(found.model, found.basis)
+        found = replace(found, model=model, basis=basis)
+    free = damping_parameter(config.parameters, using.files)
+    shape = np.tensordot(found.basis, off, axes=(0, 0))
+    kept = np.linalg.solve(found.model.stiffness.at(reference), shape.reshape(len(shape), -1))
+    missed = found.aside - found.basis @ kept
+    return Reduced(
+        model=found.model if free is None else found.model.with_damping(*free),
+        frequency=found.frequency,
+        basis=nodal(built.model, found.basis),
+        static=found.static,
+        misaligned=Misaligned(
+            shape=shape,
+            static=found.aside.reshape(off.shape),
+            missed=nodal(built.model, missed).reshape(-1, *off.shape[1:]),
+        ),
+        error=HeldOut(
+            parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
+        ),
+        results=None if built.modes is None else FromResults(modes=built.modes, notes=built.notes),
+        matrices=None
+        if built.motion is None
+        else ReadyBasis(
+            basis=built.motion @ found.basis,
+            missed=(built.motion @ missed).reshape(-1, *off.shape[1:]),
+            notes=tuple(built.notes),
+        ),
+    )

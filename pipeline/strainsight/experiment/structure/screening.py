@@ -1,0 +1,199 @@
+"""Which candidates go on to the placement (5.2): those that say most of each unknown, beside their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
+from strainsight.config.placement import PlacementConfig, Screen
+from strainsight.errors import ConfigError, InfeasibleError, blame
+from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
+from strainsight.experiment.structure.installation_noise import COHERENCE, avoids_errors, installation_variances
+from strainsight.experiment.structure.load_cases import run_as_stated, runs_of
+from strainsight.experiment.structure.settings import families
+from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.training import refuse_noise
+from strainsight.loads.histories import instant_values
+from strainsight.mesh.model import Mesh
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.rom.model import ReducedModel, accelerations
+from strainsight.sensors.candidates import ACCELERATION, Candidates
+from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
+
+STEP = 1e-4
+"""In ln θ, of the central difference in a parameter."""
+
+
+def screened_of(
+    config: PlacementConfig, files: Mapping[str, Path], mesh: Mesh, reduced: Reduced, training: Training
+) -> Screened:
+    """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded, take the
+    best for each unknown in every load case in turn, and thin the clusters."""
+    pool, rms, strained = training.candidates, training.rms, training.strained
+    noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
+    bent = bent_gauges(config, mesh, training) & ~pool.bonded[pool.first]
+    clearance, near = clearance_of(config, mesh, training)
+    near |= bent
+    clear = ~near[pool.gauge]
+    best = {}
+    for i, (key, family) in enumerate(families(config).items()):
+        own = pool.array == i
+        # Of candidates: one bonded in a loud place, or a corner of no finite strain, must not make all others noisier.
+        free = own & ~pool.bonded & clear if (own & ~pool.bonded).any() else own
+        noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
+        if own.any():
+            best[key] = float(rms[own].max()), float(noise_std[own][0])
+        if family.range is not None:
+            limit[own] = family.range
+    refuse_noise(best)
+    v = None
+    if avoids_errors(config):
+        v = installation_variances(config, files, mesh, reduced, training, np.flatnonzero(~near))
+    if config.screen.by == "strength":
+        ratio = training.rms_in_cases / noise_std
+    else:
+        ratio = _by_unknowns(config, files, reduced, training, noise_std, v)
+    with blame("screen.keep"):
+        result = _screened(config.screen, pool, near, ratio, strained, limit)
+    return Screened(
+        kept=result.kept,
+        snr=result.snr,
+        reason=np.where(bent, BEND, np.asarray(result.reason, dtype=np.str_)),
+        clearance=clearance,
+        noise_std=noise_std,
+        installation=v,
+        range=limit,
+        family=tuple(key.removeprefix("motion_sensors.") for key in families(config)),
+    )
+
+
+def _screened(
+    settings: Screen,
+    pool: Candidates,
+    near: np.ndarray,
+    ratio: np.ndarray,
+    strained: np.ndarray,
+    limit: np.ndarray,
+) -> Screening:
+    """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. ratio (k, m) [-] of signal to
+    noise, of which each has its turn; near (gauges,): too near to something for the clearance; strained (m,): largest reading of
+    any grid of a channel."""
+    keep = None if settings.keep == "all" else settings.keep
+    kinds = pool.array[pool.first]
+    kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
+    snr = np.max([np.sqrt(np.bincount(pool.gauge, own**2, pool.gauges)) for own in ratio], axis=0)
+    for kind in np.unique(kinds):
+        gauges = np.flatnonzero((kinds == kind) & ~near)
+        own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
+        part = pool.take(own)
+        further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
+        found = screen(
+            ratio[:, own],
+            1.0,
+            pool.position[own],
+            keep,
+            settings.minimum_spacing,
+            gauge=np.searchsorted(gauges, pool.gauge[own]),
+            bonded=pool.bonded[own],
+            largest=strained[own],
+            limit=limit[own],
+            also_at=further,
+        )
+        kept.append(gauges[found.kept])
+        snr[gauges], reason[gauges] = found.snr, found.reason
+    return Screening(np.sort(np.concatenate(kept)), snr, reason)
+
+
+def _by_unknowns(
+    config: PlacementConfig,
+    files: Mapping[str, Path],
+    reduced: Reduced,
+    training: Training,
+    noise_std: np.ndarray,
+    v: np.ndarray | None,
+) -> np.ndarray:
+    """Signal to noise (k, m) of each unknown in every load case, over σ, and where errors of installation are avoided also over
+
+        √(σ² + τ v/h)
+
+    σ of a sample of the white noise that has the intensity of both; v (cases, m) of `installation_variances`. A placement has
+    layouts for either, of which it takes the better. Raises InfeasibleError where no unknown makes any channel read anything."""
+    alone = list(_alone(config, files, reduced, training))
+    if not alone:
+        raise InfeasibleError(
+            f"of {' and '.join(config.place.estimate)} alone every candidate reads 0 in the training run",
+            key="place.estimate",
+            remedy="train with loads that show them: a recorded signal that is 0 says nothing of its load",
+        )
+    ratio = [rms / noise_std for _, rms in alone]
+    if v is not None:
+        tau = np.array([COHERENCE * own.time[-1] for own in training.motions])
+        std = np.sqrt(noise_std**2 + tau[:, None] * v / config.train.time_step)
+        ratio += [rms / std[case] for case, rms in alone]
+    return np.array(ratio).reshape(-1, len(noise_std))
+
+
+def _alone(
+    config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training
+) -> Iterator[tuple[int, np.ndarray]]:
+    """What each unknown by itself does to the readings in training: the number of the load case, and RMS over time (m,)
+
+        of the reading under a load alone,     of θ ∂y/∂θ of a parameter, by a central difference
+
+    of the unknowns that act in that case."""
+    model, inputs = reduced.model, reduced.model.inputs
+    sensing = training.candidates.quantity == ACCELERATION
+    for case, run in enumerate(runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)):
+        with blame(run.key):
+            loading = run.loading()
+        for name in config.place.estimate:
+            if name in inputs:
+                alone = model.acted_on(model.input_shape * (np.array(inputs) == name))
+                found = _rms(training.rows, sensing, _motion(alone, model.reference, loading))
+            else:
+                more, less = (
+                    _motion(model, {**model.reference, name: way * model.reference[name]}, loading)
+                    for way in (1 + STEP, 1 - STEP)
+                )
+                difference = [(a - b) / (2 * STEP) for a, b in zip(more, less, strict=True)]
+                rows = training.rows
+                if name in training.change.parameters:
+                    slope = model.reference[name] * training.change.derivative(name, model.reference)
+                    rows = np.hstack([rows, slope])
+                    motion = _motion(model, model.reference, loading)
+                    difference = [np.hstack(both) for both in zip(difference, motion, strict=True)]
+                found = _rms(rows, sensing, difference)
+            if found.any():
+                yield case, found
+
+
+def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> Sequence[np.ndarray]:
+    """q and q̈ (T, n) under the loads."""
+    x, u = motion_of(model, theta, loading), instant_values(loading.held)
+    return x[:, : model.size], accelerations(model, theta, x, u)
+
+
+def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) -> np.ndarray:
+    """Of every channel (m,), without its history: ‖R rᵀ‖/√T, R of q = QR; of accelerometers, `sensing` (m,), of q̈."""
+    still, moving = (np.linalg.qr(own, mode="r") / np.sqrt(len(own)) for own in motion)
+    found = np.linalg.norm(rows @ still.T, axis=1)
+    found[sensing] = np.linalg.norm(rows[sensing] @ moving.T, axis=1)
+    return np.asarray(found)
+
+
+def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:
+    """σ of a family of sensors: as stated, or a share of its strongest candidate."""
+    if isinstance(stated, AbsoluteNoise):
+        return stated.value
+    strongest = float(rms.max())
+    if strongest <= 0:
+        raise ConfigError(
+            "no candidate reads anything in the training run, of which the noise would be a share",
+            key=key,
+            remedy="give {value: …}, or load the structure",
+        )
+    return stated.relative_to_strongest * strongest

@@ -1,0 +1,150 @@
+"""How loads may act otherwise than the filter believes: their direction, point and gain, with σ from the tolerances."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.tolerances import Tolerances
+from strainsight.estimation.conditional import acceleration_change, on_loads, theta_at
+from strainsight.estimation.model import FilterModel
+from strainsight.records.reduced import Reduced
+from strainsight.sensors.candidates import ACCELERATION
+
+LOAD_GAIN = "load gain"
+BETWEEN = "load between samples"
+"""The interpolation error of a recorded load; in a filter of a test it is a known input of its own, without a shape."""
+MISALIGNMENT = ("load direction", "load direction", "load point", "load point")
+"""What the misalignments of a load are, in a budget."""
+
+
+@dataclass(frozen=True)
+class ToleratedLoads:
+    """σ times the derivatives with respect to how the loads of a model act: source (f,); load (f,) its column; shape (f, n) of
+    the input shape [1/√kg]; missed (f, k) static readings of k channels per N, beyond what the coordinates hold; std (f,) σ [rad]
+    or [m] and way (f,) the misalignment of the load, of a gain 0 and 0."""
+
+    source: tuple[str, ...]
+    load: np.ndarray
+    std: np.ndarray
+    way: np.ndarray
+    shape: np.ndarray
+    missed: np.ndarray
+
+    def of_missed(self, rows: np.ndarray) -> np.ndarray:
+        """σ times rows (g, n_u, misalignments), per N (g, f): nothing of a gain, which displaces nothing else."""
+        return np.asarray(self.std * rows[:, self.load, self.way])
+
+
+def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
+    """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
+    model, off = reduced.model, reduced.misaligned.shape
+    std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
+    source, load, ways, shape, read = [], [], [], [], []
+    for i in range(len(model.inputs)):
+        each = zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True)
+        for way, (name, sigma, change, static) in enumerate(each):
+            if sigma > 0 and (change.any() or static.any()):
+                source.append(name)
+                load.append(i)
+                ways.append((sigma, way))
+                shape.append(sigma * change)
+                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
+        if own.load_gain > 0:
+            source.append(LOAD_GAIN)
+            load.append(i)
+            ways.append((0.0, 0))
+            shape.append(own.load_gain * model.input_shape[:, i])
+            read.append(np.zeros(len(missed)))
+        source.append(BETWEEN)
+        load.append(i)
+        ways.append((0.0, 0))
+        shape.append(model.input_shape[:, i])
+        read.append(np.zeros(len(missed)))
+    return ToleratedLoads(
+        tuple(source),
+        np.array(load, dtype=int),
+        np.array([sigma for sigma, _ in ways], dtype=float),
+        np.array([way for _, way in ways], dtype=int),
+        stacked(shape, (model.size,)),
+        stacked(read, (len(missed),)),
+    )
+
+
+def interpolation_error(name: str) -> str:
+    """The input of a filter that is the interpolation error of a known load."""
+    return f"{name}, {BETWEEN}"
+
+
+def with_interpolation_errors(model: FilterModel) -> FilterModel:
+    """With an input more behind the known loads for each, on which no motion and no reading depends but by a constant ν."""
+    own, errors = model.model, tuple(interpolation_error(name) for name in model.known_inputs)
+
+    def wider(shape: np.ndarray) -> np.ndarray:
+        return np.pad(shape, [(0, 0), (0, len(errors))])
+
+    reduced = replace(
+        own,
+        inputs=(*own.inputs, *errors),
+        input_shape=wider(own.input_shape),
+        input_slope={name: wider(slope) for name, slope in own.input_slope.items()},
+    )
+    return replace(model, model=reduced, known_inputs=(*model.known_inputs, *errors))
+
+
+def inputs_changed(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+    """The input (f,) of a filter that each of them changes, −1 where it has none."""
+    named, known = model.model.inputs, set(model.known_inputs)
+    used = known | set(model.unknowns.inputs)
+
+    def changed(source: str, i: int) -> int:
+        name = interpolation_error(named[i]) if source == BETWEEN else named[i]
+        return named.index(name) if name in (known if source == LOAD_GAIN else used) else -1
+
+    pairs = zip(own.source, own.load.tolist(), strict=True)
+    return np.array([changed(source, i) for source, i in pairs], dtype=int)
+
+
+def acting(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+    """Which of them (f′,) a filter has: only a known load has a gain, only a recorded one an interpolation error."""
+    return np.flatnonzero(inputs_changed(own, model) >= 0)
+
+
+def field_beyond(own: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
+    """σ times the static displacement of all nodes (3 nodes, f′) per N beyond the coordinates, of those that a filter has."""
+    which = acting(own, model)
+    return np.asarray(own.std[which] * reduced.misaligned.missed[:, own.load[which], own.way[which]])
+
+
+def of_loads(
+    own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
+) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
+    moving (m,): which channels are accelerometers. Static readings at the guess."""
+    at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
+    named = model.model.inputs
+    sources: list[str] = []
+    D: list[np.ndarray] = []
+    E: list[np.ndarray] = []
+    shape: list[np.ndarray] = []
+    for each, i in enumerate(inputs_changed(own, model).tolist()):
+        if i < 0:
+            continue
+        change = np.zeros(model.model.input_shape.shape)
+        change[:, i] = own.shape[each]
+        direct = np.zeros((len(at), len(named)))
+        direct[:, i] = own.missed[each][at]
+        if moving.any():
+            direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
+        on_states, on_known = on_loads(model, direct)
+        sources.append(own.source[each])
+        D.append(on_states)
+        E.append(on_known)
+        shape.append(change)
+    return sources, D, E, shape
+
+
+def stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+    """(k, *shape) of k parts, also of none."""
+    return np.stack(parts) if parts else np.zeros((0, *shape))

@@ -1,0 +1,273 @@
+"""The training run: the reduced model under its loads, read by every candidate (5.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, InfeasibleError, at_least, at_most, blame
+from strainsight.experiment.layout.zones import zone_of
+from strainsight.experiment.resources import Resources
+from strainsight.experiment.structure.candidates import OnSurface, candidates_on_surface
+from strainsight.experiment.structure.channels import readings
+from strainsight.experiment.structure.given_gauges import read_given
+from strainsight.experiment.structure.load_cases import Run, run_as_stated, runs_of
+from strainsight.experiment.structure.start import motion_of
+from strainsight.experiment.structure.thick_rows import free_thicknesses, rows_along, thickness_of_guess
+from strainsight.fem.affine import NO_CHANGE
+from strainsight.foreign.matrices.files import read_numbering
+from strainsight.loads.histories import instant_values
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.units import length_factor
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import CaseMotion, Training, with_missed
+from strainsight.rom.model import Damping, accelerations
+from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.given import without
+from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.walk import skin_of
+
+AT_A_TIME = 1000
+"""Arms of bridges whose readings in time are held in memory."""
+NUMBERS_AT_A_TIME = 2**22
+"""Readings that are held in memory at a time, of all instants and some channels."""
+LEAST_PERIODS = 1e-3
+"""Periods of the last mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
+what the mass does, in every mode: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double
+precision."""
+MOST_PERIODS = 1e6
+"""Periods of the first mode in a time step: the motion is the static one to all digits."""
+READINGS = (1e-50, 1e50)
+"""Largest reading of a training run [strain, m/s², m]: its fourth power, which covariances need, is a number."""
+MOST_DAMPED = 1e4
+"""Damping ratio of the mode that is damped least."""
+SIGNAL_TO_NOISE = (1e-4, 1e9)
+"""RMS reading over σ of the best sensor. Below it nothing is learnt; above it rounding of the model is louder than σ, and
+the Riccati equation is beyond double precision from 1e11 on."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """The training run; surface: how its candidates were found on the mesh, None where their strain rows were given."""
+
+    training: Training
+    surface: OnSurface | None
+
+
+def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
+    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate."""
+    model = reduced.model
+    stated, *cases = (
+        _Moved(run, *_motion(run, reduced))
+        for run in (run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files))
+    )
+    x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
+    using.progress("candidates", 0.3)
+    surface, given, change = None, None, NO_CHANGE
+    names: tuple[str, ...] = ()
+    if config.gauges.given is None:
+        with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
+            moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
+        surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
+        pool, names = surface.candidates, surface.names
+        field, skin = (
+            with_missed(reduced.basis, reduced.misaligned.missed),
+            skin_of(mesh.position, exterior_facets(mesh)),
+        )
+        both, change = rows_along(
+            mesh,
+            free_thicknesses(config, mesh, model.reference),
+            lambda own: channel_rows(mesh.position, pool, field, facets=skin, thickness=own),
+        )
+    else:
+        pool, given = _given(config, mesh, using)
+        names = tuple(str(number) for number in pool.element)
+        assert reduced.matrices is not None  # the config asks for matrices beside given gauges
+        both = given @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
+    rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
+    rms, peak = _sizes(stated, reduced, rows, pool)
+    found = {}
+    for own in cases:
+        using.progress(f"readings of {own.run.name}", 0.5)
+        own_rms, own_peak = _sizes(own, reduced, rows, pool)
+        found[own.run.name] = CaseMotion(
+            time=own.run.time_step * np.arange(len(own.x)),
+            load=own.u,
+            coordinate=own.x[:, :n],
+            velocity=own.x[:, n:],
+            rms=own_rms,
+            peak=own_peak,
+        )
+    training = Training(
+        candidates=pool,
+        name=names + ("",) * (pool.gauges - len(names)),
+        rows=rows,
+        row_change=change.of_terms(lambda own: own[:, :n]) if change.terms else None,
+        missed=missed,
+        given=given,
+        moved=surface.moved if surface is not None and len(surface.moved) else None,
+        time=stated.run.time_step * np.arange(steps + 1),
+        load=u,
+        coordinate=x[:, :n],
+        velocity=x[:, n:],
+        acceleration=accelerations(model, model.reference, x, u),
+        rms_as_stated=rms,
+        peak_as_stated=peak,
+        cases=found,
+    )
+    if pool.arms is not None:
+        thickness = thickness_of_guess(config, mesh, model.reference)
+        most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
+        training = replace(training, arm_peak=most)
+    return Trained(training, surface)
+
+
+@dataclass(frozen=True)
+class _Moved:
+    """A run with its motion x (steps + 1, 2n) and loads u (steps + 1, n_u) [N] at its instants."""
+
+    run: Run
+    x: np.ndarray
+    u: np.ndarray
+
+
+def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+    refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
+    with blame(run.key):
+        loading = run.loading()
+    return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
+
+
+def _sizes(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
+    """RMS and largest reading of all channels (m,) in a run, some channels at a time."""
+    model, count = reduced.model, max(1, NUMBERS_AT_A_TIME // len(own.x))
+    rms, peak = np.empty((2, len(rows)))
+    for first in range(0, len(rows), count):
+        part = slice(first, first + count)
+        with np.errstate(over="ignore", invalid="ignore"):  # refused below
+            found = readings(model, model.reference, rows[part], pool.quantity[part], own.x, own.u)
+            rms[part], peak[part] = np.sqrt(np.mean(found**2, axis=0)), np.abs(found).max(axis=0)
+    with blame(own.run.key):
+        refuse_readings(peak)
+    return rms, peak
+
+
+def _arm_peak(
+    mesh: Mesh, training: Training, runs: Sequence[_Moved], basis: np.ndarray, thickness: Thickness | None
+) -> np.ndarray:
+    """The largest reading of any grid of every channel (m,); of arms of bridges by rows of their own."""
+    pool, n = training.candidates, basis.shape[1]
+    found, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
+    found[pool.bridged] = 0.0
+    facets = exterior_facets(mesh)
+    for part in np.array_split(np.flatnonzero(pool.bridged[channel]), len(grids) // AT_A_TIME + 1):
+        rows = channel_rows(mesh.position, grids.take(part), basis, facets=facets, thickness=thickness)
+        for own in runs:
+            np.maximum.at(found, channel[part], np.abs(own.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
+    return found
+
+
+def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
+    """Gauges by their strain rows, without those in excluded zones."""
+    gauges = config.gauges
+    if gauges.surface != "all":
+        raise ConfigError(
+            "given gauges lie on no surface of the mesh", key="gauges.surface", remedy="remove the key, or gauges.given"
+        )
+    _, components = read_numbering(using.files["mesh.matrices.numbering"])
+    with blame("gauges.given"):
+        given = read_given(
+            using.files["gauges.given.rows"],
+            using.files["gauges.given.table"],
+            components,
+            length_factor(config.mesh.length_unit),
+        )
+    with blame("gauges.exclude"):
+        facets = exterior_facets(mesh) if mesh.has_surface else None
+        given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
+    return given.pool, given.rows
+
+
+def hertz(frequency: float, decimals: int) -> str:
+    """A frequency [Hz] with so many decimals, or four digits where decimals would be none or too many."""
+    return f"{frequency:.{decimals}f}" if 1 <= frequency < 1e6 else f"{frequency:.4g}"
+
+
+def refuse_damping(damping: Damping, frequency: np.ndarray) -> None:
+    """Raise InfeasibleError where every mode is damped MOST_DAMPED times as much as one that just does not swing.
+
+    frequency (modes,) [Hz].
+    """
+    omega = 2 * np.pi * frequency
+    ratio = damping.viscous(omega**2)[0] / (2 * omega)
+    if ratio.min() > MOST_DAMPED:
+        least = int(np.argmin(ratio))
+        raise InfeasibleError(
+            f"a damping ratio of {ratio[least]:.2g} at {frequency[least]:.4g} Hz, and no mode has less: nothing would move",
+            key="damping",
+            remedy="a ratio of 1 is critical, ζ = (α/ω + βω)/2 with ω = 2πf: check alpha [1/s] and beta [s]",
+        )
+
+
+def refuse_times(frequency: np.ndarray, duration: float, step: float, section: str = "train") -> None:
+    """Raise InfeasibleError where a training run is over before any mode swings, or all swing a million times in a step.
+
+    frequency (modes,) [Hz], ascending; duration, step [s] of the config's `section`.
+    """
+    first, last = float(frequency[0]), float(frequency[-1])
+    units = "check mesh.length_unit, mesh.mass_unit, modulus and density"
+    if last * duration < LEAST_PERIODS:
+        raise InfeasibleError(
+            f"{duration:g} s are {last * duration:.2g} periods of the last mode, {last:.4g} Hz: the structure's stiffness "
+            "is not felt in so short a run",
+            key=f"{section}.duration",
+            remedy=f"take at least {at_least(LEAST_PERIODS / last)} s, better a few periods of the first; or {units}",
+        )
+    if first * step > MOST_PERIODS:
+        raise InfeasibleError(
+            f"{step:g} s are {first * step:.2g} periods of the first mode, {first:.4g} Hz: only the static response is left",
+            key=f"{section}.time_step",
+            remedy=f"take at most {at_most(MOST_PERIODS / first)} s; or {units}",
+        )
+
+
+def refuse_readings(readings: np.ndarray) -> None:
+    """Raise InfeasibleError where the largest readings (channels,) [strain, m/s², m] are too large or small to square twice."""
+    largest, (low, high) = float(np.abs(readings).max(initial=0.0)), READINGS
+    if largest == 0 or low <= largest <= high:
+        return
+    much = "more" if not largest <= high else "less"
+    limit = high if much == "more" else low
+    raise InfeasibleError(
+        f"the largest reading of the training run is {largest:.2g} (strain, m/s² or m), {much} than {limit:g}",
+        key="loads",
+        remedy="check the amplitude of the loads [N] and the modulus [Pa]",
+    )
+
+
+def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
+    """Raise InfeasibleError where all sensors drown in their noise, or some have next to none.
+
+    best: config key of a kind of sensors → its largest RMS reading and the σ of its noise [strain, m/s², m].
+    """
+    low, high = SIGNAL_TO_NOISE
+    key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
+    if signal > high * noise:
+        raise InfeasibleError(
+            f"a noise of {noise:.3g} is {noise / signal:.1g} of the largest RMS reading, {signal:.3g}: the model itself is "
+            "rounded to more",
+            key=f"{key}.noise_std",
+            remedy=f"take at least {at_least(signal / high)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+        )
+    if 0 < signal < low * noise:
+        raise InfeasibleError(
+            f"a noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading, {signal:.3g}: nothing can be learnt",
+            key=f"{key}.noise_std",
+            remedy=f"take at most {at_most(signal / low)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+        )

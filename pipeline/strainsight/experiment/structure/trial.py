@@ -1,0 +1,220 @@
+"""A validation set up: the truth and its motion, and what the filter is given."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import blame
+from strainsight.estimation.metrics import input_error, load_scale
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.run import Keep
+from strainsight.estimation.settled import Settled
+from strainsight.estimation.smoothed import Smoothed
+from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed
+from strainsight.experiment.structure.nuisances import Tolerated
+from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
+from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.start import Loading, loading_of
+from strainsight.experiment.structure.truth import Motion, ReadMotion, Truth
+from strainsight.loads.histories import instant_values
+
+
+@dataclass(frozen=True)
+class Trial:
+    """problem; h [s] and time (T + 1,) [s] of the validation; known (T, HOLD, n_known) [N], loads that the filter is given;
+    truth and its motion; history: unknown's name → (T + 1,) [SI]; gauges: numbers of those of the layout, chosen (k,) their
+    channels, stopped: how many of them a sharp edge has kept from being misplaced as far as stated; covariance P₀ (n*, n*);
+    settled: how the motion of a bank begins where that is known;
+    units: unknown's name → unit; tolerated: what σ allows of the channels that are filtered;
+    again: number of a realisation → what the layout reads without noise (T + 1, k) where the truth is drawn anew, None where
+    nothing is drawn."""
+
+    problem: Problem
+    h: float
+    time: np.ndarray
+    known: np.ndarray
+    truth: Truth
+    motion: Motion
+    history: Mapping[str, np.ndarray]
+    gauges: np.ndarray
+    chosen: np.ndarray
+    stopped: int
+    covariance: np.ndarray
+    settled: Settled | None
+    units: Mapping[str, str]
+    tolerated: Tolerated
+    again: Callable[[int], np.ndarray] | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The unknowns."""
+        return self.problem.unknowns.names
+
+    def constant_from(self, instants: int) -> int:
+        """The instant from which a parameter's estimate is averaged: the last, as all samples are in that of a constant."""
+        return instants // 2 if self.problem.drifting else instants - 1
+
+    def scale(self, name: str) -> tuple[float, bool]:
+        """What errors of an unknown are relative to [SI]: the true value of a parameter, a load's own RMS, or its amplitude
+        where it is zero throughout; and whether it is."""
+        if name in self.problem.unknowns.parameters:
+            return self.truth.theta[name], False
+        return load_scale(self.history[name], self.problem.unknowns.amplitude[name])
+
+    def reading(self, channels: np.ndarray) -> np.ndarray:
+        """What channels (...) read without noise (T + 1, ...) [unit of the channel], NaN where there is none (−1)."""
+        needed, place = np.unique(channels, return_inverse=True)
+        read = self.motion.reading(needed)[:, place.reshape(channels.shape)]
+        return np.where(channels >= 0, read, np.nan)
+
+    def measured(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        """What the layout reads with noise, and without (T, k)."""
+        true = self.reading(self.chosen)[1:]
+        return true + sample_noise(seed, 0, *true.shape) * sample_std(self.problem, self.chosen, self.h), true
+
+    def filtered(
+        self,
+        model: FilterModel,
+        channels: np.ndarray,
+        measured: np.ndarray,
+        start: np.ndarray | None = None,
+        keep: Keep = "mean",
+        refuse: bool = True,
+    ) -> Filtered:
+        """The filter of the config on measurements (T, k) or (T, B, k) of channels (k,) or (B, k); start (B, n*), None: zero."""
+        mean, P = np.zeros(model.size) if start is None else start, self.covariance
+        return filtered(
+            self.problem,
+            self.tolerated,
+            model,
+            channels,
+            mean,
+            P,
+            self.known,
+            measured,
+            keep,
+            settled=self.settled,
+            refuse=refuse,
+        )
+
+    def smoothed(self, model: FilterModel, measured: np.ndarray, found: Filtered) -> Smoothed:
+        """What `filtered` has found of the layout's measurements (T, k), by all samples."""
+        own, P = self.tolerated, self.covariance
+        return smoothed(self.problem, own, model, self.chosen, P, self.known, measured, found, self.settled)
+
+
+def without_truth(trial: Trial) -> Trial:
+    """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
+    gone = ReadMotion(np.zeros((0, 0)))
+    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=gone, again=None)
+
+
+def _gone(_loading: Loading) -> Motion:
+    raise AssertionError("the truth stays in the process that simulated it")
+
+
+def trial_of(
+    config: PlacementConfig, problem: Problem, truth: Truth, tolerated: Tolerated, gauges: np.ndarray
+) -> Trial:
+    """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
+    settings, units = config.validation, unknown_units(config)
+    P = initial_covariance(problem, settings.initial_std, problem.loading.moving)
+    with blame("validate.duration"):
+        return _simulated(problem, truth, gauges, P, units, tolerated, settings.time_step, settings.duration)
+
+
+def at_step(trial: Trial, h: float, duration: float) -> Trial:
+    """The same trial with the truth simulated, and sampled, at another time step [s]."""
+    return _simulated(
+        trial.problem, trial.truth, trial.gauges, trial.covariance, trial.units, trial.tolerated, h, duration
+    )
+
+
+def _simulated(
+    problem: Problem,
+    truth: Truth,
+    gauges: np.ndarray,
+    P: np.ndarray,
+    units: Mapping[str, str],
+    tolerated: Tolerated,
+    h: float,
+    duration: float,
+) -> Trial:
+    unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
+    loading = loading_of(problem.settle, list(problem.signals.values()), h, steps)
+    load = instant_values(loading.held)
+    history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
+    history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
+    return Trial(
+        problem=problem,
+        h=h,
+        time=h * np.arange(steps + 1),
+        known=loading.held[:, :, problem.columns(problem.known)],
+        truth=truth,
+        motion=truth.motion(loading),
+        history=history,
+        gauges=gauges,
+        chosen=channels[channels >= 0],
+        stopped=int(truth.held[gauges].sum()),
+        covariance=P,
+        settled=settled_under(problem, loading),
+        units=units,
+        tolerated=tolerated,
+        again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), loading),
+    )
+
+
+def _again(truth: Truth, gauges: np.ndarray, count: int, loading: Loading) -> Callable[[int], np.ndarray] | None:
+    if truth.again is None:
+        return None
+    drawn = truth.again
+
+    def reading(realisation: int) -> np.ndarray:
+        own = drawn(realisation, gauges)
+        return own.motion(loading).reading(np.arange(count))
+
+    return reading
+
+
+def sample_noise(seed: int, realisation: int, samples: int, gauges: int) -> np.ndarray:
+    """Unit white noise (samples, gauges); realisation 0 is that of the layout's own measurement."""
+    return np.random.default_rng([seed, realisation]).standard_normal((samples, gauges))
+
+
+def real_and_claimed(
+    trial: Trial, model: FilterModel, mean: np.ndarray, std: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Real and claimed error of every unknown for each run: two mappings name → (B,), relative.
+
+    A parameter: |estimate at the end − truth| and σ there; of a filter that lets it drift, their means over the last half.
+    An input: RMS error and RMS σ after the first tenth. All over the unknown's own `Trial.scale`.
+    mean, std (T + 1, B, n*) of x*.
+    """
+    values = physical(model, mean, std)
+    real, claimed = {}, {}
+    for name in trial.names:
+        (value, sigma), (scale, _), truth = values[name], trial.scale(name), trial.history[name]
+        if name in trial.problem.unknowns.parameters:
+            late = trial.constant_from(len(value))
+            real[name] = np.abs(np.mean(value[late:], axis=0) - truth[0]) / scale
+            claimed[name] = np.mean(sigma[late:], axis=0) / scale
+        else:
+            real[name], claimed[name] = input_error(value - truth[:, None], scale), input_error(sigma, scale)
+    return real, claimed
+
+
+def scaled_error(trial: Trial, mean: np.ndarray) -> np.ndarray:
+    """Error of the unknowns in the states of x*, ũ and p = log(θ/guess): mean (T + 1, B, n*) → (T + 1, B, unknowns)."""
+    return mean[:, :, trial.problem.unknowns.position(trial.problem.model)] - scaled_truth(trial)[:, None]
+
+
+def scaled_truth(trial: Trial) -> np.ndarray:
+    """The unknowns as they are (T + 1, unknowns), in the states of x*."""
+    unknowns = trial.problem.unknowns
+    true = [trial.history[name] / unknowns.amplitude[name] for name in unknowns.inputs]
+    true += [np.log(trial.history[name] / unknowns.guess[name]) for name in unknowns.parameters]
+    return np.stack(true, axis=-1)

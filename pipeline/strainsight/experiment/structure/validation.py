@@ -1,0 +1,397 @@
+"""The chosen gauges put to the test on a truth that is not the filter's model (thesis 6.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import NONE, tolerances_of
+from strainsight.csv_cells import csv_bytes
+from strainsight.estimation.consistency import nees, nis, verdict, whiteness
+from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
+from strainsight.estimation.metrics import after_start, settling_time
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoothed import Smoothed
+from strainsight.estimation.update import output_std
+from strainsight.experiment.filters_compared import disagreements_in_words, ratios
+from strainsight.experiment.resources import Resources
+from strainsight.experiment.structure.channels import units_in_words
+from strainsight.experiment.structure.compared import compared
+from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers, posteriors_of
+from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.problem import (
+    filter_model,
+    judged_as_stated_in_words,
+    problem_of,
+    rests_on_loads_in_words,
+    scheme_in_words,
+)
+from strainsight.experiment.structure.studies import (
+    Rank,
+    Studies,
+    noise_levels,
+    random_sets,
+    rank_of,
+    repeated,
+    studies_of,
+)
+from strainsight.experiment.structure.sweeps import sweeps_of
+from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
+from strainsight.experiment.structure.truth import truth_of
+from strainsight.experiment.structure.variance import budget_of
+from strainsight.experiment.structure.withheld import beyond_ranges, by_bank, excluded, excluded_in_words, widen
+from strainsight.mesh.model import Mesh
+from strainsight.ordering import first_of_largest
+from strainsight.pages.text import number
+from strainsight.parallel.sweep import Sweep, watched
+from strainsight.parallel.threads import side_by_side
+from strainsight.records.budget import budget_of_shares
+from strainsight.records.reduced import Modes, Reduced
+from strainsight.records.training import Screened, Training
+from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
+from strainsight.runner.output import Scalar, Table
+from strainsight.sensors.candidates import ACCELERATION, STRAIN
+from strainsight.sensors.screening import CLEARANCE
+
+SETTLED = 0.01
+"""Share of the truth that an estimate stays within once it has settled."""
+UNITS = ("m/m", "m/s2", "m")
+"""Of strain, acceleration and displacement, as a measurement file writes them."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What a validation has found.
+
+    trial: the truth, and what the filter is given of it; validated: histories, studies and the field; accuracy: by unknown;
+    whiteness: correlation of neighbouring innovations, verdict on them in words; diverged: runs of the studies that did;
+    without: why an unknown has no budget, a sentence each.
+    """
+
+    trial: Trial
+    validated: Validated
+    accuracy: dict[str, Accuracy]
+    whiteness: float
+    verdict: str
+    diverged: int
+    without: tuple[str, ...]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Of what `validated` holds."""
+        kinds, own = self.trial.problem.channels.quantity, self.trial.chosen
+        still = np.where(kinds == ACCELERATION, STRAIN, kinds)
+        return {**self.trial.units, "the channel": units_in_words(kinds[own]), "the candidate": units_in_words(still)}
+
+
+def validation_of(
+    config: PlacementConfig,
+    mesh: Mesh,
+    spectrum: Modes | None,
+    reduced: Reduced,
+    training: Training,
+    screened: Screened,
+    gauges: np.ndarray,
+    using: Resources,
+) -> Validation:
+    """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats, random sets and sweeps.
+
+    spectrum: that of `spectrum_of` where the truth is made of modes; gauges (k,): numbers of the layout's gauges.
+    """
+    seed, settings = config.seed, config.validation
+    using.progress("truth", 0.0)
+    problem = problem_of(config, using.files, reduced, training, screened)
+    # modes of the whole model are compiled code, which has all cores in the main thread alone; what misplaced gauges read is not
+    tolerances, truth = side_by_side(
+        lambda: tolerated(config, mesh, reduced, training, np.arange(len(training.candidates))),
+        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
+    )
+    trial = trial_of(config, problem, truth, tolerances, gauges)
+    using.progress("filter", 0.2)
+    model = filter_model(problem, trial.chosen, trial.h)
+    measured, true = trial.measured(seed)
+    found = trial.filtered(model, trial.chosen, measured, keep="all")
+    run, smoothed = found.run, trial.smoothed(model, measured, found)
+    compare = problem.method == "bank" and config.filter.compare is not False
+    beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
+    watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
+    studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
+    swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
+    last, P, known, start = trial.names[-1], trial.covariance, trial.known, trial.settled
+    budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
+    bank = found.banks[0] if found.banks else None
+    return Validation(
+        trial,
+        replace(
+            _validated(trial, model, run, smoothed, measured, true, studies, swept),
+            posterior=posteriors_of(problem, P, bank),
+            compared=beside,
+            budget=budget_of_shares(budget),
+        ),
+        accuracies(trial, model, run, smoothed, studies),
+        float(whiteness(run.whitened[:, 0])),
+        verdict(run.whitened[:, 0]).text,
+        int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
+        without,
+    )
+
+
+def validation_decision(config: PlacementConfig, found: Validation) -> Decision:
+    """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
+    own, trial = found.validated, found.trial
+    ends = {name: (own.smoothed[name][-1], own.smoothed_std[name][-1]) for name in own.smoothed}
+    apart = excluded(ends, by_bank(own.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    beyond = beyond_ranges(config, trial.problem, {name: own.estimate for name, own in found.accuracy.items()})
+    reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
+    return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
+
+
+def validated_without_sigma(own: Validated) -> Validated:
+    """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
+    rest = {name: getattr(own, name) for name in ("repeats", "screened", "all", "sweep")}
+    return replace(without_sigma(own), compared=None, budget=None, **rest)
+
+
+def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
+    using.progress(doing, start)
+    return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
+
+
+def _validated(
+    trial: Trial,
+    model: FilterModel,
+    run: FilterRun,
+    smoothed: Smoothed,
+    measured: np.ndarray,
+    true: np.ndarray,
+    studies: Studies,
+    swept: SweepTable | None,
+) -> Validated:
+    estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
+    innovations = nis(run.whitened[:, 0])
+    bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
+    return Validated(
+        time=trial.time,
+        truth={name: trial.history[name] for name in trial.names},
+        estimate={name: own[0] for name, own in estimate.items()},
+        std={name: own[1] for name, own in estimate.items()},
+        smoothed={name: own[0] for name, own in later.items()},
+        smoothed_std={name: own[1] for name, own in later.items()},
+        gauge=Channels(
+            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
+        ),
+        consistency=Consistency(
+            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
+            nis=innovations,
+            band=bands,
+        ),
+        field=_field(trial, model, run),
+        noise=noise_levels(studies.noise),
+        repeats=repeated(studies.repeats),
+        screened=random_sets(studies.screened),
+        all=random_sets(studies.all),
+        sweep=swept,
+        posterior={},
+    )
+
+
+def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
+    """Every candidate, bonded or not, at the instant of the largest true strain."""
+    own = trial.problem.channels
+    straining = np.flatnonzero(own.quantity == STRAIN)
+    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(own.quantity)))
+    moving = own.quantity == ACCELERATION
+    assert run.covariance is not None
+    true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
+    strain, J = surface_reading(model, own.rows, own.change, run.mean[instant])
+    return Field(
+        instant=float(trial.time[instant]),
+        true=np.where(moving, np.nan, true),
+        strain=np.where(moving, np.nan, strain[0]),
+        std=np.where(moving, np.nan, output_std(J[0], run.covariance[instant, 0])),
+    )
+
+
+def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
+    """Index of the instant at which any of the channels reads most, after the start."""
+    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(channels)], axis=0)
+    return first_of_largest(largest) + 1
+
+
+PART = 1000
+"""Channels that are read in time at once: pools are large."""
+
+
+def _parts(channels: np.ndarray) -> list[np.ndarray]:
+    return np.array_split(channels, max(1, len(channels) // PART))
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """How well an unknown is known by the layout.
+
+    estimate [SI]: mean over the last half of a parameter, RMS of a load; error and std: real and claimed error of the filter,
+    smoothed and smoothed_std those of the smoother, all over scale [SI]; zero: whether a load is zero throughout, so that its
+    scale is its amplitude; draws, smoothed_draws: how many independent draws error and smoothed are the RMS of, 1 of a
+    parameter; settling_time [s]: from when on a parameter stays within SETTLED of its truth, None of a load; rank and benefit:
+    among the random sets of all candidates, None for few.
+    """
+
+    estimate: float
+    error: float
+    std: float
+    smoothed: float
+    smoothed_std: float
+    scale: float
+    zero: bool
+    draws: int
+    smoothed_draws: int
+    settling_time: float | None
+    rank: Rank | None
+    benefit: Benefit | None
+
+
+def accuracies(
+    trial: Trial,
+    model: FilterModel,
+    run: FilterRun,
+    smoothed: Smoothed,
+    studies: Studies,
+) -> dict[str, Accuracy]:
+    """Unknown → how well it is known by the layout, whose filter and smoother have run; studies: with the random sets."""
+    error, std = real_and_claimed(trial, model, run.mean, run.std)
+    later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
+    found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
+    for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
+        constant = name in trial.problem.unknowns.parameters
+        scale, zero = trial.scale(name)
+        found[name] = Accuracy(
+            estimate=float(
+                np.mean(value[trial.constant_from(len(value)) :]) if constant else np.sqrt(np.mean(value**2))
+            ),
+            error=float(error[name][0]),
+            std=float(std[name][0]),
+            smoothed=float(later_error[name][0]),
+            smoothed_std=float(later_std[name][0]),
+            scale=scale,
+            zero=zero,
+            draws=1 if constant else _draws(value - trial.history[name], sigma),
+            smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
+            settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
+            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
+            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
+        )
+    return found
+
+
+def _draws(error: np.ndarray, std: np.ndarray) -> int:
+    """Independent draws that a load's error (T + 1,) is worth after the first tenth of the run."""
+    scaled = after_start(np.divide(error, std, out=np.full_like(error, np.nan), where=std > 0))
+    return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
+
+
+def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
+    """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
+
+    labels (k,) of the gauges of the layout; measured (T, m) by their channels; units of the loads.
+    """
+    channels = trial.problem.channels.of(trial.gauges)
+    which, grid = np.nonzero(channels >= 0)
+    quantity = trial.problem.channels.quantity[channels[which, grid]]
+    each = zip(which.tolist(), grid.tolist(), quantity.tolist(), strict=True)
+    names = [f"{labels[i]}{f'.{j + 1}' if j else ''} [{UNITS[q]}]" for i, j, q in each]
+    loads = [f"{name} [{units[name]}]" for name in trial.problem.known]
+    first = np.concatenate([trial.time[:1], np.full(len(names), np.nan), trial.known[0, 0]])
+    rows = np.vstack([first, np.column_stack([trial.time[1:], measured, trial.known.sum(axis=1)])])
+    numbers = (["" if np.isnan(x) else f"{x:.12g}" for x in row] for row in rows)
+    return csv_bytes([["time [s]", *names, *loads], *numbers])
+
+
+def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
+    """Every number by its name, model: that of the truth in the config."""
+    trial, scheme = found.trial, scheme_in_words(found.trial.problem, found.trial.h)
+    stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
+    consistency = found.validated.consistency
+    numbers: dict[str, Scalar] = {
+        "truth": model,
+        "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
+    }
+    for name, own in found.accuracy.items():
+        for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
+            numbers[f"{key}.{name}"] = getattr(own, key)
+        if name in trial.problem.unknowns.inputs:
+            numbers[f"zero.{name}"] = own.zero
+        if own.settling_time is not None:
+            numbers[f"settling_time.{name}"] = own.settling_time
+        if own.benefit is not None:
+            numbers[f"benefit.{name}"] = own.benefit.verdict
+        if own.rank is not None:
+            numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
+    return (
+        numbers
+        | posterior_numbers(found.validated.posterior)
+        | ratios(found.validated.compared)
+        | {
+            "nees": float(np.mean(consistency.nees)),
+            "nis": float(np.mean(consistency.nis)),
+            "whiteness": found.whiteness,
+            "verdict": found.verdict,
+            "lost_runs": found.diverged,
+        }
+    )
+
+
+def validation_message(found: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+    """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
+    why."""
+    trial, problem = found.trial, found.trial.problem
+    words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
+    words += [
+        f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
+    ]
+    words += posterior_doubts(found.validated.posterior, trial.units)
+    words += [
+        f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
+        "size do as well"
+        for name, own in found.accuracy.items()
+        if own.benefit is not None and own.benefit.verdict == "none"
+    ]
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            claimed = "" if withheld else f" (claimed σ {100 * own.std:.2g} %)"
+            words.append(f"{value}, error {100 * own.error:.2f} %{claimed}")
+        else:
+            over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
+            words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
+    words += disagreements_in_words(found.validated.compared)
+    return "; ".join(words)
+
+
+MEDIANS = ("random sets, screened: median", "all: median")
+
+
+def validation_table(found: Validation, withheld: bool) -> Table:
+    """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
+    trial, validated = found.trial, found.validated
+    columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
+    rows = []
+    for name, own in found.accuracy.items():
+        if name in trial.problem.unknowns.parameters:
+            rms, truth = "", f"{trial.truth.theta[name]:.5g}"
+        else:
+            rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
+        truth += f", in % of its amplitude, {own.scale:.4g}" if own.zero else ""
+        medians = (
+            f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
+            for sets in (validated.screened, validated.all)
+        )
+        errors = [f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed)]
+        errors[1] = "withheld" if withheld else errors[1]
+        rows.append((name, f"{own.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
+    return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))

@@ -1,0 +1,1 @@
+"""Matrices, modes and results that another program computed."""

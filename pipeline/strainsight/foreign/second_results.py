@@ -1,0 +1,254 @@
+"""What a part of the stiffness or mass adds, from modes and responses that another program found at two values of it.
+
+With U₀ = [Φ₀, z₀] at θ₀ and U₁ = [Φ₁, z₁] at θ₁, and what our own mass M and the loads f say of them,
+
+    A U₀ = [M Φ₀Λ₀, f],     B U₁ = [M Φ₁Λ₁, f],     K(θ) = A + (θ − θ₀)/(θ₁ − θ₀) D,     D = B − A,
+
+of A, B and D on U = [U₀, U₁] the blocks U₀ᵀAU₀, U₁ᵀBU₁ and N = U₀ᵀDU₁ = U₀ᵀBU₁ − U₀ᵀAU₁ are known, and both sets are reproduced
+whatever U₀ᵀDU₀ and U₁ᵀDU₁ are: two sets do not say these. But D is the strain energy of the region alone,
+which is c₁K̃₁ + c₂K̃₂ of an isotropic material, K̃ the stiffness of our own elements with unit modulus and two Poisson ratios: N
+gives c by least squares, and what is left of it, S = N − U₀ᵀK̃U₁, enters by the motion of the region, U₁ ≈ U₀a and U₀ ≈ U₁b there:
+
+    U₁ᵀDU₁ = U₁ᵀK̃U₁ + (aᵀS + Sᵀa)/2,     U₀ᵀDU₀ = U₀ᵀK̃U₀ + (Sb + bᵀSᵀ)/2
+
+Of a density D is that of our own mass, and A is known on all of U.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+from scipy.linalg import eigh
+
+from strainsight.errors import UserError
+from strainsight.fem.affine import AffineOperator, Parameter, of_stiffness
+from strainsight.fem.assembly import assemble_stiffness
+from strainsight.fem.constraints import Constraint
+from strainsight.fem.mass_product import mass_product
+from strainsight.fem.model import FiniteElementModel, FullModel
+from strainsight.foreign.given_motion import GivenMotion
+from strainsight.foreign.of_results import (
+    Forces,
+    Results,
+    as_operator,
+    as_sparse,
+    independent,
+)
+from strainsight.foreign.two_sets import (
+    KEY,
+    Change,
+    Observed,
+    asymmetry,
+    check_frequencies,
+    check_supports,
+    check_values,
+    observed,
+)
+from strainsight.mesh.model import Material, Mesh, Region
+from strainsight.mesh.properties import with_value
+
+POISSON = (0.0, 0.3)
+"""Of two isotropic materials, of which every other is a combination."""
+LEAST = 1e-8
+"""Energy of a motion beside the others, of unit energy, below which what the sets say of it is rounding."""
+OF_STRAIN = 100.0
+"""Energy beside the others, in roundings of the files, that a motion needs for its strain to be more than their rounding."""
+FEW_DIGITS = 1e-6
+"""Rounding of text of six digits, and more."""
+APART = 1e-10
+"""Share of the largest energy in the region below which a motion there is rounding."""
+FORM, NOTED = 0.1, 0.01
+"""Share of what changes between the sets that is not of the form of the region: more is refused, or named."""
+REPRODUCED = 1e-3
+"""Frequencies of the model may differ by as much from those of the results."""
+BEYOND = 0.1
+"""Share of its bound by which the stiffness of the region may be beyond it, as the sets are not exact."""
+
+
+def model_of_two(
+    mesh: Mesh,
+    given: tuple[GivenMotion, GivenMotion],
+    results: tuple[Results, Results],
+    forces: Forces | None,
+    names: tuple[str, ...],
+    scaled: Mapping[str, tuple[str, float]],
+    change: Change,
+) -> FullModel:
+    """K and M of the coordinates (Φ₀, r₀, what U₁ has beside these), affine in the parameter of the change.
+
+    Arguments as of `results_model`, of two sets; scaled: what other parameters the rest is proportional to. Raises UserError for
+    what `results_model` refuses of either set; without a mass; for the same value twice, sets with different supports,
+    frequencies that move as this parameter cannot move them, regions of other elements than isotropic solids, a change that is
+    not of the form of the regions, and a model that does not have the modes of both sets.
+    """
+    own = change.parameter
+    check_values(change)
+    check_supports(mesh, given)
+    stiff = of_stiffness(own.property)
+    meshes = [
+        mesh if stiff else with_value(mesh, "density", own.regions, value) for value in (change.first, change.second)
+    ]
+    first, second = (
+        observed(each, moved, found, forces, names, key)
+        for each, moved, found, key in zip(meshes, given, results, ("mesh.results", KEY), strict=True)
+    )
+    check_frequencies(change, first, second, stiff)
+    U, k = np.hstack([first.motion, second.motion]), first.motion.shape[1]
+    rows = given[0].constraint.reference_rows
+    M0 = U.T @ mass_product(meshes[0], rows, U)
+    across = (first.force.T @ second.motion, first.motion.T @ second.force)
+    A00, A11 = first.motion.T @ first.force, second.motion.T @ second.force
+    notes: list[str] = []
+    if stiff:
+        D, notes = _change_of_stiffness(mesh, own, U, k, across[1] - across[0])
+        A11 = A11 - D[k:, k:]
+        X0, X1 = _whole(A00, across[0], A11), D / (change.second - change.first)
+    else:
+        X0, X1 = M0, (U.T @ mass_product(meshes[1], rows, U) - M0) / (change.second - change.first)
+        A = _whole(A00, 0.5 * (across[0] + across[1]), A11)
+    A = X0 if stiff else A
+    rounding = max(first.rounding, second.rounding)
+    exact = max(OF_STRAIN * rounding, asymmetry(first), asymmetry(second))
+    C = _coordinates(A, len(first.lam), k, max(LEAST, exact))
+    A, M0, X0, X1 = (_symmetric(C.T @ X @ C) for X in (A, M0, X0, X1))
+    if stiff:
+        X1 = _within(X1, A, change.first)
+    _check_reproduced(change, (first, second), A, M0, X1, stiff)
+    affine = AffineOperator(sparse.csr_array(X0 - change.first * X1), {own.name: sparse.csr_array(X1)})
+    stiffness = affine if stiff else as_operator(A, scaled.get("stiffness"))
+    mass = as_operator(M0, scaled.get("mass")) if stiff else affine
+    if rounding >= FEW_DIGITS:
+        notes.append(
+            f"the files have digits to {rounding:.0e}: what {own.name} changes is a difference of both, and σ may be off by "
+            "1e-3; binary files do better"
+        )
+    constraint = Constraint(as_sparse(U @ C), rows, np.zeros(0, dtype=np.int64))
+    model = FiniteElementModel(mesh, constraint, stiffness, mass)
+    return FullModel(model, notes=(*first.notes, *second.notes, *notes), modes=len(first.lam), alike=False)
+
+
+def _change_of_stiffness(
+    mesh: Mesh, own: Parameter, U: np.ndarray, k: int, N: np.ndarray
+) -> tuple[np.ndarray, list[str]]:
+    """D on U, of which N = U₀ᵀDU₁ is known, and a sentence on how much of N is not of the form of the regions."""
+    forms = [U.T @ _product(X, U) for X in _forms(mesh, own)]
+    c = np.linalg.lstsq(np.stack([X[:k, k:].ravel() for X in forms], axis=1), N.ravel(), rcond=1e-10)[0]
+    form = np.asarray(sum(value * X for value, X in zip(c, forms, strict=True)))
+    S = N - form[:k, k:]
+    off = float(np.linalg.norm(S) / np.linalg.norm(N))
+    if off > FORM:
+        raise UserError(
+            f"{off:.0%} of what differs between the sets is not of the form of an isotropic stiffness of "
+            f"{', '.join(str(mesh.regions[r]) for r in own.regions)}",
+            key=KEY,
+            remedy="change nothing but this parameter between the sets, in these regions; of an anisotropic material, or where "
+            "more than this changes, give the deck itself, or mesh.matrices",
+        )
+    energy = _symmetric(np.asarray(sum(forms)))
+    a = _pseudo_inverse(energy[:k, :k]) @ energy[:k, k:]
+    b = _pseudo_inverse(energy[k:, k:]) @ energy[k:, :k]
+    D = _whole(form[:k, :k] + _symmetric(S @ b), N, form[k:, k:] + _symmetric(a.T @ S))
+    if off <= NOTED:
+        return D, []
+    return D, [
+        f"{off:.1%} of what {own.name} changes is not of the form of our elements: between the two values frequencies are off by "
+        "about a hundredth of that"
+    ]
+
+
+def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
+    """Stiffness (3n, 3n) [m] of the solids of each region, of unit modulus and both Poisson ratios."""
+    found = []
+    for number in own.regions:
+        solid = [block for block in mesh.blocks if np.any(block.region == number)]
+        thin = any(np.any(block.region == number) for block in mesh.thin)
+        other = thin or mesh.anisotropic_of(number) is not None or number in mesh.composites
+        if not solid or other:
+            raise UserError(
+                f"{mesh.regions[number]} is not of isotropic solids alone: two sets of results do not say what it adds",
+                key=f"parameters.{own.name}.region",
+                remedy="free a property of solids of an isotropic material, or give the deck itself, or mesh.matrices",
+            )
+        blocks = tuple(
+            replace(block, ids=block.ids[here], nodes=block.nodes[here], region=block.region[here])
+            for block in solid
+            for here in [block.region == number]
+        )
+        for ratio in POISSON:
+            found.append(
+                assemble_stiffness(
+                    Mesh(
+                        node_ids=mesh.node_ids,
+                        position=mesh.position,
+                        blocks=blocks,
+                        regions={number: Region(number, mesh.regions[number].name, 1)},
+                        materials={1: Material(1, 1.0, ratio, 0.0)},
+                        fixed=np.zeros((0, 2), dtype=np.int64),
+                    )
+                )
+            )
+    return found
+
+
+def _product(X: sparse.csr_array, U: np.ndarray) -> np.ndarray:
+    """X U, rows beyond the translations zero."""
+    found = np.zeros_like(U)
+    found[: X.shape[0]] = X @ U[: X.shape[0]]
+    return found
+
+
+def _pseudo_inverse(X: np.ndarray) -> np.ndarray:
+    strength, V = np.linalg.eigh(X)
+    kept = strength > APART * strength[-1]
+    return np.asarray((V[:, kept] / strength[kept]) @ V[:, kept].T)
+
+
+def _coordinates(A: np.ndarray, m: int, k: int, least: float) -> np.ndarray:
+    """C (columns of U → coordinates): Φ₀ of unit mass, then what is left of z₀, then of U₁, orthogonal in A and of unit energy;
+    what has less than `least` of its energy left is dropped."""
+    size = len(A)
+    C = np.eye(size)[:, :m]
+    for group in (slice(m, k), slice(k, size)):
+        X = np.eye(size)[:, group]
+        X = X - C @ np.linalg.solve(C.T @ A @ C, C.T @ A @ X)
+        Y, energy = independent(np.diag(np.diag(A)[group]), X.T @ A @ X, least)
+        C = np.hstack([C, X @ Y / np.sqrt(energy)])
+    return C
+
+
+def _within(X1: np.ndarray, A: np.ndarray, first: float) -> np.ndarray:
+    """0 ≤ θ₀X₁ ≤ A, as the region and the rest of the structure have stiffness, to `BEYOND`: what is further beyond, of motions
+    that hardly stand out of the others, is set to that, so that K is positive definite from θ₀/11 to 11 θ₀."""
+    share, V = eigh(first * X1, A)
+    return np.asarray(_symmetric((A @ V * np.clip(share, -BEYOND, 1 + BEYOND)) @ (A @ V).T) / first)
+
+
+def _check_reproduced(
+    change: Change, sets: tuple[Observed, Observed], A: np.ndarray, M: np.ndarray, X1: np.ndarray, stiff: bool
+) -> None:
+    """The lowest modes at either value are those of the set."""
+    for number, own in zip(("first", "second"), sets, strict=True):
+        step = 0.0 if number == "first" else change.second - change.first
+        K, mass = (A + step * X1, M) if stiff else (A, M + step * X1)
+        found = np.sqrt(eigh(K, mass, eigvals_only=True)[: len(own.lam)]) / (2 * np.pi)
+        off = np.abs(found / own.frequency - 1)
+        worst = int(np.argmax(off))
+        if not off[worst] < REPRODUCED:
+            raise UserError(
+                f"the model of both sets has mode {worst + 1} of the {number} one at {found[worst]:.6g} Hz, the file at "
+                f"{own.frequency[worst]:.6g} Hz",
+                key=KEY,
+                remedy="give both sets the mesh, the densities and the loads that they were made with, and all modes from the "
+                "lowest on in both",
+            )
+
+
+def _whole(X00: np.ndarray, X01: np.ndarray, X11: np.ndarray) -> np.ndarray:
+    return np.block([[_symmetric(X00), X01], [X01.T, _symmetric(X11)]])
+
+
+def _symmetric(X: np.ndarray) -> np.ndarray:
+    return np.asarray(0.5 * (X + X.T))

@@ -1,0 +1,1 @@
+"""Load histories, models of unknown inputs, and the augmented state."""

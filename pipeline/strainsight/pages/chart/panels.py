@@ -1,0 +1,167 @@
+"""What the figures do to their axes: units, limits, ticks, legends, and which part of a history to show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from strainsight.pages.arrays import FloatArray, History
+from strainsight.pages.chart.drawing import MUTED
+from strainsight.pages.text import SUPERSCRIPTS, number, prefix
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+FLAT = 1e-9
+"""Share of its size within which a curve is flat."""
+LONG = 1e5
+"""Value from which tick labels are written with powers of ten."""
+
+
+def focus_on(axes: Axes, values: FloatArray, share: float = 0.02) -> None:
+    """Limit the y axis to the bulk of the values, with a margin; a flat curve keeps a visible one."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return
+    low, high = np.quantile(values, [share, 1 - share])
+    margin = 0.08 * (high - low) or 0.01 * abs(high) or 1.0
+    axes.set_ylim(low - margin, high + margin)
+
+
+def legend_above(axes: Axes, columns: int = 4) -> None:
+    """The legend over the axes, where it covers no curve."""
+    axes.legend(
+        loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns, borderaxespad=0.2, handlelength=1.5, columnspacing=1.2
+    )
+
+
+def band(
+    axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str, alpha: float = 0.25, label: str = ""
+) -> None:
+    """mean ± 2σ over x."""
+    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=alpha, lw=0, label=label)
+
+
+def time_axis(axes: Axes) -> None:
+    axes.locator_params(axis="x", nbins=6)
+    axes.set_xlabel("time [s]")
+
+
+DOTS = "_dots:"
+
+
+def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
+    """Many dots as one path of zero-length round-capped lines: a tenth of the bytes that as many markers take."""
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    shown = np.column_stack([x, y])
+    shown = shown[np.isfinite(shown).all(axis=1)]
+    vertices = np.repeat(shown, 2, axis=0)
+    codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(shown))
+    style = {"color": MUTED, "lw": 2.4, "capstyle": "round"}
+    # The label tells these dots from other patches for `figure_data`; with the underscore the legend passes over it.
+    axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, label=f"{DOTS}{label}", **style))
+    if label:
+        axes.plot([], [], ".", color=MUTED, ms=4, label=label)
+    axes.update_datalim(vertices)
+    axes.autoscale_view()
+
+
+def plain_ticks(axes: Axes, which: str) -> None:
+    """Label a logarithmic axis 0.1, 1, 10 and, where it spans less than two decades, 2 and 5 between."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    if axis.get_scale() != "log":
+        return
+    low, high = axis.get_view_interval()
+    if not 0 < low < high < np.inf:
+        return
+    decades = np.log10(high / low)
+    subs = (
+        (1.0,)
+        if decades > 3
+        else (1.0, 3.0)
+        if decades > 2
+        else (1.0, 2.0, 5.0)
+        if decades > 0.7
+        else tuple(np.arange(1.0, 10.0))
+    )
+    axis.set_major_locator(LogLocator(subs=subs))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def legend_of_lines(axes: Axes, labels: Sequence[str]) -> None:
+    """The legend over the axes in as many columns as fit beside each other."""
+    longest = max(map(len, labels), default=0)
+    legend_above(axes, 4 if longest <= 10 else 2 if longest <= 20 else 1)
+
+
+def plain_axis(axes: Axes) -> None:
+    """Label a linear y axis with the numbers themselves, without a power or an offset beside it; rounding stays flat."""
+    low, high = axes.get_ylim()
+    size = max(abs(low), abs(high))
+    if high - low < FLAT * size:
+        axes.set_ylim((low + high) / 2 - 0.05 * size, (low + high) / 2 + 0.05 * size)
+    if size < LONG:
+        axes.ticklabel_format(axis="y", useOffset=False)
+    else:
+        axes.yaxis.set_major_formatter(lambda value, _: number(value, 4))
+
+
+def log_ticks(axes: Axes, which: str = "y") -> None:
+    """Label a logarithmic axis with powers of ten where it spans more than three decades, else as `plain_ticks`."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    low, high = axis.get_view_interval()
+    if not (axis.get_scale() == "log" and 0 < low < high < np.inf and high / low > 1e3):
+        plain_ticks(axes, which)
+        return
+    axis.set_major_locator(LogLocator(numticks=6))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"10{str(round(np.log10(value))).translate(SUPERSCRIPTS)}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def shown_unit(history: History) -> tuple[float, str]:
+    reference = history.mean if history.truth is None else history.truth
+    return prefix(float(np.nanmax(np.abs(reference), initial=0.0)), history.unit)
+
+
+def drawable(values: FloatArray) -> FloatArray:
+    """The values with a gap wherever one is no finite number."""
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def last_periods(values: FloatArray, periods: float = 4.0, least: float = 0.02) -> slice:
+    """The last few periods of an oscillation (T,), counted by crossings of its mean; at least a fiftieth of the run.
+
+    A history that hardly oscillates is shown whole.
+    """
+    steps, finite = len(values), values[np.isfinite(values)]
+    mean = np.mean(finite) if len(finite) else 0.0
+    crossing = np.flatnonzero(np.diff(np.signbit(values - mean)))
+    needed = round(2 * periods)
+    start = int(crossing[-needed]) if len(crossing) > needed else 0
+    return slice(max(min(start, steps - max(round(least * steps), 2)), 0), None)
+
+
+def about(values: FloatArray, at: int, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
+    """A few periods of an oscillation (T,) about sample `at`, of at least so many samples; all of it where that would be more
+    than `share` of it.
+
+    A period is twice the mean distance of crossings of its mean, counted where there are samples.
+    """
+    finite = values[np.isfinite(values)]
+    steps = len(values)
+    crossings = int(np.count_nonzero(np.diff(np.signbit(finite - finite.mean())))) if len(finite) else 0
+    width = max(least, round(2 * periods * len(finite) / crossings) if crossings else steps)
+    if width > share * steps:
+        return slice(0, steps)
+    start = min(max(at - width // 2, 0), steps - width)
+    return slice(start, start + width)

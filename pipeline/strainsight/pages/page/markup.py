@@ -1,0 +1,251 @@
+"""Small pieces of HTML; whatever comes from a config or a deck is escaped here."""
+
+from __future__ import annotations
+
+import base64
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import numpy as np
+
+from strainsight.pages.arrays import FloatArray
+from strainsight.pages.chart import drawing
+from strainsight.pages.chart.drawing import Drawing
+from strainsight.pages.datum import METRES, Frame
+from strainsight.pages.text import number, percent, quantity
+
+AXES = METRES.heads
+LONGEST = 20
+"""Letters of a word in a head that paper has room for: a name from a config may be longer."""
+THEME = {"#ffffff": "var(--card)"} | {
+    getattr(drawing, name.upper()): f"var(--{name})"
+    for name in ("blue", "vermilion", "green", "orange", "purple", "sky", "ink", "muted", "grid")
+}
+
+
+def data(value: float, shown: str, unit: str = "") -> str:
+    """A number as people read it that keeps the exact value for machines; unit: that of the exact value."""
+    exact = str(value) if isinstance(value, int) else repr(float(value))
+    stated = f' data-unit="{escape(unit)}"' if unit else ""
+    return f'<data value="{exact}"{stated}>{escape(shown)}</data>'
+
+
+def count(value: int) -> str:
+    """How many."""
+    return data(int(value), number(value))
+
+
+def share(value: float | None) -> str:
+    """A ratio in per cent, or a dash for one that was not computed."""
+    return "–" if value is None else data(value, percent(value))
+
+
+def measure(value: float | None, unit: str = "", digits: int = 4) -> str:
+    """A number with its unit, or a dash."""
+    return "–" if value is None else data(value, quantity(value, unit, digits), unit)
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """A dimensionless number."""
+    return data(value, number(value, digits))
+
+
+def links(name: str, places: Iterable[int]) -> str:
+    """Links to what has these numbers on the page: `name-1`, `name-3`."""
+    return ", ".join(f'<a href="#{name}-{i}">{i}</a>' for i in places)
+
+
+def verdict_mark(verdict: str, good: bool, bad: str = "✕") -> str:
+    """A verdict in a table, with a tick where it is good, else with the sign for a bad one."""
+    return f'<strong class="{"good" if good else "bad"} whole">{"✓" if good else bad} {verdict}</strong>'
+
+
+def bullets(sentences: Iterable[str]) -> str:
+    """An escaped bullet list."""
+    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+
+
+def table(
+    name: str,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    title: str = "",
+    caption: str = "",
+    numeric: Iterable[int] = (),
+    foot: Sequence[str] = (),
+) -> str:
+    """A table of cells that are HTML already; the first cell of a row heads it, `numeric` columns are flush right.
+
+    name: what it is of, in plain words and unlike any other table's of the page; title, caption: HTML above it.
+    """
+    right = frozenset(numeric)
+
+    def line(cells: Sequence[str]) -> str:
+        rest = "".join(cell(text, right=i in right) for i, text in enumerate(cells) if i)
+        return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
+
+    text = (
+        "<table>"
+        + (_head(head, right) if head else "")
+        + "<tbody>"
+        + "".join(line(row) for row in rows)
+        + "</tbody>"
+        + (f"<tfoot>{line(foot)}</tfoot>" if foot else "")
+        + "</table>"
+    )
+    return sheet(name, text, title, caption)
+
+
+def grouped_table(
+    name: str, head: Sequence[str], bodies: Iterable[str], *, caption: str = "", numeric: Iterable[int] = ()
+) -> str:
+    """A table of blocks of rows (`<tbody>…</tbody>`), which stay together when it is sorted; the rest as of `table`."""
+    return sheet(
+        name, f'<table class="runs">{_head(head, frozenset(numeric))}{"".join(bodies)}</table>', caption=caption
+    )
+
+
+def block(heading: str, rows: Sequence[Sequence[str]], once: Sequence[str] = (), after: int = 1) -> str:
+    """A block of `grouped_table`: heading and the numbers `once`, which follow that many cells, span all its rows; cells of rows
+    are whole (`cell`)."""
+    span = f' rowspan="{len(rows)}"' if len(rows) > 1 else ""
+    first = f'<th scope="rowgroup"{span}>{heading}</th>'
+    shared = "".join(f'<td class="n"{span}>{text}</td>' for text in once)
+    lines = []
+    for i, row in enumerate(rows):
+        head, middle = (first, shared) if i == 0 else ("", "")
+        lines.append(f"<tr>{head}{''.join(row[:after])}{middle}{''.join(row[after:])}</tr>")
+    return f"<tbody>{''.join(lines)}</tbody>" if rows else ""
+
+
+def cell(text: str, *, right: bool = False, across: int = 1) -> str:
+    """A cell of a block; right: of a number; across: columns that it spans."""
+    number = ' class="n"' if right else ""
+    span = f' colspan="{across}"' if across > 1 else ""
+    return f"<td{number}{span}>{text}</td>"
+
+
+def _head(names: Sequence[str], right: frozenset[int]) -> str:
+    """Heads of columns; one with a word that no paper is wide enough for may be broken anywhere."""
+    cells = ""
+    for i, name in enumerate(names):
+        longest = max(map(len, re.sub(r"<[^>]*>", " ", name).split()), default=0)
+        kinds = " ".join(["n"] * (i in right) + ["v"] * (longest > LONGEST))
+        kind = f' class="{kinds}"' if kinds else ""
+        cells += f'<th scope="col"{kind}>{name}</th>'
+    return f"<thead><tr>{cells}</tr></thead>"
+
+
+def sheet(name: str, text: str, title: str = "", caption: str = "") -> str:
+    """A table's HTML in a region of its own, which scrolls where it is wider than the page; tables.js knows it by its name
+    and puts its buttons beside title and caption."""
+    note = f'<p class="note">{caption}</p>' if caption else ""
+    label = escape(name)
+    return (
+        f'<div class="sheet"><div class="over">{title}{note}</div>'
+        f'<div class="scroll" data-table="{label}" tabindex="0" role="region" aria-label="table: {label}">{text}</div></div>'
+    )
+
+
+def pairs(name: str, entries: Iterable[tuple[str, str]]) -> str:
+    """A table of escaped names and values; name as of `table`."""
+    return table(name, (), [(escape(key), f"<span>{escape(value)}</span>") for key, value in entries])
+
+
+def tile(name: str, value: str, rows: Sequence[tuple[str, str]] = (), after: str = "") -> str:
+    """A card with a number of the first screen: what it is of, its value, and what stands beside that value as far as it is
+    known; all as HTML."""
+    items = "".join(f"<dt>{what}</dt><dd>{text}</dd>" for what, text in rows if text != "–")
+    return (
+        f'<div class="card tile"><h2 class="name">{name}</h2><p class="value">{value}</p>'
+        f"{f'<dl>{items}</dl>' if items else ''}{after}</div>"
+    )
+
+
+def mark(text: str, good: bool) -> str:
+    """What does hold, or does not, in a tile."""
+    return f'<p class="mark {"good" if good else "bad"}">{"✓" if good else "✕"} {text}</p>'
+
+
+def badge(label: str, index: int, *, hollow: bool = False) -> str:
+    """A gauge's label on its own colour, or hollow in a frame of it."""
+    colour = drawing.gauge_colour(index)
+    ground = "#ffffff" if hollow else colour
+    style = f"background:{ground};color:{drawing.ink_on(ground)}" + f";box-shadow:inset 0 0 0 2px {colour}" * hollow
+    return f'<span class="badge" style="{style}">{escape(label)}</span>'
+
+
+def figure(entry: Drawing, index: int) -> str:
+    """A card with the drawing inline, in the page's colours, and its caption."""
+    return (
+        f'<figure class="card"><h3>{escape(entry.title)}</h3>{inline_svg(entry, f"f{index}-")}'
+        f"<figcaption>{escape(entry.caption)}</figcaption></figure>"
+    )
+
+
+def chosen(drawings: Sequence[Drawing], *begins: str) -> list[str]:
+    """Cards of the figures whose keys begin so; a figure's number on the page is its place in `drawings`."""
+    return [figure(entry, i) for i, entry in enumerate(drawings) if entry.key.startswith(begins)]
+
+
+def figures(cards: Iterable[str], heading: str = "", grid: str = "figures") -> str:
+    """Cards side by side below a heading; nothing where there are none. grid: "figures", or "multiples", which are smaller."""
+    shown = "".join(cards)
+    return f'{heading}<div class="{grid}">{shown}</div>' if shown else ""
+
+
+def folded(cards: Sequence[str], grid: str, unfolded: int = 12) -> str:
+    """Cards as of `figures`; from number `unfolded` on they are shown on demand."""
+    more = figures(cards[unfolded:], f"<summary>{len(cards) - unfolded} more</summary>", grid)
+    return figures(cards[:unfolded], grid=grid) + (f"<details>{more}</details>" if more else "")
+
+
+def picture(png: bytes, alt: str, width: int, height: int) -> str:
+    """A picture of the page itself, in pixels of the page."""
+    source = f"data:image/png;base64,{base64.b64encode(png).decode()}"
+    return f'<img alt="{escape(alt)}" width="{width}" height="{height}" src="{source}">'
+
+
+def scene(png: bytes, alt: str, label: str, width: int = 1280, height: int = 840) -> str:
+    """A picture that scrolls where it is wider than the page; label: what it is of."""
+    shown = picture(png, alt, width, height)
+    return f'<div class="scene" tabindex="0" role="region" aria-label="{escape(label)}">{shown}</div>'
+
+
+def inline_svg(entry: Drawing, prefix: str) -> str:
+    """The SVG as an element of the page: own ids under `prefix`, themed colours, alternative text, nothing to fetch.
+
+    The drawing's bytes stay a standard SVG with plain colours; here they turn into the page's variables, so that the
+    same figure reads on a light page, on a dark one and on paper.
+    """
+    text = entry.svg.decode()
+    text = text[text.index("<svg") :]
+    head, body = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    body = re.sub(r'<g id="[^"]*"', "<g", body)
+    used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', body))
+    body = re.sub(r' id="([^"]*)"', lambda match: f' id="{prefix}{match[1]}"' if match[1] in used else "", body)
+    body = re.sub(r'(?:xlink:)?href="#', f'href="#{prefix}', body).replace("url(#", f"url(#{prefix}")
+    body = re.sub(r"#[0-9a-f]{6}\b(?=[;\"\s])", lambda match: THEME.get(match[0], match[0]), body)
+    # Text without a colour of its own is black in SVG, and would vanish on a dark page.
+    return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'
+
+
+def decimals(points: FloatArray, frame: Frame = METRES) -> int:
+    """Decimals that show a position in the frame's unit to about a ten-thousandth of the structure's size; points (n, 3) [m]."""
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) / frame.metres
+    return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
+
+
+def coordinates(position: FloatArray, places: int) -> str:
+    """Coordinates with that many decimals."""
+    return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
+
+
+def axes(position: FloatArray, places: int, frame: Frame = METRES) -> list[str]:
+    """x, y and z of a position (3,) [m] as cells in the frame, with that many decimals."""
+    own = frame.place(position)
+    return [data(float(value), coordinates(own[i : i + 1], places)) for i, value in enumerate(own)]

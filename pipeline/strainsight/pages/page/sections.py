@@ -1,0 +1,198 @@
+"""The frame of every page, one self-contained file that fetches nothing and runs nothing but its own scripts, and the sections
+that several kinds of page have; each is "" where there is nothing to show."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from html import escape
+from importlib.resources import files
+
+from strainsight.estimation.decision import CONSISTENT, comparison_verdict
+from strainsight.pages.page.markup import bullets, measure, pairs, plain, share, table
+from strainsight.pages.text import percent
+from strainsight.records.estimated import BANK, Compared
+from strainsight.runner.output import Table
+
+PARTS = files("strainsight.pages")
+SPACE_STYLE, SPACE_SCRIPTS = "space/space.css", ("space/draw.js", "space/view.js")
+"""Files of the page that go with a structure to turn round; the scripts run as one."""
+
+
+def document(
+    kind: str,
+    name: str,
+    title: str,
+    answer: str,
+    sections: Iterable[str],
+    footer: str,
+    style: str = "",
+    *,
+    turned: bool = False,
+) -> str:
+    """HTML text of a page. kind ("gauge placement"), name of the run, title: plain text; answer, sections, footer: HTML; style: a
+    file beside page.css whose rules come after its own; turned: whether a section has a structure to turn round."""
+    styles = ["page/page.css", *filter(None, [style]), *[SPACE_STYLE] * turned]
+    css = "".join(map(text_of, styles))
+    running = [text_of("page/tables.js"), *["\n".join(map(text_of, SPACE_SCRIPTS))] * turned]
+    return "\n".join(
+        (
+            "<!DOCTYPE html>",
+            '<html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f'<meta http-equiv="Content-Security-Policy" content="{policy(running)}">',
+            f"<title>{escape(title)} – strainsight</title><style>\n{css}</style></head><body>",
+            f'<header><p class="eyebrow">strainsight · {kind} · {escape(name)}</p>',
+            f"<h1>{escape(title)}</h1>",
+            f'<p class="answer" id="in-short">{answer}</p></header><main data-run="{escape(name)}">',
+            *(section for section in sections if section),
+            "</main>",
+            f"<footer>{footer}</footer>",
+            *(f'<script type="module">{script}</script>' for script in running),
+            "</body></html>\n",
+        )
+    )
+
+
+def text_of(name: str) -> str:
+    """The text of a file below `report/`."""
+    return PARTS.joinpath(name).read_text(encoding="utf-8")
+
+
+def policy(scripts: Iterable[str]) -> str:
+    """The page's content security policy: nothing is fetched, and no script runs but these, each named by its digest;
+    whatever a name in a deck contains."""
+    digests = (base64.b64encode(sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{digest}'" for digest in digests)
+    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
+
+
+COLOURS = ("blue", "vermilion", "green", "orange", "purple", "sky", "ink")
+OTHER, REST = "all others", "muted"
+"""Sources beyond the colours, the smallest, are one part of a bar."""
+BUDGET = (
+    "Shares of the variance of the filtered estimate, of a parameter at the end of the run, of a load over its last half. noise: "
+    "of the gauges; process noise: what the loads and the motion may do beside their model; start: what is not known at first."
+)
+LEAD = "The same samples and model, tolerances left out: the filters differ in what they approximate."
+FILTERS = (
+    "The bank is Bayes' rule but for quadrature; sigma-point and extended filter take parameter and motion as normal, and the "
+    "extended one neglects the product of their errors. Ratio: the RMS error that the bank expects of an estimate, over "
+    "the σ claimed for it; above 2 overconfident, below 0.5 too cautious."
+)
+DAMAGE = "Of the hottest spots of the surface, none near another, and of virtual gauges."
+
+
+def section(heading: str, content: str, name: str = "", kind: str = "card") -> str:
+    """A heading and, below it in a card, HTML; name: what links lead to."""
+    target = f' id="{name}"' if name else ""
+    return f'<h2{target}>{heading}</h2><div class="{kind}">{content}</div>' if content else ""
+
+
+def panel(heading: str, content: str) -> str:
+    """A card with a heading of its own, among others."""
+    return f'<section class="card"><h3>{heading}</h3>{content}</section>' if content else ""
+
+
+def warnings_section(warnings: Sequence[str]) -> str:
+    """What a reader has to know, the gravest first."""
+    return section("Warnings", bullets(warnings) if warnings else "", "warnings", "card warnings")
+
+
+def advice_card(advice: Sequence[str], level: str = "h2") -> str:
+    """What to do with a layout; level: of the heading."""
+    heading = f"<{level}>What to do with this layout</{level}>"
+    return f'<section class="card notes advice">{heading}{bullets(advice)}</section>' if advice else ""
+
+
+def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str = "") -> str:
+    """Model and run, `more` panels, and provenance side by side."""
+    first, last = (
+        panel(heading, pairs(heading.lower(), entries.items()) if entries else "")
+        for heading, entries in (("Model and run", facts), ("Provenance", provenance))
+    )
+    panels = f"{first}{more}{last}"
+    return f'<h2>What it rests on</h2><div class="panels">{panels}</div>' if panels else ""
+
+
+def listing_section(heading: str, own: Table | None, numeric: Iterable[int], lead: str = "") -> str:
+    """A table of the terminal; `numeric` columns are flush right."""
+    if own is None or not own.rows:
+        return ""
+    head, rows = [escape(name) for name in own.columns], [[escape(cell) for cell in row] for row in own.rows]
+    return section(escape(heading), table(own.title, head, rows, caption=escape(lead), numeric=numeric))
+
+
+def damage_section(own: Table | None) -> str:
+    """Hot spots and virtual gauges."""
+    return listing_section("Fatigue damage", own, (2, 4), DAMAGE)
+
+
+def held_mark(verdict: str) -> str:
+    """A verdict with a tick where it is consistent, else with a cross; empty where there is none."""
+    return f"{'✓' if verdict == CONSISTENT else '✕'} {verdict}" * bool(verdict)
+
+
+def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
+    """What other filters make of the same samples, and whether their σ allows for what the bank finds: a row for every parameter
+    and filter."""
+    if compared is None:
+        return ""
+    rows = []
+    for name, estimate in compared.estimate.items():
+        for i, kind in enumerate(compared.filter):
+            ratio = float(compared.ratio[name][i])
+            verdict = "" if kind == BANK else comparison_verdict(ratio)
+            rows.append(
+                [
+                    escape(name),
+                    escape(kind),
+                    measure(float(estimate[i]), units[name]),
+                    share(float(compared.std[name][i] / estimate[i])),
+                    plain(ratio, 3) if verdict else "–",
+                    held_mark(verdict),
+                ]
+            )
+    head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")
+    text = table("filters compared", head, rows, caption=FILTERS, numeric=(2, 3, 4))
+    return f'<h2>By other filters</h2><p class="lead">{LEAD}</p><div class="card">{text}</div>'
+
+
+def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
+    """Bars, their key and the table; nothing without a budget. budget: unknown's name → source → share of its variance."""
+    if not budget:
+        return ""
+    sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
+    largest = {source: max(shares.get(source, 0.0) for shares in budget.values()) for source in sources}
+    order = sorted(sources, key=lambda source: -largest[source])
+    colour = dict(zip(order, COLOURS, strict=False))
+    bars = "".join(_bar(name, shares, colour) for name, shares in budget.items())
+    shown = {**colour, **({OTHER: REST} if len(order) > len(colour) else {})}
+    key = "".join(
+        f'<li><i style="background:var(--{tone})"></i>{escape(source)}</li>' for source, tone in shown.items()
+    )
+    rows = [[escape(name), *(share(shares.get(source)) for source in order)] for name, shares in budget.items()]
+    head = ["variance of", *map(escape, order)]
+    text = table("shares of the variance", head, rows, caption=BUDGET, numeric=range(1, len(head)))
+    return (
+        f'<h2>What the uncertainty is made of</h2><div class="card">{bars}<ul class="key">{key}</ul>'
+        f'<div class="below">{text}</div></div>'
+    )
+
+
+def _bar(name: str, shares: Mapping[str, float], colour: Mapping[str, str]) -> str:
+    """The sources of one unknown side by side, as wide as their shares; in words for those who do not see it."""
+    parts = {source: shares.get(source, 0.0) for source in colour}
+    parts[OTHER] = sum(value for source, value in shares.items() if source not in colour)
+    largest = sorted(parts.items(), key=lambda part: -part[1])
+    said = ", ".join(f"{source} {percent(value, 2)}" for source, value in largest if value >= 0.005)
+    pieces = "".join(
+        f'<i style="width:{100 * value:.2f}%;background:var(--{colour.get(source, REST)})"></i>'
+        for source, value in parts.items()
+        if value >= 0.0005
+    )
+    return (
+        f'<p class="of">{escape(name)}</p>'
+        f'<div class="bar" role="img" aria-label="{escape(f"Variance of {name}: {said}.")}">{pieces}</div>'
+    )

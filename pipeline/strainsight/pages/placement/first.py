@@ -1,0 +1,267 @@
+"""The first screen of a placement report: where the gauges go, what they will tell and how well, and what to mind."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from html import escape
+
+from strainsight.estimation.decision import LOST, WITHHELD
+from strainsight.pages.chart.drawing import VERMILION
+from strainsight.pages.page import markup
+from strainsight.pages.page.markup import (
+    axes,
+    badge,
+    bullets,
+    coordinates,
+    count,
+    decimals,
+    mark,
+    measure,
+    plain,
+    share,
+    table,
+    tile,
+)
+from strainsight.pages.picture import picture
+from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.markers import shape
+from strainsight.pages.placement.data import Case, PlacementReport, Unknown
+from strainsight.pages.placement.gauge_table import SINGLE, expected_with_all, names_without
+from strainsight.pages.placement.verdicts import HARDLY, denominator, faults, leading, not_shown
+from strainsight.pages.text import listed
+
+
+def answer(report: PlacementReport) -> str:
+    """The first sentences: what does not hold, then how many gauges tell what, how well, and which unknown is weakest."""
+    gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
+    bonded = sum(gauge.bonded for gauge in report.layout.gauges)
+    word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
+    many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
+    sound = [unknown for unknown in report.unknowns if not faults(unknown)]
+    known = [unknown for unknown in sound if _sigma(unknown) is not None]
+    parts = [f"{escape(own.name)} to within ±{share(_sigma(own))} {denominator(own)}" for own in known]
+    text = leading(report.unknowns)
+    text += f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
+    tell = "tells" if gauges == 1 else "tell"
+    if parts:
+        names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
+        text += f" {tell} {listed(parts)} ({' or '.join(names)})."
+    elif sound:
+        text += f" {tell} {listed([escape(unknown.name) for unknown in sound])}."
+    else:
+        text += "."
+    if len(known) > 1:
+        weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
+        text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
+    return text + _worst_cases(report)
+
+
+def _worst_cases(report: PlacementReport) -> str:
+    """In which load case every unknown is known least; empty without load cases."""
+    if report.load_cases is None:
+        return ""
+    parts = [
+        f"{escape(own.name)} ±{share(own.expected_std)} in {escape(own.worst_case)}"
+        for own in report.unknowns
+        if own.worst_case
+    ]
+    many = len(report.load_cases.name)
+    return (
+        f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {listed(parts)}, of the amplitude there."
+    )
+
+
+def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
+    """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
+    and what to mind. Every number in it is a `data` element."""
+    order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
+    tiles = "".join(_tile(unknown) for unknown in order) + _bound_tile(report)
+    return (
+        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
+        f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
+    )
+
+
+def _sigma(unknown: Unknown) -> float | None:
+    """The standard deviation to show first: the filter's own where it ran, else what placement expects."""
+    if unknown.withheld:
+        return None
+    return unknown.expected_std if unknown.std is None else unknown.std
+
+
+def _name_of_sigma(unknown: Unknown) -> str:
+    return "expected σ" if unknown.std is None else "claimed σ"
+
+
+def _tile(unknown: Unknown) -> str:
+    """One unknown: its estimate and band, whether the claim held, and what they are beside."""
+    kind = "load" if unknown.kind == "input" else "parameter"
+    sigma = _sigma(unknown)
+    if unknown.kind == "parameter" and unknown.estimate is not None:
+        value = measure(unknown.estimate, unknown.unit)
+        value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
+    else:
+        value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
+    load = unknown.kind == "input"
+    rows = [(f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–")]
+    rows += [
+        ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
+        ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
+        ("error in the test", share(unknown.error)),
+        ("error after smoothing", share(unknown.smoothed_error if load else None)),
+    ]
+    if unknown.zero:
+        rows.append(("amplitude", measure(unknown.guess, unknown.unit)))
+    if unknown.std is not None:
+        rows.append(("expected σ", share(unknown.expected_std)))
+    if unknown.worst_case:
+        rows.append(("expected in load case", escape(unknown.worst_case)))
+    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
+
+
+def _mark(unknown: Unknown) -> str:
+    """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
+    if unknown.lost or unknown.withheld:
+        return mark(f"{LOST}: {HARDLY}" if unknown.lost else WITHHELD, False)
+    if not unknown.claims:
+        return ""
+    claim = unknown.claims[0]
+    return mark(claim.words(plain, limit=False), not claim.overconfident)
+
+
+def _bound_tile(report: PlacementReport) -> str:
+    """How far the chosen set can be from the best one."""
+    trend = report.trend
+    rows = [(f"metric {escape(trend.metric.symbol)}", plain(trend.final))]
+    if trend.lower_bound is not None:
+        rows.append(("no set can go below", plain(trend.lower_bound)))
+    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]
+    if others:
+        best = min(others, key=lambda entry: entry.chosen)
+        # what is below the bound is no better layout: other rules know no limits
+        beyond = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
+        rows.append((f"best other rule{', beyond the limits' * beyond} ({escape(best.rule)})", plain(best.chosen)))
+    value = "not certified"
+    if trend.gap is not None:
+        value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
+    return tile("distance from the best possible set", value, rows)
+
+
+def _without(report: PlacementReport) -> str:
+    """Every gauge, its place, and what the unknowns would be without it; what they are with all."""
+    gauges, names = report.layout.gauges, names_without(report)
+    frame = report.layout.frame
+    places = decimals(report.layout.points, frame)
+    rows = [
+        [
+            badge(gauge.label, index, hollow=gauge.bonded),
+            *(share(gauge.without.get(name, math.nan)) for name in names),
+            *axes(gauge.position, places, frame),
+        ]
+        for index, gauge in enumerate(gauges)
+    ]
+    expected = expected_with_all(report, names)
+    text = table(
+        "with and without",
+        ["gauge", *(f"expected σ({escape(name)})" for name in names), *frame.heads],
+        rows,
+        title="<h2>With all and without each gauge</h2>" if names else "<h2>Gauges</h2>",
+        numeric=range(1, 4 + len(names)),
+        foot=["with all", *expected, "", "", ""] if expected else (),
+    )
+    lost = any(math.isinf(value) for gauge in gauges for value in gauge.without.values())
+    more = " ∞: without that gauge the unknown can no longer be observed." if lost else ""
+    note = f'<p class="note">Expected σ if that gauge fails.{more}</p>' if names else ""
+    return f'<div class="card without">{text}{note}</div>'
+
+
+def _cautions(report: PlacementReport) -> str:
+    """What can be known and what cannot, what was not tested, and how many warnings there are."""
+    cards = ""
+    if known := _observable(report):
+        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{known}</ul></div>'
+    if report.not_tested:
+        cards += f'<div class="card notes"><h2>Not tested</h2>{bullets(report.not_tested)}</div>'
+    if many := len(report.warnings):
+        words = f"{count(many)} warning{'s' * (many > 1)}"
+        cards += (
+            f'<div class="card warnings"><h2>Warnings</h2><p><a href="#warnings">{words}</a>: '
+            f"read {'them' if many > 1 else 'it'} before you decide.</p></div>"
+        )
+    return f'<div class="cautions">{cards}</div>' if cards else ""
+
+
+def _observable(report: PlacementReport) -> str:
+    """Items: whether all unknowns are observable, and the smallest sets that are not."""
+    asked = frozenset(unknown.name for unknown in report.unknowns)
+    lost: dict[frozenset[str], list[Case]] = {}
+    for case in report.cases:
+        if case.lost:
+            lost.setdefault(frozenset(case.unknowns), []).append(case)
+    excitations = {case.excitation for case in report.cases}
+    gone = [unknown.name for unknown in report.unknowns if math.isinf(_sigma(unknown) or 0.0)]
+    items = []
+    if gone:
+        items.append(f'<strong class="bad">{listed([escape(name) for name in gone])}: not with these gauges.</strong>')
+    elif asked and asked not in lost and (report.cases or all(u.expected_std is not None for u in report.unknowns)):
+        items.append("All unknowns are observable.")
+    for names, cases in lost.items():
+        where = {case.excitation for case in cases}
+        if any(other < names and where <= {case.excitation for case in others} for other, others in lost.items()):
+            continue
+        how = "cannot be estimated" if any(math.isinf(case.condition) for case in cases) else "can hardly be estimated"
+        at = "" if where == excitations else f" in {listed([escape(case.excitation) for case in cases])}"
+        text = f"{listed([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
+        items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
+    items += not_shown(report.unknowns)
+    return "".join(f"<li>{item}</li>" for item in items)
+
+
+OUTLINES = {
+    "bar": "polygon(0 30%,100% 30%,100% 70%,0 70%)",
+    "star": "polygon(38% 0,62% 0,62% 38%,100% 38%,100% 62%,62% 62%,62% 100%,38% 100%,38% 62%,0 62%,0 38%,38% 38%)",
+    "cone": "polygon(0 0,100% 0,50% 100%)",
+}
+"""The shapes of `markers.shape` that are no square, in small."""
+
+
+def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
+    """Where the gauges go, as a picture with its key; scene: PNG bytes, or None with the sentence on why ("": no card)."""
+    if scene is None:
+        shown = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
+    else:
+        frame = layout.frame
+        places = decimals(layout.points, frame)
+        where = "; ".join(
+            f"{gauge.label} at {coordinates(frame.place(gauge.position), places)} {frame.unit}"
+            for gauge in layout.gauges
+        )
+        alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
+        key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
+        key.append((picture.POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
+        if layout.loads:
+            loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
+            key.append((VERMILION, "", f"load {', '.join(loads)}"))
+        if len(layout.fixed):
+            key.append((picture.CLAMP, "", "clamped nodes"))
+        if len(layout.loose):
+            key.append((picture.LINES, "", "nodes outside the solids"))
+        items = "".join(_key(*entry) for entry in key)
+        shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{items}</ul>'
+    return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
+
+
+def _kinds(gauges: tuple[Gauge, ...]) -> list[tuple[str, str]]:
+    """Which marks stand for sensors, and how many of each kind, as HTML: only what occurs."""
+    found = Counter(gauge.kind for gauge in gauges)
+    marks = [(shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}") for kind, many in found.items()]
+    bonded = sum(gauge.bonded for gauge in gauges)
+    return marks + [("hollow", f"{count(bonded)} of them bonded already")] * bool(bonded)
+
+
+def _key(colour: str, name: str, text: str) -> str:
+    """One entry of the picture's key: a small shape in its colour, and its words as HTML."""
+    outline = f";clip-path:{OUTLINES[name]}" if name in OUTLINES else ""
+    style = f"background:{colour}{outline}" if name != "hollow" else f"background:#ffffff;border:2px solid {colour}"
+    return f'<li><i class="{name}" style="{style}"></i>{text}</li>'

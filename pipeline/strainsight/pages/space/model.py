@@ -1,0 +1,260 @@
+"""What can be turned round on a page: one list of vertices, and triangles, lines and dots between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from strainsight.pages.arrays import FloatArray, IntArray
+from strainsight.pages.chart.drawing import VERMILION, gauge_colour
+from strainsight.pages.picture.colours import Scale, scale_of
+from strainsight.pages.picture.geometry import areas, at_points, mesh_lines, triangles, views
+from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.markers import arrow_mesh, foil, marker, surface_mesh
+from strainsight.pages.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
+from strainsight.pages.picture.scene import thinned
+
+LENGTH = 0.034
+"""Of a gauge's bar, over the size of the structure."""
+ROUNDING = 1e-9
+"""Of the largest value of a contour: below it is none, and has no sign that a scale would show."""
+LARGEST = 20_000
+"""Triangles: more would make the page heavy and look the same."""
+MOST_LINES = 30_000
+"""Mesh lines: more would turn the surface black."""
+CREASE = 30.0
+"""Between facets that meet at a larger angle [deg] the surface has an edge."""
+CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
+
+
+@dataclass(frozen=True)
+class Contour:
+    """Colours of the surface: values (n,) at the layout's points, NaN where there is none, their scale; least, largest on any
+    facet."""
+
+    values: FloatArray
+    scale: Scale
+    least: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A state in which the structure can be seen: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen,
+    empty: where they are; contour, None: plain; group: heading of the list that it is offered in."""
+
+    caption: str
+    shift: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    contour: Contour | None = None
+    group: str = "Mode shapes"
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One kind of primitive: index (k, 3), (k, 2) or (k,) into the vertices; colour "#rrggbb", "" for the vertices' own;
+    size of a dot [px]; group: number of the layout it belongs to, −1: to all; when: "seen" gauges as large as they are to be
+    seen, "scale" gauges as large as they are, "plain" where the surface has no contour, "" always."""
+
+    primitive: Literal["triangles", "lines", "points"]
+    index: IntArray
+    colour: str = ""
+    size: float = 1.0
+    group: int = -1
+    when: Literal["", "seen", "scale", "plain"] = ""
+
+
+@dataclass(frozen=True)
+class Space:
+    """position (v, 3) [m]; normal (v, 3), zero where a vertex is not shaded; colour (v, 3) 0 to 255; source (v,): the point of
+    the structure that a vertex moves with; surface: so many vertices, the first ones, are of its surface; parts in the order
+    they are drawn; anchor: of every gauge of every layout, a vertex that moves with it; eye (3,): unit vector towards the
+    first view; thinned: as in `Surface`."""
+
+    position: FloatArray
+    normal: FloatArray
+    colour: NDArray[np.uint8]
+    source: IntArray
+    surface: int
+    parts: tuple[Drawn, ...]
+    anchor: tuple[int, ...]
+    eye: FloatArray
+    thinned: bool
+
+
+def space(layouts: Sequence[Layout]) -> Space:
+    """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
+
+    What the layouts share is taken from the first.
+    """
+    layouts = [thinned(layout) for layout in layouts]
+    shared = layouts[0]
+    body = surface(shared.points, shared.faces)
+    size = float(np.linalg.norm(np.ptp(shared.points, axis=0))) or 1.0
+    gathered = _Gathered(shared.points)
+
+    def solid(mesh: Any, colour: str, anchor: FloatArray) -> IntArray:
+        drawn = mesh.triangulate().compute_normals(cell_normals=False, split_vertices=True, feature_angle=CREASE)
+        first = gathered.add(drawn.points, drawn.point_data["Normals"], colour, gathered.nearest(anchor))
+        return np.asarray(drawn.faces.reshape(-1, 4)[:, 1:] + first, dtype=np.int64)
+
+    def marked(gauge: Gauge, meshes: list[Any], colour: str) -> list[IntArray]:
+        anchors = [arm.position for arm in gauge.arms] or [gauge.position] * len(meshes)
+        return [solid(mesh, colour, at) for mesh, at in zip(meshes, anchors, strict=bool(meshes))]
+
+    def dots(points: FloatArray, colour: str, width: float, group: int = -1) -> list[Drawn]:
+        if not len(points):
+            return []
+        first = gathered.add(points, np.zeros_like(points), colour, gathered.nearest(points))
+        return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
+
+    first = gathered.add(body.position, body.normal, STEEL, body.source)
+    loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
+    solids = np.concatenate([body.triangle + first, *loads])
+    parts = [Drawn("triangles", solids)] * bool(len(solids))
+    parts += [Drawn("lines", body.line, LINES, when="plain")] * bool(len(body.line))
+    parts += [Drawn("lines", body.crease, CREASES)] * bool(len(body.crease))
+    if len(shared.bars):
+        ends = shared.points[shared.bars].reshape(-1, 3)
+        first = gathered.add(ends, np.zeros_like(ends), CREASES, gathered.nearest(ends))
+        parts.append(Drawn("lines", first + np.arange(len(ends)).reshape(-1, 2), CREASES))
+    parts += dots(shared.loose, LINES, 9.0) + dots(shared.fixed, CLAMP, 7.0)
+    anchor: list[int] = []
+    for group, layout in enumerate(layouts):
+        seen, true = [], []
+        for i, gauge in enumerate(layout.gauges):
+            anchor.append(gathered.count)
+            own = marked(gauge, marker(gauge, LENGTH * size), gauge_colour(i))
+            seen += own
+            # What has no foil is drawn alike either way.
+            true += marked(gauge, foil(gauge), gauge_colour(i)) or own
+        either = any(gauge.foil[0] for gauge in layout.gauges)
+        parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
+        parts += [Drawn("triangles", np.concatenate(true), group=group, when="scale")] if either else []
+        parts += dots(layout.pool, POOL, 5.0, group)
+    position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))
+    eye = views(shared.points, triangles(shared.faces), position, normal)[0]
+    return Space(*gathered.arrays(), len(body.position), tuple(parts), tuple(anchor), eye, body.thinned)
+
+
+def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> Contour:
+    """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
+    values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
+    shown = at_points(values, layout.faces, len(layout.points))
+    scale = scale_of(quantity, unit, values, areas(layout.points, layout.faces))
+    return Contour(shown, scale, float(values.min()), float(values.max()))
+
+
+def vertex_shift(space: Space, shape: Shape) -> FloatArray:
+    """The shift (v, 3) [m] of every vertex: that of the layout's point it stands for."""
+    return np.asarray(shape.shift[space.source])
+
+
+class _Gathered:
+    """Vertices of all parts, one after the other."""
+
+    def __init__(self, points: FloatArray) -> None:
+        from scipy.spatial import cKDTree
+
+        self._tree = cKDTree(points)
+        self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
+        self.count = 0
+
+    def nearest(self, wanted: FloatArray) -> Any:
+        """The layout's points nearest to these."""
+        return self._tree.query(wanted)[1]
+
+    def add(self, position: Any, normal: Any, colour: str, source: Any) -> int:
+        """Take vertices of one colour; returns the number of the first."""
+        first, many = self.count, len(position)
+        rgb = np.tile(np.frombuffer(bytes.fromhex(colour[1:]), np.uint8), (many, 1))
+        self._parts.append((np.asarray(position, float), np.asarray(normal, float), rgb, np.broadcast_to(source, many)))
+        self.count += many
+        return first
+
+    def arrays(self) -> tuple[FloatArray, FloatArray, NDArray[np.uint8], IntArray]:
+        position, normal, colour, source = (np.concatenate(arrays) for arrays in zip(*self._parts, strict=True))
+        return position, normal, colour, source.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """position (v, 3) [m], normal (v, 3) unit vectors; triangle (t, 3), line (l, 2), crease (c, 2): indices into them;
+    source (v,): which point of the structure a vertex stands for; thinned: whether triangles were merged."""
+
+    position: FloatArray
+    normal: FloatArray
+    triangle: IntArray
+    line: IntArray
+    crease: IntArray
+    source: IntArray
+    thinned: bool
+
+
+def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Surface:
+    """points (n, 3) [m], faces (f, 8) padded with −1 → what is drawn of them: at most about `largest` triangles.
+
+    Too many are first drawn without their mid-side nodes, then merged by quadric errors (Garland and Heckbert, 1997).
+    """
+    triangle = triangles(faces)
+    if not len(triangle):
+        nothing, none = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
+        return Surface(nothing, nothing, triangle, none, none, np.empty(0, dtype=np.int64), False)
+    lines = mesh_lines(faces)
+    if len(triangle) > largest:
+        faces = straight(faces)
+        triangle, lines = triangles(faces), mesh_lines(faces)
+    body = _body(points, triangle)
+    thinned = len(triangle) > largest
+    if thinned:
+        body = body.decimate(1 - largest / len(triangle))
+        body.point_data["source"] = _nearest(points[np.unique(triangle)], np.unique(triangle), body.points)
+    shaded = body.compute_normals(
+        cell_normals=False, split_vertices=True, feature_angle=CREASE, consistent_normals=False,
+        auto_orient_normals=False,
+    )  # fmt: skip
+    source = np.asarray(shaded.point_data["source"], dtype=np.int64)
+    position = np.asarray(shaded.points, dtype=float)
+    edges = body.extract_feature_edges(CREASE, manifold_edges=False, non_manifold_edges=False)
+    return Surface(
+        position,
+        np.asarray(shaded.point_data["Normals"], dtype=float),
+        shaded.faces.reshape(-1, 4)[:, 1:],
+        np.empty((0, 2), int) if thinned or len(lines) > MOST_LINES else _at(source, lines),
+        _nearest(position, np.arange(len(position)), edges.points)[edges.lines.reshape(-1, 3)[:, 1:]],
+        source,
+        thinned,
+    )
+
+
+def straight(faces: IntArray) -> IntArray:
+    """Facets (f, 8) without their mid-side nodes."""
+    count = np.sum(faces >= 0, axis=1)
+    corners = np.array([CORNERS.get(k, k) for k in range(9)])[count]
+    return np.where(np.arange(faces.shape[1]) < corners[:, None], faces, -1)
+
+
+def _body(points: FloatArray, triangle: IntArray) -> Any:
+    """PyVista's surface of the points that triangles have, which remember where they come from."""
+    used, local = np.unique(triangle, return_inverse=True)
+    body = surface_mesh(points[used], local.reshape(triangle.shape))
+    body.point_data["source"] = used
+    return body
+
+
+def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntArray:
+    """The number of the point that is nearest to each wanted one."""
+    from scipy.spatial import cKDTree
+
+    if not len(wanted):
+        return np.empty(0, dtype=np.int64)
+    return np.asarray(numbers[cKDTree(points).query(wanted)[1]], dtype=np.int64)
+
+
+def _at(source: IntArray, lines: IntArray) -> IntArray:
+    """Lines between points as lines between the vertices that stand for them (the first of several)."""
+    known, first = np.unique(source, return_index=True)
+    return np.asarray(first[np.searchsorted(known, lines)], dtype=np.int64)

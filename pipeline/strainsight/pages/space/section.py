@@ -1,0 +1,208 @@
+"""The section of a page in which the structure can be turned round, and its data."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+
+from strainsight.pages.arrays import FloatArray
+from strainsight.pages.chart.drawing import gauge_colour, ink_on
+from strainsight.pages.datum import Frame
+from strainsight.pages.page.markup import coordinates, decimals, measure
+from strainsight.pages.picture.colours import scale_bar, stops
+from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.space.model import Contour, Shape, Space, space, vertex_shift
+from strainsight.pages.text import number, percent
+
+AXES = (
+    '<svg id="space-axes" viewBox="-44 -44 88 88" aria-hidden="true">'
+    + "".join(f'<g><line/><text dy=".35em">{name}</text></g>' for name in "xyz")
+    + "</svg>"
+)
+
+MANNERS = (
+    "Drag to turn, with Shift or the right button to move; two fingers or, after a click, the wheel to zoom. "
+    "Click a gauge to read where it is."
+)
+VIEWS = (
+    '<span class="views"><button type="button" data-eye="home">Reset</button>'
+    + "".join(f'<button type="button" data-eye="{axis}" aria-label="from {axis}">{axis}</button>' for axis in "xyz")
+    + '<button type="button" data-zoom="1.25" aria-label="zoom in">+</button>'
+    '<button type="button" data-zoom="0.8" aria-label="zoom out">−</button></span>'
+)
+
+TRUE_SIZE = (
+    '<button type="button" id="space-true" aria-pressed="false" title="as large as they are, to be zoomed to">Gauges to scale'
+    "</button>"
+)
+
+
+def space_section(
+    layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "", first: int = -1
+) -> str:
+    """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
+
+    layouts: caption and gauges on one and the same structure; shapes: states that it can be seen in, offered group by group;
+    name: of the body, where there are others; first: the state it is seen in at first, −1: plain and at rest.
+    It is hidden until its script runs: without scripts, or on paper, the picture of the first screen stands for it.
+    """
+    if not layouts or not len(layouts[0][1].points):
+        return ""
+    model = space([layout for _, layout in layouts])
+    bars = "".join(
+        f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(shape.contour.scale)}{_extremes(shape.contour)}</div>'
+        for i, shape in enumerate(shapes)
+        if shape.contour is not None
+    )
+    bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
+    true = any(part.when == "scale" for part in model.parts)
+    choices = _choices([caption for caption, _ in layouts], shapes, first) + TRUE_SIZE * true
+    gauges = [
+        _gauge(gauge, i, group, layout.frame, decimals(layout.points, layout.frame))
+        for group, (_, layout) in enumerate(layouts)
+        for i, gauge in enumerate(layout.gauges)
+    ]
+    many = str(len(gauges)) if len(layouts) == 1 else ""
+    what = f"The structure with its {many} gauge{'s' * (len(gauges) != 1)}" if gauges else "The structure"
+    return (
+        f'<section id="space" class="card" hidden><h2>{escape(name or "The structure")} in space</h2>'
+        f'<p class="note">{MANNERS}{" The surface is thinned out for this view." * model.thinned}</p>'
+        f'<div class="space-frame"><div><div id="space-view" tabindex="0" role="application" aria-label="{what}: '
+        f'arrow keys turn it, plus and minus zoom, 0 goes back"><canvas></canvas>{AXES}</div>{bar}'
+        f'<div class="space-controls">{VIEWS}{choices}</div></div>'
+        f'<div class="space-side">{_side(gauges)}</div></div></section>'
+        f'<script type="application/json" id="space-data">{_data(model, gauges, shapes, first)}</script>'
+    )
+
+
+def _extremes(own: Contour) -> str:
+    """What the surface has at least and at most: a scale about zero ends elsewhere."""
+    least, largest = (measure(value, own.scale.unit, 3) for value in (own.least, own.largest))
+    return f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
+
+
+def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
+    """A chip for every gauge, and the place for the words on the picked one."""
+    if not gauges:
+        return ""
+    chips = "".join(
+        f'<button type="button" class="chip" data-gauge="{escape(gauge["label"])}" data-index="{i}" aria-pressed="false" '
+        f'style="background:{gauge["colour"]};color:{gauge["ink"]}"{" hidden" * (gauge["group"] > 0)}>'
+        f"{escape(gauge['label'])}</button>"
+        for i, gauge in enumerate(gauges)
+    )
+    return (
+        f'<div class="chips" role="group" aria-label="gauges">{chips}</div><div id="space-picked" aria-live="polite">'
+        '<p class="note">Pick a gauge to read its place.</p></div>'
+    )
+
+
+def _choices(captions: Sequence[str], shapes: Sequence[Shape], first: int) -> str:
+    """Which layout and which state is shown."""
+
+    def options(names: Iterable[tuple[int, str]]) -> str:
+        return "".join(f'<option value="{i}"{" selected" * (i == first)}>{escape(name)}</option>' for i, name in names)
+
+    text = ""
+    if len(captions) > 1:
+        listed = "".join(f'<option value="{i}">{escape(name)}</option>' for i, name in enumerate(captions))
+        text += f'<label>Gauges of <select id="space-layout">{listed}</select></label>'
+    if shapes:
+        groups: dict[str, list[tuple[int, str]]] = {}
+        for i, shape in enumerate(shapes):
+            groups.setdefault(shape.group, []).append((i, shape.caption))
+        offered = "".join(f'<optgroup label="{escape(name)}">{options(own)}</optgroup>' for name, own in groups.items())
+        text += (
+            f'<label>Show <select id="space-shape">{options([(-1, "plain body")])}{offered}</select></label>'
+            '<button type="button" id="space-play" hidden>Hold</button>'
+        )
+    return text
+
+
+def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Shape], first: int) -> str:
+    """What the script draws, as JSON: numbers and texts, and all arrays in one deflated, base64-coded run of bytes.
+
+    Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth. Of a contour the surface has a byte
+    a vertex: its place on the scale, 0 to 254, and 255 where there is no value.
+    """
+    low, span = model.position.min(axis=0), np.ptp(model.position, axis=0)
+    span = np.where(span > 0, span, 1.0)
+    arrays = [
+        np.round((model.position - low) / span * 65535).astype("<u2"),
+        np.round(127 * model.normal).astype("i1"),
+        model.colour,
+        *(part.index.astype("<u4") for part in model.parts),
+    ]
+    states = []
+    for shape in shapes:
+        state: dict[str, Any] = {"largest": 0.0, "stops": []}
+        if len(shape.shift):
+            shift = vertex_shift(model, shape)
+            state["largest"] = float(np.abs(shift).max(initial=0.0)) or 1.0
+            arrays.append(np.round(127 * shift / state["largest"]).astype("i1"))
+        if shape.contour is not None:
+            share = shape.contour.scale.share(shape.contour.values[model.source[: model.surface]])
+            arrays.append(np.where(np.isfinite(share), np.round(254 * np.nan_to_num(share)), 255).astype("u1"))
+            state["stops"] = [rgb.tolist() for rgb in stops(shape.contour.scale)]
+        states.append(state)
+    content = {
+        "low": low.tolist(),
+        "span": span.tolist(),
+        "vertices": len(model.position),
+        "eye": model.eye.tolist(),
+        "parts": [
+            {"count": int(part.index.size)}
+            | {key: getattr(part, key) for key in ("primitive", "colour", "size", "group", "when")}
+            for part in model.parts
+        ],
+        "surface": model.surface,
+        "states": states,
+        "first": first,
+        "gauges": [{**gauge, "anchor": anchor} for gauge, anchor in zip(gauges, model.anchor, strict=True)],
+        "arrays": base64.b64encode(zlib.compress(b"".join(array.tobytes() for array in arrays), 9)).decode(),
+    }
+    return json.dumps(content, allow_nan=False).replace("<", "\\u003c")
+
+
+def _vector(direction: FloatArray) -> str:
+    return " ".join(number(round(float(value), 4), 4) for value in direction)
+
+
+def _place(position: FloatArray, frame: Frame, places: int) -> str:
+    return f"{coordinates(frame.place(position), places)} {frame.unit}"
+
+
+def _gauge(gauge: Gauge, index: int, group: int, frame: Frame, places: int) -> dict[str, Any]:
+    """A gauge's mark and what its panel says."""
+    text = [("kind", gauge.kind)]
+    text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)
+    text += [("facet", str(gauge.facet))] * bool(gauge.facet)
+    text += [("nodes", " ".join(map(str, gauge.nodes)))] * bool(gauge.nodes)
+    text.append(("position" + " from the datum" * (not frame.of_the_deck), _place(gauge.position, frame, places)))
+    for direction in gauge.channels:
+        text.append(("direction", _vector(frame.turn(direction))))
+    for k, arm in enumerate(gauge.arms):
+        where = f"{_place(arm.position, frame, places)}, along {_vector(frame.turn(arm.direction))}"
+        text.append((f"arm {k + 1}, {'+' if arm.sign > 0 else '−'}", where))
+    text += [("angle", f"{number(gauge.angle, 3)}°")] * bool(gauge.element)
+    text += [
+        (f"σ({name}) without it", "cannot be observed" if math.isinf(value) else percent(value))
+        for name, value in gauge.without.items()
+        if not math.isnan(value)
+    ]
+    return {
+        "label": gauge.label,
+        "group": group,
+        "colour": gauge_colour(index),
+        "ink": ink_on(gauge_colour(index)),
+        "position": np.asarray(gauge.position, dtype=float).tolist(),
+        "normal": np.asarray(gauge.normal, dtype=float).tolist(),
+        "said": text,
+    }

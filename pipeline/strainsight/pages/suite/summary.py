@@ -1,0 +1,279 @@
+"""What every run of a suite comes to, unknown by unknown, and the first screen: one sentence on all runs, one table."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from urllib.parse import quote
+
+import numpy as np
+
+from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS, Claim
+from strainsight.pages.arrays import rms
+from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.page.markup import block, cell, count, grouped_table, links, plain, share, verdict_mark
+from strainsight.pages.placement.data import Unknown
+from strainsight.pages.placement.verdicts import faults, no_benefit, why
+from strainsight.pages.suite.cases import numbered
+from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
+
+NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
+WORDS = (*FAULTS, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
+"""What a run may come to, what does not hold first."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One unknown of one run, all relative.
+
+    error, std: of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is there);
+    rms, worst: error over the repeats, which are filtered: RMS of those that ended, worst of all, ∞ where one was lost;
+    repeats: how many, lost: how many of them diverged; verdicts: what is wrong with it, empty where nothing is. None is
+    what was not computed.
+    """
+
+    unknown: Unknown
+    smoothed: bool
+    error: float | None
+    std: float | None
+    rms: float | None
+    worst: float | None
+    repeats: int
+    lost: int
+    verdicts: tuple[str, ...]
+
+    @property
+    def claim(self) -> Claim | None:
+        """The claim that decides."""
+        return next(iter(self.unknown.claims), None)
+
+    @property
+    def verdict(self) -> str:
+        """All of them in words; "" where it was not estimated."""
+        if self.error is None:
+            return ""
+        return ", ".join(self.verdicts) or (self.claim.verdict if self.claim else "no claim")
+
+    @property
+    def sigmas(self) -> float | None:
+        """The error in units of the σ that was claimed for it."""
+        return None if self.error is None or not self.std else self.error / self.std
+
+
+def results_of(run: PlacementRun) -> tuple[Result, ...]:
+    """Every unknown of the run, in its order."""
+    return tuple(map(_result, run.unknowns))
+
+
+def is_estimated(run: SuiteRun) -> bool:
+    if isinstance(run, BenchRun):
+        return run.estimate is not None
+    return any(unknown.error is not None for unknown in run.unknowns)
+
+
+def counts(report: Suite) -> dict[str, list[int]]:
+    """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
+    found: dict[str, list[int]] = {word: [] for word in WORDS}
+    for index, run in enumerate(report.runs, start=1):
+        for word in _words(run):
+            found[word].append(index)
+    return {word: places for word, places in found.items() if places}
+
+
+def without_benefit(report: Suite) -> list[int]:
+    """Numbers of the runs, from 1, in which random layouts estimate every unknown as well as the placed one."""
+    return [
+        index
+        for index, run in report.placements
+        if run.unknowns and all(own.benefit is not None and own.benefit.verdict == "none" for own in run.unknowns)
+    ]
+
+
+def _words(run: SuiteRun) -> tuple[str, ...]:
+    """What is wrong with a run, each once; else whether its σ hold."""
+    if not is_estimated(run):
+        return (NOT_ESTIMATED,)
+    if isinstance(run, BenchRun):
+        wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
+    else:
+        results = results_of(run)
+        wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
+        held = {result.claim.verdict for result in results if result.claim is not None}
+    return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
+
+
+def _result(unknown: Unknown) -> Result:
+    repeats = unknown.repeats
+    smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
+    error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
+    typical = worst = None
+    many = lost = 0
+    if repeats is not None and len(repeats.error):
+        size = np.abs(repeats.error)
+        many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
+        typical, worst = rms(size), math.inf if lost else float(np.max(size))
+    diverged = bool(lost) or (error is not None and not math.isfinite(error))
+    verdicts = faults(unknown, diverged)
+    return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)
+
+
+METRIC = "metric"
+COLUMNS = (
+    "run", "unknown", "gauges", METRIC, "at most above the best set", "error", "claimed σ", "error / σ",
+    "repeats: RMS", "worst", "verdict",
+)  # fmt: skip
+NUMERIC = frozenset(COLUMNS) - {"run", "unknown", "verdict"}
+MEASURED = COLUMNS[5:]
+"""The columns that only a validated run has."""
+
+
+def answer(report: Suite) -> str:
+    """What the runs came to, what does not hold first."""
+    found, parts = counts(report), []
+    for word, places in found.items():
+        text = f'<strong class="bad">{word}</strong>' if word in FAULTS else word
+        parts.append(f"{count(len(places))} {text} ({_links(places)})")
+    both = [index for index in found.get(OVERCONFIDENT, ()) if index in found.get(LOST, ())]
+    ending = f"; {numbered(tuple(both))} both" if both else ""
+    none = without_benefit(report)
+    gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""
+    return f"{', '.join(parts)}{ending}.{gains}"
+
+
+def headline(report: Suite) -> str:
+    """How many runs have which fault, as the beginning of the page's title; empty where none has."""
+    parts = [f"{len(places)} {word}" for word, places in counts(report).items() if word in FAULTS]
+    return f"✕ {', '.join(parts)} of {len(report.runs)} runs – " if parts else ""
+
+
+def _links(places: Sequence[int]) -> str:
+    return f"run{'s' * (len(places) > 1)} {links('run', places)}"
+
+
+def runs_table(report: Suite) -> str:
+    """A block a run, a row an unknown."""
+    metrics = metrics_of(run for _, run in report.placements)
+    symbol = metric_name(metrics).replace(" ", "\u00a0")  # which no end of a line may take apart
+    columns = tuple(symbol if column == METRIC else column for column in COLUMNS)
+    caption = f"{metric_words(metrics)}, with the whole pool → with the chosen gauges, and their ratio. " * bool(
+        metrics
+    )
+    caption += (
+        "Parameters: the filtered estimate, mean over the last half, of the true value; loads: the smoothed one, of the RMS of "
+        "that load. The repeats have other noise and other starting values and are filtered. σ is consistent where the RMS of "
+        "error over claimed σ lies in the band of χ² that 99.73 % of σ that hold keep to, the narrower the more draws; above it "
+        "overconfident, below it too cautious."
+    )
+    bodies = [_block(index, run, len(metrics) > 1) for index, run in report.placements]
+    numeric = [i for i, name in enumerate(COLUMNS) if name in NUMERIC]
+    return grouped_table("runs", columns, bodies, caption=caption, numeric=numeric)
+
+
+def run_answer(run: PlacementRun) -> str:
+    """What does not hold, then how many gauges tell what."""
+    names = [escape(unknown.name) for unknown in run.unknowns]
+    if not is_estimated(run):
+        what = " and ".join(names) or "nothing"
+        return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
+    gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}" if run.gauges is not None else "The gauges"
+    parts = [
+        f"<strong>{escape(result.unknown.name)}</strong> to {share(result.error)}"
+        + (f" at a claimed σ of {share(result.std)}" if result.std is not None else "")
+        for result in results_of(run)
+    ]
+    text = ""
+    for result in results_of(run):
+        if result.verdicts:
+            said = ", ".join(_why(verdict, result) for verdict in result.verdicts)
+            text += f'<strong class="bad">{escape(result.unknown.name)}: {said}.</strong> '
+    return f"{text}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
+
+
+def link(run: SuiteRun, text: str = "its page", around: str = "{}") -> str:
+    """A link to a run's own page, a path, so that nothing in it can act as a scheme; nothing where it has none."""
+    return around.format(f'<a href="{escape(quote(run.page, safe="/%"))}">{text}</a>') if run.page else ""
+
+
+ASIDE = '<small class="aside"><br>{}</small>'
+"""Around a link below a run's label."""
+
+
+def _block(index: int, run: PlacementRun, mixed: bool) -> str:
+    """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric."""
+    heading = f'<a href="#run-{index}">{index}. {escape(run.label)}</a>{link(run, around=ASIDE)}'
+    once = (
+        f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
+        _metric(run, mixed),
+        "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
+    )
+    if is_estimated(run):
+        return block(heading, [[cell(_unknown(result)), *_numbers(result)] for result in results_of(run)], once)
+    names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
+    absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
+    return block(heading, [[cell(names), absent]], once)
+
+
+def _absent(run: PlacementRun) -> str:
+    """Why there is no estimate, and what placement expects where it went so far."""
+    known = [own for own in run.unknowns if own.expected_std is not None]
+    expected = ", ".join(f"{escape(own.name)} ± {share(own.expected_std)}" for own in known)
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
+    return text + (f"<br>expected when placed: {expected}" if expected else "")
+
+
+def _metric(run: PlacementRun, mixed: bool) -> str:
+    """From the whole pool to the chosen gauges, and how many times that is."""
+    trend = run.trend
+    if trend is None or not len(trend.value):
+        return "–"
+    first = float(trend.value[0])
+    text = f"{escape(trend.metric.symbol)}: " * mixed + f"{plain(first, 3)} → {plain(trend.final, 3)}"
+    return text + (f"<br>× {plain(trend.final / first, 3)}" if first > 0 else "")
+
+
+def _unknown(result: Result) -> str:
+    name = escape(result.unknown.name)
+    if result.unknown.kind == "parameter":
+        return name
+    zero = ", zero: in % of its amplitude" if result.unknown.zero else ""
+    return f"{name}, load" + ("" if result.smoothed else ", filtered") + zero
+
+
+def _numbers(result: Result) -> list[str]:
+    sigmas = "–" if result.sigmas is None else plain(result.sigmas, 2)
+    shown = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
+    return [*(cell(text, right=True) for text in shown), cell(_verdict(result))]
+
+
+def _verdict(result: Result) -> str:
+    if result.error is None:
+        return "not estimated"
+    if not result.verdicts:
+        if result.verdict == TOO_CAUTIOUS:
+            return f'<strong class="good">✓ {TOO_CAUTIOUS}</strong> <small>{_measured(result)}</small>'
+        return f'<strong class="good">✓ {CONSISTENT}</strong>' if result.verdict == CONSISTENT else result.verdict
+    lines = []
+    for verdict in result.verdicts:
+        over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
+        over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
+        lines.append(f"{verdict_mark(verdict, False)}{over}")
+    return "<br>".join(lines)
+
+
+def _why(verdict: str, result: Result) -> str:
+    """The verdict and the number it stands on."""
+    if verdict == DIVERGED and result.lost:
+        return f"{DIVERGED} ({_lost(result)})"
+    return why(verdict, result.unknown)
+
+
+def _measured(result: Result) -> str:
+    """What decides: the errors that were held against σ, in units of it."""
+    assert result.claim is not None
+    return result.claim.words(plain, limit=False).removeprefix(f"{result.claim.verdict} ")
+
+
+def _lost(result: Result) -> str:
+    return f"{count(result.lost)} of {count(result.repeats)} repeats"

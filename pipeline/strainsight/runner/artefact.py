@@ -1,0 +1,275 @@
+"""Reading an artefact: checked whole before a single number is handed out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from strainsight.errors import ArtefactError
+from strainsight.runner.contents import Entry, attributes_of, content_digest, damaged, read_contents
+from strainsight.runner.output import Scalar, Table, warnings_in
+from strainsight.runner.seal import BLOCK, is_intact, is_sealed
+
+FORMAT = "strainsight"
+FORMAT_VERSION = 1
+GRID = ".vtkhdf"
+"""Ending of the file beside an artefact with a grid, by which ParaView and PyVista open that grid."""
+SETTLED = 2_000_000_000
+"""[ns] Age from which the time of a file tells whether it was written to again."""
+_VERIFIED: set[tuple[int, ...]] = set()
+"""Files that this process has read through once, whatever their names: siblings share large artefacts."""
+_INTACT: set[tuple[int, ...]] = set()
+"""Files whose checksum this process has found right."""
+
+
+@dataclass(frozen=True)
+class Header:
+    """What an artefact was made from; `key` is the sha256 of all of it but the seed.
+
+    stage     name of the stage
+    version   version of the stage
+    key       hex sha256 of (stage, version, config slice, upstream digests, file digests)
+    config    the declared slice of the config, as JSON data
+    upstream  stage → content digest of its artefact
+    files     dotted key → digest of that input file
+    seed      the run's seed where the stage reads it
+    found     input files found while running (path relative to the config's folder → digest)
+    beside    file written beside the artefact → sha256
+    sizes     the same files → their length [bytes]
+    seconds   how long the stage took when it was computed [s]; neither part of the key nor of the digest
+    code      digest of the code of the stage (`workflow.code`), "" where none is recorded; no part of them either
+    """
+
+    stage: str
+    version: int
+    key: str
+    config: Mapping[str, Any]
+    upstream: Mapping[str, str]
+    files: Mapping[str, str]
+    seed: int | None = None
+    found: Mapping[str, str] | None = None
+    beside: Mapping[str, str] | None = None
+    sizes: Mapping[str, int] | None = None
+    seconds: float | None = None
+    code: str = ""
+
+
+class Artefact:
+    """A finished, verified results file.
+
+    artefact["/frequency"]                 → ndarray (text comes back as str arrays)
+    artefact.children("/reduced/mass")     → {"constant": ndarray, "E": ndarray}
+    artefact.summary, .tables, .message    what the stage said; .warnings are those in the tables
+    artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
+    artefact.attributes("/augmented")      attributes of a group or dataset
+    artefact.source                        the run beside this one that it has just been reused from, or ""
+
+    Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
+    outside itself.
+    """
+
+    def __init__(self, path: Path):
+        self.path = Path(path)
+        self.source = ""
+        known = _identity(self.path)
+        with _checked(self.path) as file:
+            self.header, self.digest, self.message = _header(file, self.path)
+            self._contents = read_contents(file)
+            if known not in _VERIFIED:
+                found = content_digest(file, self._contents, self.message)
+                if found != self.digest:
+                    raise damaged(self.path, f"its content digest is {found[:12]}, written was {self.digest[:12]}")
+            self.summary: dict[str, Scalar] = self.attributes("/summary")
+            self.tables = tuple(
+                Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
+                for t in json.loads(bytes(file["tables"][()]).decode())
+            )
+        if known is not None:
+            _VERIFIED.add(known)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the stage warned of; commands print it also where the artefact is up to date."""
+        return warnings_in(self.tables)
+
+    @property
+    def key(self) -> str:
+        return self.header.key
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        entry = self._entry(path)
+        if not entry.dataset:
+            raise self._absent("dataset", path)
+        array = entry.array
+        if array is None:
+            with _opened(self.path) as file:
+                array = np.asarray(file[path][()])
+        return np.char.decode(array, "utf-8") if h5py.check_string_dtype(array.dtype) else array.copy()
+
+    def __contains__(self, path: str) -> bool:
+        return path in self._contents
+
+    def children(self, path: str) -> dict[str, np.ndarray]:
+        """The datasets directly under a group, by name."""
+        return {name: self[f"{path}/{name}"] for name, entry in self._below(path).items() if entry.dataset}
+
+    def groups(self, path: str) -> tuple[str, ...]:
+        """Names of the groups directly under a group."""
+        return tuple(name for name, entry in self._below(path).items() if not entry.dataset)
+
+    def paths(self) -> tuple[str, ...]:
+        """Every dataset of the file but the tables."""
+        return tuple(path for path, entry in self._contents.items() if entry.dataset and path != "/tables")
+
+    def attributes(self, path: str) -> dict[str, Any]:
+        """Attributes of a group or dataset."""
+        return {name: _plain(value) for name, value in self._entry(path).attributes.items()}
+
+    def _entry(self, path: str) -> Entry:
+        if path not in self._contents:
+            raise self._absent("entry", path)
+        return self._contents[path]
+
+    def _below(self, path: str) -> dict[str, Entry]:
+        if self._entry(path).dataset:
+            raise self._absent("group", path)
+        start = f"{path}/"
+        found = {name.removeprefix(start): entry for name, entry in self._contents.items() if name.startswith(start)}
+        return {name: entry for name, entry in found.items() if "/" not in name}
+
+    def _absent(self, what: str, path: str) -> ArtefactError:
+        return ArtefactError(
+            f"no {what} {path} in this {self.header.stage} artefact, of stage version {self.header.version}",
+            where=str(self.path),
+            remedy=f"run it again: strainsight {self.header.stage} CONFIG --force",
+        )
+
+
+def plain_name(name: str) -> bool:
+    """Whether a file of that name can lie beside an artefact: no folder, nothing hidden, no other artefact."""
+    return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
+
+
+def header_of(path: Path) -> Header:
+    """What an artefact was made from, its bytes checked but not what they say. Raises ArtefactError."""
+    with _checked(path) as file:
+        return _header(file, path)[0]
+
+
+def file_digest(path: Path) -> str:
+    """sha256 of an input file; of the content where the file is an artefact of another run."""
+    return Artefact(path).digest if path.suffix == ".h5" and is_sealed(path) else sha256_of(path)
+
+
+def digest_or_none(path: Path) -> str | None:
+    """The same, None where there is no file."""
+    return file_digest(path) if path.is_file() else None
+
+
+def sha256_of(path: Path) -> str:
+    """sha256 of the bytes of a file."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _identity(path: Path) -> tuple[int, ...] | None:
+    """What changes with any writing to a file; None where it was written so lately that the clock may not tell."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    if time.time_ns() - found.st_mtime_ns < SETTLED:
+        return None
+    # not the time of its last change of any kind: another name for the same file is one
+    return (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+@contextmanager
+def _checked(path: Path) -> Iterator[h5py.File]:
+    """The file, opened only if it is as it was sealed; raises ArtefactError for it and for all that goes wrong inside."""
+    known = _identity(path)
+    if known not in _INTACT:
+        _refuse_damaged(path)
+    if known is not None:
+        _INTACT.add(known)
+    try:
+        with _opened(path) as file:
+            yield file
+    except ArtefactError:
+        raise
+    except Exception as error:  # whatever HDF5 or the decoding makes of altered bytes
+        raise damaged(path, f"it cannot be read to the end ({type(error).__name__})") from error
+
+
+def _refuse_damaged(path: Path) -> None:
+    if not path.is_file():
+        raise ArtefactError("no such results file", where=str(path), remedy="run the stage that writes it")
+    if path.stat().st_size < BLOCK:
+        raise damaged(path, f"it ends after {path.stat().st_size} bytes")
+    if not is_sealed(path):
+        raise ArtefactError(
+            "this file was not written by strainsight", where=str(path), remedy="give a file from results/"
+        )
+    if not is_intact(path):
+        raise damaged(path, "its checksum is not the one it was written with")
+
+
+def _opened(path: Path) -> h5py.File:
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise damaged(path, "it is not a complete HDF5 file") from error
+
+
+def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
+    attributes = attributes_of(file)
+    if attributes.get("format") != FORMAT:
+        raise ArtefactError(
+            "this HDF5 file was not written by strainsight", where=str(path), remedy="give a file from results/"
+        )
+    written = _plain(attributes.get("format_version"))
+    if written != FORMAT_VERSION:
+        raise ArtefactError(
+            f"format version {written!r}{_by(attributes)}; this one reads version {FORMAT_VERSION}",
+            where=str(path),
+            remedy="run again with --force, or read it with the strainsight that wrote it",
+        )
+    header = Header(
+        stage=str(attributes["stage"]),
+        version=int(attributes["stage_version"]),
+        key=str(attributes["key"]),
+        config=json.loads(attributes["config"]),
+        upstream=json.loads(attributes["upstream"]),
+        files=json.loads(attributes["files"]),
+        seed=int(attributes["seed"]) if "seed" in attributes else None,
+        found=json.loads(attributes["found"]),
+        beside=json.loads(attributes["beside"]),
+        sizes={name: int(size) for name, size in json.loads(attributes.get("sizes", "{}")).items()},
+        seconds=float(attributes["seconds"]) if "seconds" in attributes else None,
+        code=str(attributes.get("code", "")),
+    )
+    if foreign := [name for name in header.beside or {} if not plain_name(name)]:
+        raise damaged(path, f"it names {foreign[0]!r} as a file beside it")
+    return header, str(attributes["digest"]), str(attributes["message"])
+
+
+def _by(attributes: Mapping[str, Any]) -> str:
+    """By which strainsight, where that stands there."""
+    return f", by strainsight {_plain(attributes['package_version'])}" if "package_version" in attributes else ""
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, np.ndarray) and value.dtype.kind == "S":
+        return np.char.decode(value, "utf-8")
+    return value.decode() if isinstance(value, bytes) else value

@@ -1,0 +1,243 @@
+"""Which stages are up to date, and why the others are not."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from strainsight.errors import ArtefactError, ConfigError, StrainsightError
+from strainsight.runner.artefact import Artefact, digest_or_none, file_digest
+from strainsight.runner.code import code_of
+from strainsight.runner.slices import canonical, differences, expand, look_up, prune
+from strainsight.runner.stage import Stage
+
+ESTIMATED, MEASURED = "validate", "simulate"
+"""Stages whose artefacts another run starts from: `guess: {from: NAME}`, but for its `stage`, and `measured: {from: NAME}`."""
+UP_TO_DATE = "up to date"
+WILL_RUN = "will run"
+OTHER_CODE = "by other code of the same stage version: --force computes it anew"
+"""Of what is up to date by its version, and was not made by the code that is here."""
+NO_CODE = "by code that was not recorded: --force computes it anew"
+"""Of what an earlier release made."""
+
+Locate = Callable[[str], str | None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a run is about: a config as plain JSON data, where its paths start from, and where results go.
+
+    config   canonical JSON data; "name" names the folder below `results`, "seed" the seed
+    base     folder that relative input paths start from (the config file's)
+    results  the results folder
+    locate   dotted key → "file:line:column", for messages
+    model    the same config as its frozen model, where it has one
+    """
+
+    config: Mapping[str, Any]
+    base: Path
+    results: Path
+    locate: Locate = lambda key: None
+    model: BaseModel | None = None
+
+    @property
+    def folder(self) -> Path:
+        return self.results / str(self.config["name"])
+
+
+@dataclass(frozen=True)
+class Status:
+    """Whether a stage is up to date, and if not, every reason; of one that is, that other code of its version made it."""
+
+    stage: str
+    status: str
+    reasons: tuple[str, ...]
+    artefact: Path
+
+    @property
+    def reason(self) -> str:
+        """The reasons in one line; three of them at most."""
+        shown = ", ".join(self.reasons[:3])
+        return shown if len(self.reasons) <= 3 else f"{shown} and {len(self.reasons) - 3} more"
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a stage would be made from, now."""
+
+    config: Mapping[str, Any]
+    files: Mapping[str, Path]
+    digests: Mapping[str, str]
+
+    def key(self, stage: Stage, upstream: Mapping[str, str]) -> str:
+        """sha256 of (stage, version, config slice, digests of upstream artefacts, digests of input files)."""
+        parts = [stage.name, stage.version, self.config, upstream, self.digests]
+        return hashlib.sha256(canonical(parts).encode()).hexdigest()
+
+
+def plan(stages: Sequence[Stage], job: Job, forced: Collection[str] = ()) -> tuple[Status, ...]:
+    """The status of every stage as the files stand; nothing is written.
+
+    A stage below one that will run is taken to run too. When the run finds that the upstream artefact came out the
+    same, it will not.
+    """
+    statuses: list[Status] = []
+    pending: set[str] = set()
+    finished: dict[str, Artefact] = {}
+    for stage in stages:
+        status, artefact = judge(
+            stage, job, inputs_of(stage, job, required=False), finished, pending, stage.name in forced
+        )
+        statuses.append(status)
+        if artefact is None:
+            pending.add(stage.name)
+        else:
+            finished[stage.name] = artefact
+    return tuple(statuses)
+
+
+def judge(
+    stage: Stage,
+    job: Job,
+    inputs: Inputs,
+    finished: Mapping[str, Artefact],
+    pending: Collection[str] = (),
+    forced: bool = False,
+) -> tuple[Status, Artefact | None]:
+    """Compare what a stage's artefact was made from with what it would be made from now.
+
+    finished: verified artefacts of the stages above; pending: stages above that will run. Returns the artefact too
+    where it is up to date.
+    """
+    path = job.folder / f"{stage.name}.h5"
+    reasons = ["--force"] if forced else []
+    artefact = None
+    if not path.exists():
+        reasons.append("never run")
+    else:
+        try:
+            artefact = Artefact(path)
+        except ArtefactError as error:
+            reasons.append(f"{path.name}: {error.what}")
+    if artefact is not None:
+        reasons += _changes(stage, job, inputs, artefact, finished)
+        reasons += [f"{name} changed" for name in stage.upstream if name in pending]
+    reasons += [f"{_shown(file)} is missing" for key, file in inputs.files.items() if key not in inputs.digests]
+    if artefact is None or reasons:
+        return Status(stage.name, WILL_RUN, tuple(reasons), path), None
+    return Status(stage.name, UP_TO_DATE, tuple(filter(None, [other_code(stage, artefact)])), path), artefact
+
+
+def other_code(stage: Stage, artefact: Artefact) -> str:
+    """What is to be said of the code that made it; empty of that which is here."""
+    if not artefact.header.code:
+        return NO_CODE
+    return "" if artefact.header.code == code_of(stage.run) else OTHER_CODE
+
+
+def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finished: Mapping[str, Artefact]) -> list[str]:
+    header = artefact.header
+    reasons = []
+    if header.version != stage.version or header.stage != stage.name:
+        reasons.append(f"stage version {header.version} → {stage.version}")
+    reasons += [_change(job, *change) for change in differences(header.config, inputs.config)]
+    reasons += [
+        f"{name} changed"
+        for name in stage.upstream
+        if name in finished and finished[name].digest != header.upstream.get(name)
+    ]
+    for key, file in inputs.files.items():
+        if key in inputs.digests and inputs.digests[key] != header.files.get(key):
+            reasons.append(f"{_shown(file)} changed")
+    for name, digest in (header.found or {}).items():
+        if digest_or_none(job.base / name) != digest:
+            reasons.append(f"{_shown(job.base / name)} changed")
+    for name, digest in (header.beside or {}).items():
+        beside = artefact.path.parent / name
+        if digest_or_none(beside) != digest:
+            reasons.append(f"{name} {'was altered' if beside.exists() else 'is missing'}")
+    upstream = {name: finished[name].digest for name in stage.upstream if name in finished}
+    complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
+    # The comparison above is for people; the key decides. A header altered by hand is caught here.
+    if not reasons and complete and inputs.key(stage, upstream) != header.key:
+        reasons.append("its inputs changed")
+    return reasons
+
+
+def inputs_of(stage: Stage, job: Job, required: bool = True) -> Inputs:
+    """Config slice, input files and their digests. Raises ConfigError for a file that is missing, where `required`."""
+    config = prune(job.config, stage.reads)
+    files = files_of(stage, job)
+    digests: dict[str, str] = {}
+    for key, path in files.items():
+        if path.is_file():
+            try:
+                digests[key] = file_digest(path)
+            except StrainsightError:
+                if required:
+                    raise
+        elif required:
+            raise _no_such_file(key, str(look_up(job.config, key)), path, job)
+    return Inputs(config, files, digests)
+
+
+def files_of(stage: Stage, job: Job) -> dict[str, Path]:
+    """Dotted key → input file, whether it is there or not."""
+    config = prune(job.config, stage.reads)
+    files: dict[str, Path] = {}
+    for pattern in stage.files:
+        for key in expand(job.config, pattern):
+            if (value := look_up(job.config, key)) is None:
+                continue
+            if key not in expand(config, key):
+                raise ValueError(f"stage '{stage.name}' has the file '{key}' without declaring it in Stage.reads")
+            files[key] = _input_path(key, str(value), job)
+    return files
+
+
+def _input_path(key: str, value: str, job: Job) -> Path:
+    """A path as written, from the config's folder; a plain name under a key `from` is another run's artefact."""
+    if key.endswith(".from") and "/" not in value and "." not in value:
+        usual = MEASURED if key.endswith("measured.from") else ESTIMATED
+        return job.results / value / f"{look_up(job.config, key.removesuffix('.from')).get('stage', usual)}.h5"
+    return job.base / value
+
+
+def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
+    if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
+        what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
+    elif path.is_dir():
+        what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"
+    else:
+        what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
+    return ConfigError(what, key=key, where=job.locate(key), remedy=remedy)
+
+
+def _change(job: Job, key: str, old: Any, new: Any) -> str:
+    place = job.locate(key)
+    at = f" ({place.rpartition(':')[0] if place.count(':') > 1 else place})" if place and new is not ... else ""
+    if old is ...:
+        return f"{key} added{at}"
+    return f"{key} removed" if new is ... else f"{key} {_short(old)} → {_short(new)}{at}"
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else f"{value:g}" if _is_float(value) else canonical(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _is_float(value: Any) -> bool:
+    # Six digits where they say it all; every digit where they would hide the change.
+    return isinstance(value, float) and float(f"{value:g}") == value
+
+
+def _shown(path: Path) -> str:
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -1,0 +1,264 @@
+"""Writing an artefact: complete, or not at all."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from strainsight.errors import StrainsightError, UserError
+from strainsight.runner.artefact import (
+    FORMAT,
+    FORMAT_VERSION,
+    GRID,
+    Artefact,
+    Header,
+    digest_or_none,
+    header_of,
+    plain_name,
+    sha256_of,
+)
+from strainsight.runner.contents import content_digest, read_contents
+from strainsight.runner.output import Dataset, Output
+from strainsight.runner.provenance import provenance
+from strainsight.runner.seal import BLOCK, seal
+from strainsight.runner.slices import canonical
+from strainsight.writing import TEMPORARY, make_folder, replace_file, temporary, write_bytes
+
+ROOM, ROOM_EACH = 1 << 14, 1 << 11
+"""[bytes] What HDF5 takes for a file beside its arrays, and for each of them: headers, attributes, heaps, scales."""
+RAW = "/VTKHDF"
+
+
+def write_artefact(path: Path, output: Output, header: Header, records: tuple[str, ...] = ()) -> Artefact:
+    """Write `output` to `path`, read back and verified before it gets that name.
+
+    A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
+    beside it are replaced first, so that an artefact that exists vouches for them by their sha256. What the old content had
+    beside it and the new has not is removed, where nobody has altered it.
+
+    Raises UserError for a disk that is full, or does not let itself be written to; ValueError for an Output that breaks the
+    rules: object arrays, a dataset without unit, a scale that is not there. records: of the stage.
+    """
+    _check(output)
+    if any(map(_raw, output.datasets)):
+        output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name, output)})
+    beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
+    sizes = {name: len(content) for name, content in output.files.items()}
+    header = replace(header, beside=beside, sizes=sizes, found=header.found or {})
+    size = _most_bytes(output, header)
+
+    def write(part: Path) -> None:
+        _reserve(part, size)
+        with h5py.File(part, "w", track_order=False, userblock_size=BLOCK):
+            pass  # this gives back what was reserved
+        _reserve(part, size)
+        with h5py.File(part, "r+", track_order=False) as file:
+            _write_content(file, output)
+            _write_header(file, header, output.message)
+            file.flush()
+            file.attrs["digest"] = content_digest(file, read_contents(file), output.message)
+        seal(part)
+
+    gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
+    with kept_on_disk(path), named_together() as parts:
+        make_folder(path.parent)
+        parts.append((temporary(path, write), path))
+        written = Artefact(parts[0][0])
+        for name, content in output.files.items():
+            if name in records:
+                parts += former(path.parent / name, beside[name])
+            parts.append((temporary(path.parent / name, partial(write_bytes, content)), path.parent / name))
+    written.path = path
+    for name, digest in gone.items():
+        with kept_on_disk(path.parent / name):
+            if digest_or_none(path.parent / name) == digest:
+                (path.parent / name).unlink()
+    return written
+
+
+def former(path: Path, digest: str) -> list[tuple[Path, Path]]:
+    """A copy of a file that one of another sha256 is about to replace, under a name of its own: what it says may have been
+    built."""
+    if not path.is_file() or path.is_symlink() or (old := sha256_of(path)) == digest:
+        return []
+    kept = path.with_name(f"{path.stem}-{old[:8]}{path.suffix}")
+    return [] if kept.exists() else [(temporary(kept, partial(shutil.copyfile, path)), kept)]
+
+
+def _grid_of(artefact: str, output: Output) -> bytes:
+    """A file that ParaView takes by its ending: the grid of the artefact beside it, link by link, with the units of its arrays in
+    their names, since ParaView shows no other place for them."""
+    content = io.BytesIO()
+    with h5py.File(content, "w", track_order=False) as file:
+        for path in sorted(filter(_raw, output.datasets)):
+            file[_with_unit(path, output.attributes)] = h5py.ExternalLink(artefact, path)
+        for path, attributes in output.attributes.items():
+            if _raw(path) and path not in output.datasets:
+                file.require_group(path).attrs.update(attributes)
+    return content.getvalue()
+
+
+def _with_unit(path: str, attributes: Mapping[str, Mapping[str, Any]]) -> str:
+    """ "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin; as it is without a unit."""
+    data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace("/Steps/CellDataOffsets/", "/CellData/")
+    unit = attributes.get(data, {}).get("units", "")
+    return f"{path} [{unit}]" if unit else path
+
+
+def _beside(path: Path) -> Mapping[str, str]:
+    """File beside an artefact → its sha256; none where the artefact is not there or cannot be read."""
+    try:
+        return (header_of(path).beside or {}) if path.is_file() else {}
+    except StrainsightError:
+        return {}
+
+
+@contextmanager
+def named_together() -> Iterator[list[tuple[Path, Path]]]:
+    """Takes an artefact and the files beside it, each as (temporary file, its name): once all are there they get their names,
+    the artefact, which comes first, at the end. Where one is missing none gets its name, and nothing is left."""
+    parts: list[tuple[Path, Path]] = []
+    try:
+        yield parts
+        for part, target in reversed(parts):
+            replace_file(part, target)
+    finally:
+        for part, _ in parts:
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def kept_on_disk(path: Path) -> Iterator[None]:
+    """Raise UserError, with the file and the remedy, for what the disk or its owner refuses."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is None or error.errno in (errno.EMFILE, errno.ENFILE):  # no matter of room
+            raise
+        raise UserError(
+            f"cannot be written: {os.strerror(error.errno)}",
+            where=str(path),
+            remedy="make room, or give a folder that can be written to with --results DIR; what was there before is untouched",
+        ) from error
+
+
+def _most_bytes(output: Output, header: Header) -> int:
+    """More bytes than the file will have."""
+    arrays = sum(_text(np.asarray(d.array)).nbytes for d in output.datasets.values())
+    attributes = sum(len(repr(dict(entries))) for entries in output.attributes.values())
+    names = sum(len(name) + len(d.description) for name, d in output.datasets.items())
+    stated = len(repr((output.summary, output.tables, output.message, header)).encode())
+    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + stated)
+
+
+def _reserve(path: Path, size: int) -> None:
+    """Have the disk hold the room that the file will take. The HDF5 library ends the process where it finds no room itself."""
+    if hasattr(os, "posix_fallocate"):
+        with path.open("r+b") as stream:
+            os.posix_fallocate(stream.fileno(), 0, size)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what a killed run left; only under the lock."""
+    for part in folder.glob(f"{TEMPORARY}*"):
+        part.unlink(missing_ok=True)
+
+
+def _check(output: Output) -> None:
+    for path, dataset in output.datasets.items():
+        if not path.startswith("/") or path.endswith("/") or "//" in path or path in ("/summary", "/tables"):
+            raise ValueError(f"'{path}' is not the path of a dataset")
+        if not _raw(path) and not (dataset.unit and dataset.description):
+            raise ValueError(f"{path} has no unit or no description")
+        missing = [scale for scale in dataset.scales if scale and scale not in output.datasets]
+        if missing:
+            raise ValueError(f"{path}: its scale {missing[0]} is not among the datasets")
+        if len(dataset.scales) > np.ndim(dataset.array):
+            raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
+    for name in output.files:
+        if not plain_name(name):
+            raise ValueError(f"'{name}' cannot be the name of a file beside an artefact")
+
+
+def _raw(path: str) -> bool:
+    return path == RAW or path.startswith(RAW + "/")
+
+
+def _write_content(file: h5py.File, output: Output) -> None:
+    for path, dataset in sorted(output.datasets.items()):
+        array = np.asarray(dataset.array)
+        if array.dtype.kind in "UO":
+            array = _as_utf8(path, array)
+        item = file.create_dataset(path, data=array)
+        if not _raw(path):
+            item.attrs["units"] = dataset.unit
+            item.attrs["description"] = dataset.description
+    _attach_scales(file, output.datasets)
+    for path, attributes in output.attributes.items():
+        target = file[path] if path in file else file.create_group(path)
+        for name, value in attributes.items():
+            target.attrs[name] = value
+    summary = file.create_group("summary")
+    for name, scalar in output.summary.items():
+        if not isinstance(scalar, str | bool | int | float | np.generic):
+            raise ValueError(f"summary {name} is a {type(scalar).__name__}, not a scalar")
+        summary.attrs[name] = scalar
+    tables = [{"title": t.title, "columns": t.columns, "rows": t.rows} for t in output.tables]
+    # A dataset and not an attribute, which HDF5 limits to 64 KiB.
+    file.create_dataset("tables", data=np.frombuffer(json.dumps(tables, ensure_ascii=False).encode(), dtype=np.uint8))
+
+
+def _text(array: np.ndarray) -> np.ndarray:
+    """Objects as text, four bytes a letter; other arrays as they are."""
+    return array.astype(str) if array.dtype.kind == "O" else array
+
+
+def _as_utf8(path: str, array: np.ndarray) -> np.ndarray:
+    if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
+        raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
+    encoded = np.char.encode(_text(array), "utf-8")
+    return encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
+
+
+def _attach_scales(file: h5py.File, datasets: Mapping[str, Dataset]) -> None:
+    for scale in sorted({scale for dataset in datasets.values() for scale in dataset.scales if scale}):
+        file[scale].make_scale(scale.rsplit("/", 1)[-1])
+    for path, dataset in datasets.items():
+        for axis, scale in enumerate(dataset.scales):
+            if scale:
+                file[path].dims[axis].attach_scale(file[scale])
+
+
+def _write_header(file: h5py.File, header: Header, message: str) -> None:
+    attributes = file.attrs
+    attributes["format"] = FORMAT
+    attributes["format_version"] = FORMAT_VERSION
+    attributes["stage"] = header.stage
+    attributes["stage_version"] = header.version
+    attributes["key"] = header.key
+    attributes["created"] = datetime.now(UTC).isoformat(timespec="seconds")
+    for name, said in provenance().items():
+        attributes[name] = said
+    if header.seed is not None:
+        attributes["seed"] = header.seed
+    if header.seconds is not None:
+        attributes["seconds"] = header.seconds
+    if header.code:
+        attributes["code"] = header.code
+    for name in ("config", "upstream", "files", "found", "beside", "sizes"):
+        attributes[name] = canonical(getattr(header, name))
+    attributes["message"] = message

@@ -1,0 +1,41 @@
+"""Where sweeps run: here, in several processes, or on a cluster."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel.threads import allowed_threads
+
+
+@dataclass(frozen=True)
+class Where:
+    """Where sweeps run: in at most `jobs` processes, None for one a core, or on the Dask cluster whose scheduler has this
+    address. No part of what is computed: it never enters a key."""
+
+    jobs: int | None = None
+    dask: str | None = None
+
+
+@contextmanager
+def opened(where: Where, memory: Callable[[], float] = lambda: math.inf) -> Iterator[Sweep]:
+    """The sweep that is asked for, and as many `threads`; memory() [bytes] is what can still be taken. Raises UserError without
+    such a cluster."""
+    if where.dask is not None:
+        from strainsight.contrib.dask_cluster import on_cluster
+
+        with on_cluster(where.dask) as sweep:
+            yield sweep
+    elif where.jobs == 1:
+        yield serial
+    else:
+        from strainsight.parallel.processes import cores, in_processes
+
+        before = allowed_threads.set(where.jobs or cores())
+        try:
+            yield in_processes(where.jobs, memory)
+        finally:
+            allowed_threads.reset(before)

@@ -1,0 +1,266 @@
+"""Where a gauge can sit: exterior facets, and directions on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from strainsight.errors import InfeasibleError, UserError
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.model import Mesh
+from strainsight.sensors.admissible import admissible
+from strainsight.sensors.arms import Arms, concatenated
+from strainsight.sensors.surface import farthest_axis, turned
+from strainsight.sensors.zones import Zone
+
+STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
+UNITS = ("strain", "m/s^2", "m")
+"""Of these quantities."""
+
+STEEPEST = 10.0
+"""Degrees: an axis nearer than this to a facet's normal has no trustworthy projection on it."""
+
+
+def _unset() -> np.ndarray:
+    return np.zeros(0)
+
+
+def grouped(unit: str) -> str:
+    """A unit that stands in a product: "strain", "(strain or m)"."""
+    return f"({unit})" if " or " in unit else unit
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Channels that could be bonded, m of them, those of one gauge one behind the other.
+
+    element (m,) ids of the file; facet (m,) local number from 1; kind (m,) codes into FACETS, −1 where there is no
+    facet; nodes (m, 8) indices padded with −1; position (m, 3) [m]; normal (m, 3) outward; direction (m, 3) unit, tangent
+    where strain is measured; angle (m,) [deg]; local (m, 2) ξ on the facet; length (m,) [m] of the grid over which strain
+    is averaged, 0 at the point; quantity (m,) STRAIN, ACCELERATION or DISPLACEMENT; gauge (m,) number of the gauge,
+    0, 1, 2 … without holes; array (m,) number of the family in the config; bonded (m,) already in place.
+    What is left out after angle is a point gauge of strain at the facet's centre, each channel a gauge, of family 0, free.
+    arms: of channels that are bridges, those behind the first; such a channel has the place of its first arm, is a gauge of
+    one channel, and reads the sum of its arms. None: every channel is one grid.
+    """
+
+    element: np.ndarray
+    facet: np.ndarray
+    kind: np.ndarray
+    nodes: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    direction: np.ndarray
+    angle: np.ndarray
+    local: np.ndarray = field(default_factory=_unset)
+    length: np.ndarray = field(default_factory=_unset)
+    quantity: np.ndarray = field(default_factory=_unset)
+    gauge: np.ndarray = field(default_factory=_unset)
+    array: np.ndarray = field(default_factory=_unset)
+    bonded: np.ndarray = field(default_factory=_unset)
+    arms: Arms | None = None
+
+    def __post_init__(self) -> None:
+        m = len(self.element)
+        plain = {
+            "local": centres(self.kind),
+            "length": np.zeros(m),
+            "quantity": np.full(m, STRAIN),
+            "gauge": np.arange(m),
+            "array": np.zeros(m, dtype=np.int64),
+            "bonded": np.zeros(m, dtype=bool),
+        }
+        for name, value in plain.items():
+            if len(getattr(self, name)) == 0:
+                object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.element)
+
+    @property
+    def gauges(self) -> int:
+        """Number of gauges."""
+        return int(self.gauge[-1]) + 1 if len(self) else 0
+
+    @property
+    def first(self) -> np.ndarray:
+        """The first channel of every gauge (gauges,)."""
+        return np.flatnonzero(np.diff(self.gauge, prepend=-1) != 0)
+
+    def channels(self, gauges: np.ndarray) -> np.ndarray:
+        """The channels of some gauges, in the order of those."""
+        start = np.append(self.first, len(self))
+        return np.concatenate([np.arange(start[g], start[g + 1]) for g in gauges] or [np.zeros(0, dtype=np.int64)])
+
+    def take(self, index: np.ndarray) -> Candidates:
+        """The channels at `index`, in its order; neighbours of one gauge remain one."""
+        taken = {name: getattr(self, name)[index] for name in COLUMNS}
+        arms = self.arms and self.arms.of(np.arange(len(self))[index])
+        return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}), arms=arms)
+
+    @property
+    def grids(self) -> Candidates:
+        """Every grid as a channel of its own (g ≥ m): those of the channels, behind them the further arms of bridges, each a
+        gauge."""
+        return self if self.arms is None else concatenate([replace(self, arms=None), self.arms.grid])
+
+    @property
+    def channel_of_grid(self) -> np.ndarray:
+        """The channel (g,) that each of the `grids` is read in."""
+        own = np.arange(len(self))
+        return own if self.arms is None else np.append(own, self.arms.channel)
+
+    @property
+    def sign_of_grid(self) -> np.ndarray:
+        """s (g,) of each of the `grids` in the reading of its channel."""
+        own = np.ones(len(self))
+        return own if self.arms is None else np.append(own, self.arms.sign)
+
+    @property
+    def bridged(self) -> np.ndarray:
+        """Which channels (m,) are bridges."""
+        found = np.zeros(len(self), dtype=bool)
+        if self.arms is not None:
+            found[self.arms.channel] = True
+        return found
+
+    def read(self, rows: np.ndarray) -> np.ndarray:
+        """What the channels read (m, …) where their `grids` read rows (g, …): ε_B = Σₖ sₖ εₖ of a bridge."""
+        return self._onto(rows, self.sign_of_grid)
+
+    def added(self, values: np.ndarray) -> np.ndarray:
+        """The sum (m, …) of values (g, …) over the grids of every channel, whatever their signs."""
+        return self._onto(values, np.ones(len(values)))
+
+    def _onto(self, values: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        if self.arms is None:
+            return values
+        m, factor = len(self), factor.reshape(-1, *(1,) * (values.ndim - 1))
+        found = values[:m].astype(float)
+        np.add.at(found, self.arms.channel, (factor * values)[m:])
+        return found
+
+    def any_grid(self, values: np.ndarray) -> np.ndarray:
+        """For which channels (m,) it is true of some of their `grids` (g,)."""
+        return np.asarray(self.added(values) > 0) if self.arms is not None else values
+
+    def grids_of(self, gauges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of some gauges (k,): which of all `grids`, and which of the gauges of these, in the order of those that
+        `take(channels(gauges))` has."""
+        own = self.channels(gauges)
+        if self.arms is None:
+            return own, np.asarray(gauges)
+        further = self.arms.index_of(own)
+        return np.append(own, len(self) + further), np.append(gauges, self.gauges + further)
+
+
+COLUMNS = tuple(entry.name for entry in fields(Candidates) if entry.name != "arms")
+"""What there is of every channel."""
+
+
+def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
+    """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest; owner (m,) ascending: the gauge
+    of every channel."""
+    first = np.searchsorted(owner, gauges)
+    count = np.searchsorted(owner, gauges, side="right") - first
+    each = np.arange(int(count.max(initial=1)))
+    return np.asarray(np.where(each < count[..., None], first[..., None] + each, -1))
+
+
+def concatenate(parts: Sequence[Candidates]) -> Candidates:
+    """All channels of the parts, their gauges numbered on."""
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
+    start = np.cumsum([0, *(part.gauges for part in parts)])
+    gauge = np.concatenate([part.gauge + start[i] for i, part in enumerate(parts)])
+    return Candidates(
+        **(columns | {"gauge": gauge}),
+        arms=concatenated([part.arms for part in parts], [len(part) for part in parts], concatenate),
+    )
+
+
+def centres(kind: np.ndarray) -> np.ndarray:
+    """ξ of the centres of facets by their kinds (m,): (m, 2), zero where there is no facet."""
+    table = np.array([*(kind.centre for kind in FACETS), np.zeros(2)])
+    return table[np.asarray(kind, dtype=np.int64)]
+
+
+def _consecutive(gauge: np.ndarray) -> np.ndarray:
+    return np.cumsum(np.diff(gauge, prepend=gauge[:1]) != 0)
+
+
+def candidates(
+    mesh: Mesh,
+    facets: Facets,
+    axis: Sequence[float] | None,
+    angles: Sequence[float] = (0.0,),
+    exclude: Sequence[Zone] = (),
+    surface: str = "all",
+    on_constraints: bool = False,
+    *,
+    include: Sequence[Zone] = (),
+    rosette: bool = False,
+    length: float = 0.0,
+    turn: np.ndarray | None = None,
+    array: int = 0,
+    key: str = "gauges",
+) -> Candidates:
+    """A gauge at the centre of every admissible exterior facet for every angle α about the outward normal n:
+
+        d₀ ∥ a − (a·n) n,     d = cos α d₀ + sin α n × d₀
+
+    axis a (3,) of any length, or None for the coordinate axis that is farthest from the normal, facet by facet;
+    angles [deg]; turn (f,) [deg] is added to the angles of each of the f facets that are admitted (`principal_angles`);
+    rosette: the angles of a facet are one gauge with a channel each, not a gauge each; length [m] of the grid. Which facets
+    are admissible, and what `key` is for: see `admissible`.
+    Raises UserError for a set that is not there and an axis of no length, InfeasibleError where no facet is left or
+    the axis comes within 10° of a facet's normal.
+    """
+    keep, centre_, normal = admissible(
+        mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
+    )
+    n = normal[keep]
+    d0 = tangents(n) if axis is None else _projected(axis, facets, keep, n, key)
+    own = np.broadcast_to(np.asarray(angles, dtype=float), (keep.size, len(angles)))
+    total = own if turn is None else own + np.asarray(turn, dtype=float)[:, None]
+    each = np.repeat(keep, len(angles))
+    m = len(each)
+    return Candidates(
+        **facets.columns(each),
+        position=centre_[each],
+        normal=normal[each],
+        direction=turned(np.repeat(d0, len(angles), axis=0), normal[each], total.ravel()),
+        angle=own.ravel().copy(),
+        length=np.full(m, float(length)),
+        gauge=np.repeat(np.arange(keep.size), len(angles)) if rosette else np.arange(m),
+        array=np.full(m, array),
+    )
+
+
+def tangents(normal: np.ndarray) -> np.ndarray:
+    """A unit tangent (m, 3) for every normal (m, 3): the first of the coordinate axes farthest from it, projected."""
+    axis = farthest_axis(normal)
+    t = axis - np.sum(axis * normal, axis=1)[:, None] * normal
+    return t / np.linalg.norm(t, axis=1)[:, None]
+
+
+def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
+    a = np.asarray(axis, dtype=float)
+    length = np.linalg.norm(a)
+    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise UserError(f"the gauge axis is {tuple(axis)}", remedy="give three numbers, not all zero")
+    a = a / length
+    steep = np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))
+    if steep.any():
+        first = keep[np.argmax(steep)]
+        raise InfeasibleError(
+            f"the gauge axis is within {STEEPEST:g}° of the normal of {np.count_nonzero(steep)} of {keep.size} facets "
+            f"(element {facets.element_id[first]}, facet {facets.facet[first]}): it has no direction there",
+            key=f"{key}.direction",
+            remedy=f"choose another {key}.direction.axis, restrict {key}.surface, or leave such facets out: "
+            f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
+        )
+    d0 = a - (n @ a)[:, None] * n
+    return d0 / np.linalg.norm(d0, axis=1)[:, None]

@@ -1,0 +1,281 @@
+"""Faces of a surface: what a designer would point at, found again in the facets of a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from strainsight.columns import Column
+from strainsight.errors import UserError
+from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
+from strainsight.ordering import first_of_largest, tied_order
+from strainsight.sensors.edges import edges_of
+from strainsight.sensors.locate import locate
+from strainsight.sensors.surface import by_kind, facet_centres
+from strainsight.sensors.walk import Skin, skin_of
+
+LEVEL = np.deg2rad(1.0)
+"""Neighbours whose normals part by less lie in one plane."""
+BENT = np.deg2rad(5.0)
+"""A face whose normals part from their mean by more is not flat."""
+CORNERS = np.array([kind.corners for kind in FACETS])
+Vector = tuple[float, float, float]
+ROUND = 0.02
+"""Share of its radius that a cylinder's nodes may be off."""
+TILTED = 0.25
+"""Largest RMS of what normals of a cylinder have along it, over what they have across."""
+LARGEST = 1e3
+"""Radius of a cylinder over the size of its face: beyond it, nodes do not tell it from a plane."""
+
+
+@dataclass(frozen=True)
+class Pick:
+    """What is meant by a face: all that is given has to hold.
+
+    near: points [m], the face nearest to each of them; normal (3,) and angle [deg]: facets whose outward normal is that near
+    to it; box [m]: facets whose centre lies between its lower and upper corner; radius [m]: facets of cylinders of this radius.
+    """
+
+    near: tuple[Vector, ...] = ()
+    normal: Vector | None = None
+    angle: float = 10.0
+    box: tuple[Vector, Vector] | None = None
+    radius: float | None = None
+
+
+@dataclass(frozen=True)
+class Faces:
+    """The f exterior facets as n faces, the largest first.
+
+    point: the centre of the facet nearest to the centre of the face, rounded to a millionth of that facet's size; of (f,): the
+    face of each facet, which no file has.
+    """
+
+    area: Annotated[np.ndarray, Column("m^2", "face", "area, the largest first")]
+    centre: Annotated[np.ndarray, Column("m", "face × 3", "centre, weighted by area")]
+    normal: Annotated[np.ndarray, Column("1", "face × 3", "outward normal of a flat face, zero where it is bent")]
+    radius: Annotated[np.ndarray, Column("m", "face", "radius of a cylinder, zero of others")]
+    axis: Annotated[np.ndarray, Column("1", "face × 3", "axis of a cylinder, zero of others")]
+    hollow: Annotated[np.ndarray, Column("1", "face", "whether a cylinder is a bore")]
+    point: Annotated[np.ndarray, Column("m", "face × 3", "a point of each face")]
+    of: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    def near(self, face: int) -> str:
+        """Its point, as a config names it by: "[x, y, z]"."""
+        return "[" + ", ".join(f"{x:.12g}" for x in self.point[face] + 0.0) + "]"
+
+    def in_words(self, face: int) -> str:
+        """What kind of face it is."""
+        if self.normal[face].any():
+            return "flat, normal ({:.3g}, {:.3g}, {:.3g})".format(*(self.normal[face].round(6) + 0.0))
+        if self.radius[face]:
+            what = "bore" if self.hollow[face] else "cylinder"
+            axis = "({:.3g}, {:.3g}, {:.3g})".format(*(self.axis[face].round(6) + 0.0))
+            return f"{what}, radius {self.radius[face]:.4g} m, axis {axis}"
+        return "bent"
+
+
+def faces_of(position: np.ndarray, facets: Facets) -> Faces:
+    """The faces of a surface; position (n, 3) [m].
+
+    A flat face is what neighbours of one normal make up (to 1° each, 5° in all), if it has a node inside: a strip of a
+    cylinder is flat, too, but has none. What is left grows together over edges of less than 30°, and is a cylinder where its
+    nodes lie on one.
+    """
+    vector = facet_vectors(position, facets)
+    edges = edges_of(position, facets)
+    first = edges.start[(edges.count == 2) & ~edges.sharp]
+    left, right = edges.facet[first], edges.facet[first + 1]
+    level = _angle(vector[left], vector[right]) < LEVEL
+    plane = _joined(len(vector), left[level], right[level])
+    flat = _has_a_node_inside(plane, facets) & ~_bent(plane, vector)
+    apart = flat[plane[left]] | flat[plane[right]]
+    smooth = np.where(apart, plane[left] == plane[right], True)
+    return _described(_joined(len(vector), left[smooth], right[smooth]), position, facets, vector)
+
+
+def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np.ndarray:
+    """Indices (k,) of the facets that are meant, ascending; position (n, 3) [m].
+
+    Raises UserError where there is none, where a point is farther from the surface than the part is long, and where it is as
+    near to one face as to another and the rest does not say which.
+    """
+    centre, normal = facet_centres(position, facets.kind, facets.nodes)
+    found = np.ones(len(faces.of), dtype=bool)
+    if pick.normal is not None:
+        axis = np.asarray(pick.normal, dtype=float)
+        found &= _angle(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
+        found &= normal.any(axis=1)
+    if pick.box is not None:
+        found &= np.all((centre >= pick.box[0]) & (centre <= pick.box[1]), axis=1)
+    if pick.radius is not None:
+        alike = np.abs(faces.radius - pick.radius) <= ROUND * pick.radius
+        found &= alike[faces.of]
+        if not alike.any():
+            radii = sorted({f"{r:.4g}" for r in faces.radius[faces.radius > 0]}, key=float)
+            known = f"cylinders here have {', '.join(radii[:8])} m" if radii else "this surface has no cylinders"
+            raise UserError(f"no face has a radius of {pick.radius:g} m", remedy=known)
+    if pick.near:
+        skin, likely = skin_of(position, facets), faces.of[found]
+        found &= np.isin(faces.of, [_nearest(np.asarray(point), faces, skin, likely) for point in pick.near])
+    if not found.any():
+        given = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
+        where = f"{' and '.join(given)} hold together nowhere" if len(given) > 1 else "lengths are in m"
+        raise UserError(
+            "no facet of the surface is meant", remedy=f"{where}; `strainsight init` lists the faces of a deck"
+        )
+    return np.flatnonzero(found)
+
+
+def pointed_at(face: int, faces: Faces, position: np.ndarray, facets: Facets) -> str:
+    """What `mesh.faces` picks a flat face by: "near: [x, y, z]", with its normal where another face touches it there."""
+    point = faces.near(face)
+    try:
+        picked(Pick(near=(tuple(faces.point[face].tolist()),)), faces, position, facets)
+    except UserError:
+        return f"near: {point}, normal: [" + ", ".join(f"{x:.6g}" for x in faces.normal[face].round(6) + 0.0) + "]"
+    return f"near: {point}"
+
+
+def _nearest(point: np.ndarray, faces: Faces, skin: Skin, likely: np.ndarray) -> int:
+    """The face nearest to a point (3,) [m]; of two as near, as where parts touch, the one that is among the likely ones."""
+    long = float(np.linalg.norm(np.ptp(skin.position, axis=0)))
+    hit = locate(skin, point[None])
+    face, distance = int(faces.of[hit.facet[0]]), float(hit.distance[0])
+    where = "({:g}, {:g}, {:g}) m".format(*point)
+    if distance > long:
+        raise UserError(
+            f"the point {where} is {distance:.4g} m away from a part that is {long:.4g} m long",
+            remedy="coordinates are in m, whatever the unit of the deck",
+        )
+    others = faces.of != face
+    if others.any():
+        rest = locate(skin_of(skin.position, skin.facets.some(others)), point[None])
+        other = int(faces.of[others][rest.facet[0]])
+        if rest.distance[0] - distance <= 1e-6 * long:
+            if (other in likely) != (face in likely):
+                return other if other in likely else face
+            raise UserError(
+                f"the point {where} is as near to one face ({faces.in_words(face)}) as to another ({faces.in_words(other)})",
+                remedy="give a point inside the face that is meant, or its normal too",
+            )
+    return face
+
+
+def facet_vectors(position: np.ndarray, facets: Facets) -> np.ndarray:
+    """Area times outward normal (f, 3) [m²] of the polygon of every facet's corners, ½ Σ xₐ × xᵦ; position (n, 3) [m]."""
+    vector = np.zeros((len(facets.kind), 3))
+    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
+        x = position[nodes[:, : kind.corners]]
+        last = x[:, -1] if kind.corners == 4 else x[:, 0]
+        one, two = (x[:, 2] - x[:, 0], last - x[:, 1]) if kind.corners == 4 else (x[:, 1] - last, x[:, 2] - last)
+        vector[which] = 0.5 * np.cross(one, two)
+    return vector
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Between vectors (m, 3), as exact for small angles as for large ones: (m,) [rad]."""
+    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
+
+
+def _joined(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Number (count,) of the group of each, where a and b (m,) belong together; groups in the order of their first."""
+    pairs = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
+    _, group = connected_components(pairs, directed=False)
+    _, first, member = np.unique(group, return_index=True, return_inverse=True)
+    return np.asarray(np.argsort(np.argsort(first))[member])
+
+
+def _has_a_node_inside(group: np.ndarray, facets: Facets) -> np.ndarray:
+    """Whether a corner lies between facets of the group (n,) alone."""
+    corner, own = [], []
+    for kind, which, _ in by_kind(facets.kind, facets.nodes):
+        corner.append(facets.corners[which, : kind.corners].ravel())
+        own.append(np.repeat(group[which], kind.corners))
+    node, of = np.concatenate(corner), np.concatenate(own)
+    low, high = np.full(node.max() + 1, len(group)), np.full(node.max() + 1, -1)
+    np.minimum.at(low, node, of)
+    np.maximum.at(high, node, of)
+    inside = np.zeros(group.max() + 1, dtype=bool)
+    inside[low[(low == high) & (high >= 0)]] = True
+    return inside
+
+
+def _bent(group: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """Whether a facet's normal parts from the mean of its group by more than `BENT`: (n,) bool."""
+    mean = np.zeros((group.max() + 1, 3))
+    np.add.at(mean, group, vector)
+    bent = np.zeros(len(mean), dtype=bool)
+    np.logical_or.at(bent, group, _angle(vector, mean[group]) > BENT)
+    return bent
+
+
+def _described(group: np.ndarray, position: np.ndarray, facets: Facets, vector: np.ndarray) -> Faces:
+    size, count = np.linalg.norm(vector, axis=1), int(group.max()) + 1
+    middle, _ = facet_centres(position, facets.kind, facets.nodes)
+    area, total, moment = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
+    np.add.at(area, group, size)
+    np.add.at(total, group, vector)
+    np.add.at(moment, group, size[:, None] * middle)
+    order = tied_order(-area)
+    of = np.argsort(order)[group]
+    area, total = area[order], total[order]
+    centre = moment[order] / np.where(area > 0, area, 1.0)[:, None]
+    bent = _bent(group, vector)[order]
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    normal = np.where(bent[:, None] | (length == 0), 0.0, total / np.where(length > 0, length, 1.0))
+    radius, axis, hollow = np.zeros(count), np.zeros((count, 3)), np.zeros(count, dtype=bool)
+    point = np.zeros((count, 3))
+    corner = np.where(np.arange(4) < CORNERS[facets.kind][:, None], facets.nodes[:, :4], -1)
+    for face, own in enumerate(np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])):
+        first = own[first_of_largest(-np.linalg.norm(middle[own] - centre[face], axis=1))]
+        point[face] = middle[first].round(int(np.ceil(6 - 0.5 * np.log10(max(size[first], 1e-24)))))
+        if bent[face]:
+            nodes = np.unique(corner[own])
+            on_it = position[nodes[nodes >= 0]]
+            radius[face], axis[face], hollow[face] = cylinder(on_it, middle[own], vector[own])
+    return Faces(area, centre, normal, radius, axis, hollow, point, of)
+
+
+def cylinder(x: np.ndarray, middle: np.ndarray, vector: np.ndarray) -> tuple[float, np.ndarray, bool]:
+    """Radius [m], axis (3,) and whether it is seen from inside, of the cylinder on which the points x (k, 3) [m] lie.
+
+    It begins with the axis that the normals stand on and the circle of least squares, |x|² = 2 c·x + R² − |c|², and is then
+    fitted to the points: normals of plane facets on a coarse cylinder are tilted along it. Zero where a point is off it by more
+    than 2 % of its radius. middle (m, 3) [m] and vector (m, 3) [m²] of its facets.
+    """
+    none = (0.0, np.zeros(3), False)
+    _, s, V = np.linalg.svd(vector / np.linalg.norm(vector, axis=1, keepdims=True).clip(1e-300), full_matrices=False)
+    if len(s) < 3 or s[2] > TILTED * s[0]:
+        return none
+    origin, size = x.mean(axis=0), float(np.ptp(x, axis=0).max())
+    y = (x - origin) / size
+    flat = y @ V[:2].T
+    solution, _, rank, _ = np.linalg.lstsq(np.c_[2 * flat, np.ones(len(flat))], np.sum(flat**2, axis=1), rcond=1e-6)
+    if rank < 3:
+        return none
+
+    def off(p: np.ndarray) -> np.ndarray:
+        return np.asarray(np.linalg.norm(_frame(p, V, y)[1], axis=1) - p[4])
+
+    radius = np.sqrt(solution[2] + solution[:2] @ solution[:2])
+    fitted = least_squares(off, [0.0, 0.0, *solution[:2], radius], x_scale=0.1, xtol=1e-12, ftol=1e-12, gtol=1e-12)
+    radius = float(fitted.x[4])
+    if not 0 < radius < LARGEST or np.abs(fitted.fun).max() > ROUND * radius:
+        return none
+    axis, out = _frame(fitted.x, V, (middle - origin) / size)
+    return radius * size, axis * np.sign(axis[first_of_largest(np.abs(axis))]), bool(np.sum(out * vector) < 0)
+
+
+def _frame(p: np.ndarray, V: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Axis (3,) along V₃ + p₀ V₁ + p₁ V₂ through p₂ V₁ + p₃ V₂, and what leads from it to the points y (k, 3)."""
+    axis = V[2] + p[:2] @ V[:2]
+    axis /= np.linalg.norm(axis)
+    arm = y - p[2:4] @ V[:2]
+    return axis, arm - np.outer(arm @ axis, axis)

@@ -1,0 +1,186 @@
+"""Whether the strain at a gauge is that of the part or that of its mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from strainsight.errors import DeckError, NumericalError
+from strainsight.fem.patch import Incidence, Patch, forced_nodes, held_components, patch_around
+from strainsight.fem.patch_forces import tractions
+from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
+from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.kinds.kind import Kind, with_midsides
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.subdivision import Refined
+from strainsight.sensors.candidates import STRAIN, Candidates
+from strainsight.sensors.points import Points, surface_of
+from strainsight.sensors.rows import matrix_of, points_within
+from strainsight.sensors.surface import by_kind
+
+DEPTH = 2
+"""How often the elements around a gauge are cut at the middle of their edges. Once is not enough: in the first element of a
+corner the strain then hardly changes, because the mean of the parts that meet at the gauge hides how far they are apart."""
+LAYERS = 2
+"""Of elements around a gauge that are refined; beyond, what a finer mesh would change decays."""
+ON = 1e-9
+"""[-] How far outside a part of a facet a point still counts as on it."""
+
+
+@dataclass(frozen=True)
+class HotSpots:
+    """How the reading of every gauge changes, over its RMS in a motion [-], positive where it grows: refined (gauges, DEPTH),
+    when the elements around it are cut once, twice; spread (gauges,), when forces at nodes there are spread over the facets
+    around. NaN where it could not be tested."""
+
+    refined: np.ndarray
+    spread: np.ndarray
+
+    @property
+    def change(self) -> np.ndarray:
+        """The largest change by refinement (gauges,), with its sign."""
+        most = np.argmax(np.abs(self.refined), axis=1)
+        return np.asarray(np.take_along_axis(self.refined, most[:, None], axis=1)[:, 0])
+
+
+def hot_spots(
+    mesh: Mesh,
+    gauges: Candidates,
+    field: np.ndarray,
+    moment: np.ndarray,
+    loaded: np.ndarray,
+    pressed: np.ndarray,
+    layers: int = LAYERS,
+) -> HotSpots:
+    """The submodel of every strain gauge as it is, refined, and with its forces spread, each moved at its cut as the model is:
+
+        change = ± rms(ε′ − ε)/rms ε,     of the channel that changes most over the largest RMS of its gauge
+
+    with the sign of Δ C εᵀ. The second refinement is of the parts around the gauge alone, a submodel of the first. Sensors of
+    motion do not change. What a finer mesh changes in the motion of the boundary is not seen: the test is of what is local,
+    such as corners, ends of supports, loads at nodes, holes and fillets in large elements. Loads on faces are tractions, and stay
+    that on their parts.
+
+    mesh with the moduli at which the field is a solution; gauges: m channels; field (3n, r) displacements per coordinate; moment
+    C (r, r) of the coordinates, mean q qᵀ; loaded: nodes (indices) on which loads act; pressed: those of
+    them on which a traction does.
+    """
+    facets = exterior_facets(mesh)
+    skin, incidence = surface_of(mesh.position, gauges, facets), Incidence.of(mesh)
+    held, forced = held_components(mesh), forced_nodes(mesh)
+    under, otherwise = np.zeros(len(mesh.position), dtype=bool), forced | held.any(axis=1)
+    under[pressed] = True
+    forced[loaded] = True
+    motion = field @ _root(moment)
+    refined, spread = np.zeros((gauges.gauges, DEPTH)), np.zeros(gauges.gauges)
+    for g in range(gauges.gauges):
+        own = gauges.take(np.flatnonzero(gauges.gauge == g))
+        if own.quantity[0] != STRAIN:
+            continue
+        points = points_within(mesh.position, own, skin)
+        try:
+            readings, apart = _readings(
+                mesh, facets, incidence, held, forced, (under, otherwise), points, len(own), motion, layers
+            )
+        except (NumericalError, DeckError):  # all of a body that nothing holds; parts of an element at its limits
+            refined[g] = spread[g] = np.nan
+            continue
+        reading = matrix_of(mesh.position, points, len(own)) @ motion
+        refined[g] = [_relative(finer - readings[0], reading) for finer in readings[1:]]
+        spread[g] = 0.0 if apart is None else _relative(apart - readings[0], reading)
+    return HotSpots(refined, spread)
+
+
+def _readings(
+    mesh: Mesh,
+    facets: Facets,
+    incidence: Incidence,
+    held: np.ndarray,
+    forced: np.ndarray,
+    pressed: tuple[np.ndarray, np.ndarray],
+    points: Points,
+    channels: int,
+    z: np.ndarray,
+    layers: int,
+) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """What the channels of one gauge read of a field (c, r): on the submodel, refined once, twice; with forces spread, None where
+    there are none. pressed: nodes (n,) under a traction, and those on which other forces act."""
+    nodes = np.unique(points.nodes[points.nodes >= 0])
+    patch, around = (patch_around(mesh, incidence, nodes, count) for count in (layers, layers + 1))
+    field, more = (
+        z.reshape(len(mesh.position), 3, -1)[part.nodes].reshape(3 * len(part.nodes), -1) for part in (patch, around)
+    )
+    applied = tractions(around, more, facets, *pressed)
+    own = submodel(patch, field, held[patch.nodes], forced[patch.nodes], applied)
+    at = replace(points, nodes=patch.local(points.nodes))
+    rows = matrix_of(patch.mesh.position, at, channels)
+    found, spread = [rows @ own.field], None
+    if own.force.any():
+        spread = rows @ with_spread_forces(own, _facets_of(patch, facets)).field
+    for level in range(DEPTH):
+        if level:
+            part = patch_around(own.mesh, Incidence.of(own.mesh), np.unique(at.nodes[at.nodes >= 0]), layers)
+            own, at = own.part(part), replace(at, nodes=part.local(at.nodes))
+        own, fine = refined_submodel(own)
+        at = _on_parts(fine, at)
+        found.append(matrix_of(own.mesh.position, at, channels) @ own.field)
+    return found, spread
+
+
+def _relative(change: np.ndarray, reading: np.ndarray) -> float:
+    """RMS of the change over the largest RMS of the channels, of the channel that changes most, with its sign; columns of (c, r)
+    are independent and of unit mean square."""
+    size = np.linalg.norm(reading, axis=1).max(initial=0.0)
+    most = int(np.argmax(np.linalg.norm(change, axis=1)))
+    if size == 0:
+        return 0.0
+    return float(np.copysign(np.linalg.norm(change[most]), change[most] @ reading[most]) / size)
+
+
+def _root(moment: np.ndarray) -> np.ndarray:
+    """R with R Rᵀ = C, without columns that say nothing."""
+    value, vector = np.linalg.eigh(moment)
+    kept = value > 1e-14 * value.max(initial=0.0)
+    return np.asarray(vector[:, kept] * np.sqrt(value[kept]))
+
+
+def _facets_of(patch: Patch, facets: Facets) -> Facets:
+    """The exterior facets of the whole mesh that belong to elements of the patch, with its node numbers."""
+    ids = np.concatenate([block.ids for block in patch.mesh.blocks])
+    own = np.isin(facets.element_id, ids)
+    found = facets.some(own)
+    return Facets(found.element_id, found.facet, found.kind, patch.local(found.nodes), found.region)
+
+
+def _on_parts(fine: Refined, points: Points) -> Points:
+    """The same points on the parts of their facets; where several parts meet, in equal shares on each."""
+    taken: list[Points] = []
+    for kind, which, nodes in by_kind(points.kind, points.nodes):
+        share, parts = np.zeros(len(which)), []
+        for name, corners in kind.split:
+            part = next(own for own in FACETS if own.name == name)
+            local = _within(part, corners, points.local[which])
+            on = np.flatnonzero(_inside(part, local))
+            share[on] += 1
+            at = np.full((len(on), 8), -1)
+            at[:, : len(part.nodes)] = fine.nodes_at(kind, nodes[on], with_midsides(corners, part.edges))
+            code = np.full(len(on), FACETS.index(part))
+            parts.append((on, replace(points.take(which[on]), kind=code, nodes=at, local=local[on])))
+        taken += [replace(own, weight=own.weight / share[on]) for on, own in parts]
+    return Points(*(np.concatenate([getattr(own, entry.name) for own in taken]) for entry in fields(Points)))
+
+
+def _within(part: Kind, corners: np.ndarray, xi: np.ndarray) -> np.ndarray:
+    """Local coordinates (m, 2) on a part of points ξ (m, 2) of the whole: parts are affine images of their reference domain."""
+    home = part.nodes[: len(corners)]
+    A = np.linalg.lstsq(np.column_stack([home, np.ones(len(home))]), corners, rcond=None)[0]
+    return np.asarray(np.linalg.solve(A[:2].T, (xi - A[2]).T).T)
+
+
+def _inside(part: Kind, xi: np.ndarray) -> np.ndarray:
+    """Which points (m, 2) lie on the reference domain of a facet."""
+    if part.corners == 3:
+        return np.asarray((xi.min(axis=1) >= -ON) & (xi.sum(axis=1) <= 1 + ON))
+    return np.asarray(np.abs(xi).max(axis=1) <= 1 + ON)

@@ -1,1 +1,0 @@
-"""Load and training histories, and how a time step holds them."""
